@@ -1,0 +1,5 @@
+"""``python -m minihuman``."""
+
+from minihuman.cli import main
+
+main()

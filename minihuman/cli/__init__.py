@@ -1,0 +1,28 @@
+"""The command line. Functions of ten lines: parse, call, print. Exit 0 done, 1 a check failed, 2 bad input."""
+
+import sys
+
+import typer
+
+from minihuman.errors import MinihumanError
+
+app = typer.Typer(
+    name="minihuman",
+    help="Run people and agents through grid and first-person worlds; keep every key, prove every log.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def main() -> None:
+    """Run the command line; a MinihumanError is one line on stderr and exit 2."""
+    from minihuman.cli import export, learn, logs, see, session, worlds
+
+    for part in (session, worlds, logs, see, export, learn):
+        part.add_to(app)
+    try:
+        app()
+    except MinihumanError as error:
+        print(f"minihuman: {error}", file=sys.stderr)
+        sys.exit(2)

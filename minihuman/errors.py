@@ -1,0 +1,33 @@
+"""What can go wrong that a user can put right. Bugs stay asserts and tracebacks."""
+
+
+class MinihumanError(Exception):
+    """Base of every error that names a thing, a value and the way out; the command line prints it in one line."""
+
+
+class WorldError(MinihumanError, ValueError):
+    """A world was asked for something it cannot do: an unknown id, a bad option, an action out of range."""
+
+
+class ProtocolError(MinihumanError, ValueError):
+    """A protocol file says something impossible; the message holds file, path and the way out."""
+
+
+class AllocationError(MinihumanError, ValueError):
+    """A participant's place in the study cannot be taken."""
+
+
+class LogError(MinihumanError, ValueError):
+    """A log cannot be written, read or understood."""
+
+
+class WindowError(MinihumanError, RuntimeError):
+    """No window can be opened here."""
+
+
+class ExportError(MinihumanError, ValueError):
+    """An export cannot be made from these logs."""
+
+
+class LearnError(MinihumanError, ValueError):
+    """An agent's study, policy file or dataset does not fit what was asked."""

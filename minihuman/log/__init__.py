@@ -1,0 +1,1 @@
+"""The log: session events to MCAP and back."""

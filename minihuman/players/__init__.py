@@ -1,0 +1,1 @@
+"""Players: whoever presses the keys when no human does."""

@@ -1,0 +1,1 @@
+"""The study: protocol, key maps, allocation, session machine, screens. No I/O."""

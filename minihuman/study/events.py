@@ -1,0 +1,161 @@
+"""Events: everything a session says happened. The recorder writes each; nothing else is truth.
+
+Times are integer ns on the monotonic clock since the session (segment) started.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from minihuman.study.plan import EpisodePlan, KeyMap, SessionPlan
+from minihuman.worlds.pose import Map, Pose
+
+Outcome = Literal["goal", "timeout", "failure", "abandoned"]
+Verdict = Literal[
+    "accepted",  # it stepped the world, or moved the session on
+    "unmapped",  # no meaning here
+    "spare",  # in the pool, without an action, ignored
+    "repeat",  # the system's auto-repeat, not asked for
+    "queued",  # real_time: replaces or waits for the tick's action
+    "not_playing",  # the session was not taking actions (paused, feedback, ...)
+    "release",  # a key came up
+]
+EndReason = Literal[
+    "complete", "aborted", "quit", "window_closed", "signal", "disk_full", "world_error", "internal_error"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class SessionStarted:
+    """The first event: the whole plan, and the machine's facts (versions, platform, display; no names)."""
+
+    t_ns: int
+    plan: SessionPlan
+    facts: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class KeyMapDrawn:
+    """A key map comes into force."""
+
+    t_ns: int
+    episode: int
+    key_map: KeyMap
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeStarted:
+    """The world was reset. Pose and map are None where the world cannot tell."""
+
+    t_ns: int
+    plan: EpisodePlan
+    action_names: tuple[str, ...]  # the world's, by action number
+    mission: str
+    map: Map | None
+    pose: Pose | None
+    state_hash: int
+    observation_hash: int
+
+
+@dataclass(frozen=True, slots=True)
+class KeyPressed:
+    """A key went down or up, mapped or not, and what came of it."""
+
+    t_ns: int
+    key: str
+    symbol: str
+    down: bool
+    action: int | None
+    verdict: Verdict
+    phase: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stepped:
+    """One step of the world; the last event of its step."""
+
+    t_ns: int
+    episode: int
+    step: int  # 1 for the first
+    action: int
+    key: str  # the causing key, "" for a tick's no-op
+    key_t_ns: int  # when that key arrived; t_ns of the tick where none did
+    reward: float
+    return_: float
+    terminated: bool
+    truncated: bool
+    pose: Pose | None
+    rt_ms: float | None  # causing key minus the flip of the picture it answers; None without a key or a flip
+    state_hash: int
+    observation_hash: int
+
+
+@dataclass(frozen=True, slots=True)
+class FrameShown:
+    """A picture of the world reached the display."""
+
+    t_ns: int
+    episode: int
+    step: int  # the step whose result it shows, 0 for the reset
+    submit_ns: int
+    flip_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeEnded:
+    """An episode ended, for the stated reason."""
+
+    t_ns: int
+    episode: int
+    outcome: Outcome
+    steps: int
+    return_: float
+    state_hash: int
+
+
+@dataclass(frozen=True, slots=True)
+class Paused:
+    """Play stopped; time in a pause is not playing time."""
+
+    t_ns: int
+    reason: Literal["participant", "focus_lost", "quit_question", "abort_question"]
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """Play goes on."""
+
+    t_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """A fact worth a readable line: consent given, keyboard check, focus, phase change, abort reason, error."""
+
+    t_ns: int
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEnded:
+    """The last event."""
+
+    t_ns: int
+    reason: EndReason
+    detail: str
+    episodes_completed: int
+
+
+Event = (
+    SessionStarted
+    | KeyMapDrawn
+    | EpisodeStarted
+    | KeyPressed
+    | Stepped
+    | FrameShown
+    | EpisodeEnded
+    | Paused
+    | Resumed
+    | Noted
+    | SessionEnded
+)

@@ -1,0 +1,83 @@
+"""The plan: everything a session will ask for, resolved before the first key press."""
+
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.worlds.contract import Palette, View
+
+Spare = Literal["ignore", "distractor"]
+KeyMapPolicy = Literal["fresh", "carry", "shown"]
+PacePolicy = Literal["on_key", "real_time"]
+
+
+class Participant(msgspec.Struct, frozen=True):
+    """Who plays: a code, never a name."""
+
+    id: str  # "sub-07"
+    index: int  # order of enrolment, 0 for the first
+    group: str
+
+
+class KeyMap(msgspec.Struct, frozen=True):
+    """Physical key to action name, the keys left over, and the seed that drew it."""
+
+    keys: dict[str, str]  # physical key name (study/keys.py) -> action name
+    spare_keys: tuple[str, ...]  # the pool's other keys
+    spare: Spare  # what a spare key does: nothing, or a step with the world's no-op ("distractor")
+    seed: int
+
+
+class EpisodePlan(msgspec.Struct, frozen=True):
+    """One episode with no randomness left in it."""
+
+    episode: int  # 0 for the session's first
+    block: int  # index into the group's blocks
+    block_name: str
+    episode_in_block: int
+    episodes_in_block: int
+    world: str  # a Gymnasium id, "module:Id-v0" included
+    options: dict[str, Any]  # keyword arguments of gymnasium.make
+    seed: int  # the world's reset seed
+    actions: tuple[str, ...]  # the action names that have a key
+    key_map: KeyMap
+    show_keys: bool  # the legend is on the screen
+    pace: PacePolicy
+    step_period_ms: float  # real_time only: one step a period
+    noop: str | None  # action applied at a tick without a key; None repeats nothing
+    auto_repeat: bool  # on_key only: a held key steps again
+    max_steps: int
+    view: View
+    palette: Palette
+
+
+class BlockText(msgspec.Struct, frozen=True):
+    """What a participant reads around a block; empty text shows no screen."""
+
+    instruction: str
+    feedback: str  # after each episode; may hold {outcome} {reward} {steps} {episode} {episodes}
+    rest: str  # after the block
+    rest_s: float  # the shortest rest, seconds
+
+
+class SessionPlan(msgspec.Struct, frozen=True):
+    """The whole session: what ``expand()`` yields, and the first thing logged."""
+
+    study: str
+    study_version: str
+    protocol_toml: bytes  # the protocol file, byte for byte
+    protocol_sha256: str
+    participant: Participant
+    session: int  # 1 for the first
+    study_seed: int
+    allocation_sha256: str | None  # hash of the up-front allocation list; None when overridden
+    overridden: bool  # --participant or --group by hand
+    consent_text: str  # empty: no consent screen
+    consent_sha256: str
+    key_pool: tuple[str, ...]
+    keyboard_check: bool
+    texts: tuple[BlockText, ...]  # one a block
+    closing_text: str
+    episodes: tuple[EpisodePlan, ...]
+    first_episode: int  # 0, or where a resumed session goes on
+    segment: int  # 1 for the first, one more after each resume

@@ -1,0 +1,1 @@
+"""Windows: where screens are shown and keys come from."""

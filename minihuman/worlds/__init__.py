@@ -1,0 +1,1 @@
+"""Worlds: what there is and what an action does. Nothing here knows of keys, windows or files."""

@@ -1,0 +1,21 @@
+"""The table of every world of ours, registered with Gymnasium."""
+
+import gymnasium
+
+from minihuman.worlds.entry import Entry
+from minihuman.worlds.first_person.catalogue import ENTRIES as FIRST_PERSON
+from minihuman.worlds.grid.catalogue import ENTRIES as GRID
+
+ENTRIES: tuple[Entry, ...] = GRID + FIRST_PERSON
+
+
+def register() -> None:
+    """Register every world; registering again changes nothing."""
+    for entry in ENTRIES:
+        if entry.id not in gymnasium.registry:
+            gymnasium.register(
+                entry.id,
+                entry_point=entry.entry_point,
+                vector_entry_point=entry.vector_entry_point,
+                kwargs=entry.kwargs,
+            )

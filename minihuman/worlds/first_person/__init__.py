@@ -1,0 +1,1 @@
+"""First-person worlds: rooms, entities, motion rules and a CPU renderer."""

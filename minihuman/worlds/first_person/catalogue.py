@@ -1,0 +1,5 @@
+"""The table of first-person worlds."""
+
+from minihuman.worlds.entry import Entry
+
+ENTRIES: tuple[Entry, ...] = ()

@@ -1,0 +1,1 @@
+"""Grid worlds: state as plain arrays, rules and view as pure functions."""
