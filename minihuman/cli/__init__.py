@@ -17,9 +17,9 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; a MinihumanError is one line on stderr and exit 2."""
-    from minihuman.cli import export, learn, logs, see, session, worlds
+    from minihuman.cli import export, learn, logs, see, session, station, worlds
 
-    for part in (session, worlds, logs, see, export, learn):
+    for part in (session, station, worlds, logs, see, export, learn):
         part.add_to(app)
     try:
         app()

@@ -1,4 +1,4 @@
-"""Commands that run sessions: demo, run, simulate, play, check, status, doctor."""
+"""Commands that run sessions: run, simulate, check, status."""
 
 import typer
 

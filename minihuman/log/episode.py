@@ -41,9 +41,7 @@ class Episode:
                 )
         for name in ("step_keys", "key_t_ns", "rewards", "terminated", "truncated", "rt_ms"):
             if len(getattr(self, name)) != n:
-                raise ValueError(
-                    f"episode {self.plan.episode}: {name} has {len(getattr(self, name))} rows, not {n}"
-                )
+                raise ValueError(f"episode {self.plan.episode}: {name} has {len(getattr(self, name))} rows, not {n}")
 
     @property
     def plan(self) -> EpisodePlan:
