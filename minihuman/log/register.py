@@ -22,9 +22,10 @@ FILE_NAME = "register.jsonl"
 
 
 class Taken(msgspec.Struct, frozen=True):
-    """One line of the register. The first line names the allocation list that all others refer to."""
+    """One line of the register: a slot, and the allocation list it was taken from."""
 
     allocation_sha256: str
+    list_length: int
     index: int
     participant: str
     group: str
@@ -48,11 +49,11 @@ def take_slot(
         AllocationError: if every slot is taken, the code is no code, the participant's group is another,
             or the study began with another allocation list.
     """
-    digest = allocation_sha256(allocation(protocol))
+    slots = allocation(protocol)
     study_dir.mkdir(parents=True, exist_ok=True)
     with _locked(study_dir / FILE_NAME) as file:
         lines = _lines(file.read(), study_dir / FILE_NAME)
-        _check_list(lines, digest, study_dir, protocol)
+        _check_list(lines, study_dir, protocol)
         if participant is None:
             index = _next_free(lines, protocol)
         else:
@@ -61,7 +62,9 @@ def take_slot(
                 if line.index == index:
                     return _again(line, group)
         who = enrol(protocol, index, group)
-        taken = Taken(digest, index, who.id, who.group, participant is not None or group is not None)
+        taken = Taken(
+            allocation_sha256(slots), len(slots), index, who.id, who.group, participant is not None or group is not None
+        )
         _append(file, taken)
     return who, taken
 
@@ -78,14 +81,22 @@ def _next_free(lines: tuple[Taken, ...], protocol: Protocol) -> int:
     for index in range(count):
         if index not in used:
             return index
-    raise AllocationError(f"all {count} slots of study {protocol.study.name!r} are taken; begin a study of a new name")
+    raise AllocationError(
+        f"all {count} slots of study {protocol.study.name!r} are taken; raise $.study.participants in the protocol"
+    )
 
 
-def _check_list(lines: tuple[Taken, ...], digest: str, study_dir: Path, protocol: Protocol) -> None:
-    if lines and lines[0].allocation_sha256 != digest:
+def _check_list(lines: tuple[Taken, ...], study_dir: Path, protocol: Protocol) -> None:
+    """A study may make its list longer, which keeps the slots it had, but not draw another."""
+    if not lines:
+        return
+    begun = lines[-1]
+    study = msgspec.structs.replace(protocol.study, participants=begun.list_length)
+    digest = allocation_sha256(allocation(msgspec.structs.replace(protocol, study=study)))
+    if digest != begun.allocation_sha256:
         raise AllocationError(
-            f"{study_dir}: the study began with allocation list {lines[0].allocation_sha256[:12]}, this protocol makes "
-            f"{digest[:12]}; seed, groups, keys or participants changed: restore them or rename {protocol.study.name!r}"
+            f"{study_dir}: the study began with allocation list {begun.allocation_sha256[:12]}, this protocol makes "
+            f"{digest[:12]}; its seed, groups, keys or actions changed: restore them or rename {protocol.study.name!r}"
         )
 
 
