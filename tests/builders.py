@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -191,7 +192,9 @@ def made(
         truncated=np.arange(1, n + 1) == (n if outcome == "timeout" else -1),
         rt_ms=rt, state_hashes=states, observation_hashes=np.asarray(seen, np.uint64),
         keys=tuple(sorted((*presses, *extra_keys), key=lambda press: press.t_ns)),
-        frames=tuple(FrameShown(int(t), episode_plan.episode, i, int(t) - 14_000_000, int(t)) for i, t in enumerate(flip_ns)),
+        frames=tuple(
+            FrameShown(int(t), episode_plan.episode, i, int(t) - 14_000_000, int(t)) for i, t in enumerate(flip_ns)
+        ),
         outcome=outcome,
     )  # fmt: skip
 
@@ -214,7 +217,7 @@ def episode(
             for i in range(detours + 2)
         ]
         points: list[tuple[float, float]] = [spots[0]]
-        for start, goal in zip(spots, spots[1:], strict=False):
+        for start, goal in pairwise(spots):
             points += cells_between(start, goal)[1:]
         poses, actions = pursue(points, 0.0, stride=1.0, turn_rad=math.pi / 2, reach=0.01)
         floor = grid_map(spots[-1])
@@ -224,7 +227,7 @@ def episode(
             for sx, sz in rng.choice([-1, 1], (detours + 2, 2))
         ]
         points = [corners[0]]
-        for start_m, goal_m in zip(corners, corners[1:], strict=False):
+        for start_m, goal_m in pairwise(corners):
             points += points_between(start_m, goal_m)[1:]
         poses, actions = pursue(points, rng.uniform(-3, 3), stride=0.15, turn_rad=math.radians(15), reach=0.25)
         floor = room_map(corners[-1])
@@ -258,8 +261,8 @@ def session_of(
 
 
 def session(
-    *, participant: str = "sub-01", index: int = 0, group: str = "grid_first", seed: int = 0, blocks: Sequence[Kind] = ("grid", "room"),
-    episodes: int = 5, path: Path | None = None,
+    *, participant: str = "sub-01", index: int = 0, group: str = "grid_first", seed: int = 0,
+    blocks: Sequence[Kind] = ("grid", "room"), episodes: int = 5, path: Path | None = None,
 ) -> SessionLog:  # fmt: skip
     """A session with ``episodes`` in each block; the first ones take detours, as people do."""
     played: list[Episode] = []

@@ -40,7 +40,7 @@ def draw_learning(
 ) -> Axes:
     """Draw each group's mean over its participants against the episode in the block, counted from 1.
 
-    ``curves`` maps a group to (participants, episodes). Bands outside ``limits``, which the measure cannot leave, are cut.
+    ``curves`` maps a group to (participants, episodes). Bands are cut at ``limits``, which the measure cannot leave.
     """
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]

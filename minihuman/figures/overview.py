@@ -1,6 +1,7 @@
 """A session at a glance: steps, time, outcome and the keys tried, episode by episode."""
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from minihuman.figures.style import OUTCOME_COLOURS, OUTCOME_MARKERS, QUIET, SERIES, blank, our_style, outcome_name
 from minihuman.log.episode import Episode, SessionLog
 
+_DOT: dict[str, Any] = {"ms": 4, "mec": "black", "mew": 0.4}
 _KEY_KINDS = (("steps", SERIES[0]), ("no action", SERIES[1]), ("not playing", QUIET))
 
 
@@ -26,7 +28,7 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
         ax.plot([number - 0.35, number + 0.35], [limit, limit], color=QUIET, lw=0.8)
     seen = dict.fromkeys(outcome_name(episode.outcome) for episode in log.episodes)
     for name in seen:
-        ax.plot([], [], OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], ms=4, mec="black", mew=0.4, label=name)
+        ax.plot([], [], OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], label=name, **_DOT)
     ax.plot([], [], color=QUIET, lw=0.8, label="step limit")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(seen) + 1, borderaxespad=0, handlelength=1.2)
     ax.set_ylabel("steps")
@@ -97,7 +99,7 @@ def _presses(episode: Episode) -> Counter[str]:
 
 
 def _bands(ax: Axes, log: SessionLog) -> None:
-    """Shade every other block and name each below the axis."""
+    """Shade every other block."""
     blocks = dict.fromkeys(episode.plan.block for episode in log.episodes)
     for place, block in enumerate(blocks):
         numbers = [episode.plan.episode + 1 for episode in log.episodes if episode.plan.block == block]

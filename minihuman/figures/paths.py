@@ -62,8 +62,8 @@ def draw_map(ax: Axes, floor: Map) -> Axes:
 def draw_path(ax: Axes, episode: Episode) -> Axes:
     """Draw one episode's path over what is there: colour is the time since its start, from dark to light.
 
-    Rings mark turns in place of 45 degrees and more, the larger the more was turned. In the grid, where ways overlap exactly, every visit to
-    a cell is drawn a little aside of the one before. An episode without poses draws nothing.
+    Rings mark turns in place of 45 degrees and more, the larger the more was turned. In the grid, where ways overlap
+    exactly, every visit to a cell is drawn a little aside of the one before. An episode without poses draws nothing.
     """
     here = ~np.isnan(episode.poses[:, 0])
     if not here.any():
@@ -148,8 +148,8 @@ def paths_figure(
     panels_cm = rows * (width_cm / max(1, across * len(groups)) + 0.3) + 0.5
     with our_style():
         figure = blank(width_cm=width_cm, height_cm=panels_cm + _KEY_CM)
-        figure.get_layout_engine().set(w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)  # type: ignore[union-attr]
-        above, below = figure.subfigures(2, 1, height_ratios=[panels_cm, _KEY_CM])
+        figure.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[panels_cm, _KEY_CM])[:, 0]
         parts = above.subfigures(1, max(1, len(groups)), squeeze=False)[0]
         for part, (title, episodes) in zip(parts, groups, strict=False):
             part.suptitle(title, fontsize=7.5)

@@ -6,6 +6,7 @@ which reads the same with and without colour vision and in grey print.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -30,7 +31,7 @@ OUTCOME_COLOURS = {
 OUTCOME_MARKERS = {"goal": "o", "timeout": "s", "failure": "X", "abandoned": "v", "cut off": "P"}
 TIME_COLOURS = "cividis"
 
-_SETTINGS = {
+_SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 7.0,
     "axes.titlesize": 7.0,

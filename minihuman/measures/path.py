@@ -13,7 +13,8 @@ _STILL = 1e-9  # floating-point noise, in the map's unit
 
 def strides(episode: Episode) -> NDArray[np.float64]:
     """Distance covered on the ground by each step, (n,), in the map's unit; NaN where the world tells no pose."""
-    return np.hypot(*np.diff(episode.poses[:, [0, 2]], axis=0).T)
+    moved = np.diff(episode.poses[:, [0, 2]], axis=0)
+    return np.asarray(np.hypot(moved[:, 0], moved[:, 1]))
 
 
 def turned_rad(episode: Episode) -> NDArray[np.float64]:
