@@ -6,7 +6,8 @@ A name says where a key is, not what it types: "1" is the digit row's first key 
 DIGITS = tuple("1234567890")
 LETTERS = tuple("abcdefghijklmnopqrstuvwxyz")
 ARROWS = ("up", "down", "left", "right")
-KEYPAD = tuple(f"kp_{digit}" for digit in DIGITS) + (
+KEYPAD = (
+    *(f"kp_{digit}" for digit in DIGITS),
     "kp_enter",
     "kp_plus",
     "kp_minus",
