@@ -72,18 +72,19 @@ class _Dataset:
         task = item.episode.start.mission or f"reach the goal of {item.episode.plan.world}"
         task_index = self._tasks.setdefault(task, len(self._tasks))
         columns = _columns(item, demonstration, self._features)
-        own = {
+        own: dict[str, NDArray[Any]] = {
             "timestamp": (np.arange(length) / FPS).astype(np.float32),
             "frame_index": np.arange(length, dtype=np.int64),
             "episode_index": np.full(length, number, np.int64),
             "index": np.arange(self.frames, self.frames + length, dtype=np.int64),
             "task_index": np.full(length, task_index, np.int64),
         }
+        columns |= own
         path = self.root / "data" / f"chunk-{chunk:03d}" / f"file-{file:03d}.parquet"
         path.parent.mkdir(parents=True, exist_ok=True)
-        pq.write_table(_table({**columns, **own}, self._features), path, compression="snappy")
-        statistics = {name: _statistics(values, name) for name, values in {**columns, **own}.items()}
-        for name, values in {**columns, **own}.items():
+        pq.write_table(_table(columns, self._features), path, compression="snappy")
+        statistics = {name: _statistics(values, name) for name, values in columns.items()}
+        for name, values in columns.items():
             self._totals.setdefault(name, _Total()).add(_samples(values, name), len(values))
         self.rows.append(
             {
