@@ -30,6 +30,7 @@ class Episode:
     keys: tuple[KeyPressed, ...]  # every press and release while it ran
     frames: tuple[FrameShown, ...]
     outcome: Outcome | None  # None: the log was cut off inside this episode
+    segment: int = 1  # of the session: one more after each resume; t_ns starts again at 0
 
     def __post_init__(self) -> None:
         """Refuse lengths that do not belong together."""
