@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 
 from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Noted, Outcome, Paused, Resumed
 from minihuman.study.plan import EpisodePlan, SessionPlan
+from minihuman.worlds.pose import Pose
+
+
+def pose_row(pose: Pose | None) -> tuple[float, float, float, float]:
+    """A pose as a row of ``Episode.poses``: NaN where the world could not tell."""
+    return (np.nan,) * 4 if pose is None else (pose.x, pose.y, pose.z, pose.yaw_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,11 +19,11 @@ from minihuman.log.claim import is_live, sync_folder, taken
 from minihuman.log.decode import decode
 from minihuman.log.live import END_METADATA, LIBRARY, SEGMENT_METADATA
 from minihuman.log.paths import PART_SUFFIX, SegmentPath
+from minihuman.log.reading import CUT_OFF
 from minihuman.log.scan import LogMessage, Scan
 from minihuman.study.events import SessionEnded
 
 CHUNK_BYTES = 1024 * 1024
-CUT_OFF = "cut_off"  # the end reason of a segment that never got to say one
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import distributions
+from pathlib import Path
 from typing import IO, cast
 
 import msgspec
@@ -11,8 +12,9 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, IndexType, Writer
 
 import minihuman
 from minihuman.log.encode import caused_ns, for_viewers, truth
+from minihuman.log.space import require_space
 from minihuman.log.topics import BY_NAME, PROFILE, SCHEMA_VERSION, TOPICS, schema_bytes
-from minihuman.study.events import Event, SessionStarted, Stepped
+from minihuman.study.events import EpisodeStarted, Event, SessionStarted, Stepped
 from minihuman.study.plan import SessionPlan
 
 LIBRARY = f"minihuman/{minihuman.__version__} {LIBRARY_IDENTIFIER}"
@@ -24,8 +26,9 @@ END_METADATA = "minihuman.end"  # added when the segment is finished
 class LiveLog:
     """Appends events to a file: plain chunks without an index, one a call, each fsynced."""
 
-    def __init__(self, fd: int, *, started_ns: int, sync: Callable[[int], None]) -> None:
+    def __init__(self, fd: int, folder: Path, *, started_ns: int, sync: Callable[[int], None]) -> None:
         self._fd = fd
+        self._folder = folder
         self._started_ns = started_ns
         self._sync = sync
         self._sequence = 0
@@ -43,13 +46,20 @@ class LiveLog:
         """Write events and return when they are durable.
 
         Raises:
+            LogError: if there is no room for another episode; the events before its start stay.
             OSError: if the disk is full or gone; what earlier calls wrote stays.
         """
         for event in events:
             if not self._channels:
                 assert isinstance(event, SessionStarted), f"a log starts with SessionStarted, not {event!r}"
                 self._start(event)
+            if isinstance(event, EpisodeStarted):
+                self._make_durable()
+                require_space(self._folder, event.plan)
             self._add(event)
+        self._make_durable()
+
+    def _make_durable(self) -> None:
         self._writer.flush()
         self._sync(self._fd)
         self.durable_steps = self._steps

@@ -63,8 +63,10 @@ def session_folder(data: Path, study: str, participant: str, session: int) -> Pa
     return data / study / participant / f"ses-{session:02d}"
 
 
-def session_files(folder: Path) -> list[Path]:
-    """List a session folder's log, then its live or cut-off segments in order."""
+def sessions_in(folder: Path) -> dict[Path, list[Path]]:
+    """List a folder's sessions by the log each has or will have: that log, then live or cut-off segments in order."""
+    found: dict[Path, list[Path]] = {log: [log] for log in sorted(folder.glob(f"*{LOG_SUFFIX}"))}
     parts = [SegmentPath.of_part(part) for part in folder.glob(f"*{PART_SUFFIX}")]
-    logs = sorted(path for path in folder.glob(f"*{LOG_SUFFIX}") if path.is_file())
-    return logs + [part.part for part in sorted(parts, key=lambda part: (part.log, part.segment))]
+    for part in sorted(parts, key=lambda part: (part.log, part.segment)):
+        found.setdefault(part.log, []).append(part.part)
+    return found

@@ -50,7 +50,7 @@ class McapRecorder(Recorder):
     ) -> None:
         self.where = SegmentPath.of_plan(data, plan)
         self._fd = create(self.where)
-        self._live = LiveLog(self._fd, started_ns=started_ns, sync=sync)
+        self._live = LiveLog(self._fd, self.where.part.parent, started_ns=started_ns, sync=sync)
         self._queue: queue.Queue[tuple[Event, ...]] = queue.Queue(backlog)
         self._failure: Exception | None = None
         self._ended = False
@@ -130,7 +130,7 @@ class McapRecorder(Recorder):
                 self._queue.task_done()
 
     def _error(self) -> LogError:
-        reason = getattr(self._failure, "strerror", None) or f"{type(self._failure).__name__}: {self._failure}"
+        reason = (isinstance(self._failure, OSError) and self._failure.strerror) or str(self._failure)
         return LogError(
             f"recording stopped: {reason}; {self.durable_steps} steps are safe in {self.where.part}; "
             f"put that right, then run: minihuman recover {self.where.part}"

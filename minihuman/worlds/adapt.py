@@ -75,6 +75,18 @@ class World:
         """The latest observation, for players that see what an agent sees."""
         return self._observation
 
+    @property
+    def observation_space(self) -> gymnasium.Space[Any]:
+        """Where its observations lie."""
+        return self._env.observation_space
+
+    @property
+    def action_space(self) -> gymnasium.spaces.Discrete:
+        """Where its actions lie."""
+        space = self._env.action_space
+        assert isinstance(space, gymnasium.spaces.Discrete)  # checked when made
+        return space
+
     def reset(self, seed: int) -> Observed:
         """Begin an episode from a seed."""
         self._observation, _ = self._env.reset(seed=seed)
