@@ -5,19 +5,19 @@ from typing import Any
 from minihuman.worlds.grid.chance import read_words, write_words
 from minihuman.worlds.grid.families import recipe
 from minihuman.worlds.grid.missions import choices_of
-from minihuman.worlds.grid.world import GridWorld
+from minihuman.worlds.grid.engine import GridEngine
 
 SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette"})
 
 
-class GridEnv(GridWorld):
+class GridEnv(GridEngine):
     """A world of a family: ``GridEnv("four_rooms", max_steps=50)``.
 
     Args:
         family: One of ``families.FAMILIES``.
         max_steps: Instead of the family's own.
         see_through_walls: Instead of the family's own.
-        options: `GridWorld`'s settings, and what the family's function takes (``size=9``).
+        options: `GridEngine`'s settings, and what the family's function takes (``size=9``).
     """
 
     def __init__(
