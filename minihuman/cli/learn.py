@@ -42,7 +42,9 @@ def transfer(
     ),
     runs: Annotated[int, typer.Option(help="Independent runs of every cell.")] = 10,
     steps: Annotated[int, typer.Option(help="Steps of the baseline and of each transfer.")] = 200_000,
-    source_steps: Annotated[int | None, typer.Option(help="Steps of the source; by default the protocol's own.")] = None,
+    source_steps: Annotated[
+        int | None, typer.Option(help="Steps of the source; by default the protocol's own.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="The study's seed; every job derives its own.")] = 1,
     only: Annotated[str | None, typer.Option(help="Some transfers only, as in M,ACM.")] = None,
     quick: Annotated[bool, typer.Option(help="Far fewer steps; says so in every output.")] = False,

@@ -73,9 +73,7 @@ class _Display:
     def __enter__(self) -> "_Display":
         self._progress.start()
         done = sum(min(steps_so_far(job, self._out), job.steps) for job in self._jobs)
-        self._all = self._progress.add_task(
-            "all jobs", total=sum(job.steps for job in self._jobs), completed=done
-        )
+        self._all = self._progress.add_task("all jobs", total=sum(job.steps for job in self._jobs), completed=done)
         return self
 
     def __exit__(self, *_: object) -> None:
