@@ -62,15 +62,6 @@ def cell_at(row: Row, x: int, y: int) -> int:
 
 
 @njit(cache=True)
-def put(row: Row, x: int, y: int, code: int) -> None:
-    """Lay a code into a cell of the grid, over whatever was there; an object remembers where it lies."""
-    row[HEADER + x * row[HEIGHT] + y] = code
-    identity = identity_of(code)
-    if identity > 0:
-        row[_place_of(row, identity)] = x * row[HEIGHT] + y
-
-
-@njit(cache=True)
 def lift(row: Row, x: int, y: int) -> int:
     """Empty a cell and return what lay there."""
     code = row[HEADER + x * row[HEIGHT] + y]
@@ -82,8 +73,18 @@ def lift(row: Row, x: int, y: int) -> int:
 
 
 @njit(cache=True)
+def put(row: Row, x: int, y: int, code: int) -> None:
+    """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie."""
+    lift(row, x, y)
+    row[HEADER + x * row[HEIGHT] + y] = code
+    identity = identity_of(code)
+    if identity > 0:
+        row[_place_of(row, identity)] = x * row[HEIGHT] + y
+
+
+@njit(cache=True)
 def make(row: Row, kind: int, colour: int, state: int) -> int:
-    """Make a new object with its own identity, lying nowhere yet; 0 once there are more objects than cells."""
+    """Make a new object with its own identity, lying nowhere yet. More objects than cells mark the row FAILED."""
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:
         row[FAILED] = 1
         return EMPTY
