@@ -53,7 +53,7 @@ def clear(row: Row) -> None:
     row[HEADER + cells :] = 0
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def cell_at(row: Row, x: int, y: int) -> int:
     """The code in a cell; outside the grid everything is wall."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
@@ -93,18 +93,18 @@ def make(row: Row, kind: int, colour: int, state: int) -> int:
     return pack(kind, colour, state, row[OBJECTS])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _place_of(row: Row, identity: int) -> int:
     return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def where_is(row: Row, identity: int) -> int:
     """The cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
     return row[_place_of(row, identity)]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def contents_index(row: Row, identity: int) -> int:
     """Where in the row the code of an object's contents is; 0 there means nothing inside."""
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1

@@ -5,7 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.cells import EMPTY, GREEN_GOAL
-from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.chance import Words, integer, shuffle
 from minihuman.worlds.grid.place import across, down, outer_walls, stand
 from minihuman.worlds.grid.state import HEIGHT, WIDTH, Row, put
 
@@ -19,52 +19,47 @@ def crossing(row: Row, words: Words, rivers: int, obstacle: int) -> None:
     outer_walls(row)
     stand(row, 1, 1, 0)
     put(row, width - 2, height - 2, GREEN_GOAL)
-    columns, rows = draw_rivers(words, width, height, rivers)
-    for y in rows:
+    is_river = draw_rivers(words, width, rivers)
+    # columns and rows of the grid that bound its fields: outer walls and rivers
+    columns, rows = bounds(is_river[UPRIGHT]), bounds(is_river[LEVEL])
+    for y in rows[1:-1]:
         across(row, 1, y, width - 2, obstacle)
-    for x in columns:
+    for x in columns[1:-1]:
         down(row, x, 1, height - 2, obstacle)
-    path = np.full(len(columns) + len(rows), UPRIGHT, np.int64)
-    path[: len(columns)] = LEVEL  # walking level crosses an upright river
+    path = np.full(len(columns) + len(rows) - 4, UPRIGHT, np.int64)
+    path[: len(columns) - 2] = LEVEL  # walking level crosses an upright river
     shuffle(words, path)
-    column_limits = limits(columns, height)
-    row_limits = limits(rows, width)
     i = j = 0
     for way in path:
         if way == LEVEL:
-            put(row, column_limits[i + 1], integer(words, row_limits[j] + 1, row_limits[j + 1]), EMPTY)
+            put(row, columns[i + 1], integer(words, rows[j] + 1, rows[j + 1]), EMPTY)
             i += 1
         else:
-            put(row, integer(words, column_limits[i] + 1, column_limits[i + 1]), row_limits[j + 1], EMPTY)
+            put(row, integer(words, columns[i] + 1, columns[i + 1]), rows[j + 1], EMPTY)
             j += 1
 
 
 @njit(cache=True)
-def draw_rivers(words: Words, width: int, height: int, rivers: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Columns of the upright rivers and rows of the level ones, each in order."""
-    upright = (height - 3) // 2
-    places = np.empty((upright + (width - 3) // 2, 2), np.int64)
-    for k in range(len(places)):
-        places[k, 0] = UPRIGHT if k < upright else LEVEL
-        places[k, 1] = 2 + 2 * (k if k < upright else k - upright)
-    order = np.arange(len(places))
+def draw_rivers(words: Words, size: int, rivers: int) -> NDArray[np.bool_]:
+    """Whether a river runs there, (2, size): by column for the upright ones, by row for the level ones."""
+    places = (size - 3) // 2  # of each direction: the even lines that do not touch the outer walls
+    order = np.arange(2 * places)
     shuffle(words, order)
-    chosen = places[order[:rivers]]
-    return np.sort(chosen[chosen[:, 0] == UPRIGHT, 1]), np.sort(chosen[chosen[:, 0] == LEVEL, 1])
+    is_river = np.zeros((2, size), np.bool_)
+    for k in order[:rivers]:
+        is_river[k // places, 2 + 2 * (k % places)] = True
+    return is_river
 
 
 @njit(cache=True)
-def limits(rivers: NDArray[np.int64], length: int) -> NDArray[np.int64]:
-    """The rivers with the outer walls before and after them."""
-    bounds = np.zeros(len(rivers) + 2, np.int64)
-    bounds[1:-1] = rivers
-    bounds[-1] = length - 1
-    return bounds
-
-
-@njit(cache=True)
-def shuffle(words: Words, values: NDArray[np.int64]) -> None:
-    """Shuffle in place, as ``Generator.shuffle`` shuffles a list."""
-    for i in range(len(values) - 1, 0, -1):
-        j = integer(words, 0, i + 1)
-        values[i], values[j] = values[j], values[i]
+def bounds(is_river: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The lines with a river, between the first and the last line of the grid."""
+    lines = np.empty(is_river.sum() + 2, np.int64)
+    lines[0] = 0
+    k = 1
+    for line in range(len(is_river)):
+        if is_river[line]:
+            lines[k] = line
+            k += 1
+    lines[k] = len(is_river) - 1
+    return lines
