@@ -55,5 +55,5 @@ MODIFIERS = (
 
 KEY_NAMES = frozenset(DIGITS + LETTERS + ARROWS + KEYPAD + FUNCTION + EDITING + PUNCTUATION + MODIFIERS)
 RESERVED = frozenset(
-    {"escape", "enter", "f9", "f12"}
-)  # the session's own: quit question, go on, and the abort chord f9+f12
+    {"escape", "enter", "f8", "f9", "f12"}
+)  # the session's own: quit question, go on, pause, and the abort chord f9+f12

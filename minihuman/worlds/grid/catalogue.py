@@ -2,4 +2,12 @@
 
 from minihuman.worlds.entry import Entry
 
-ENTRIES: tuple[Entry, ...] = ()
+ENTRIES: tuple[Entry, ...] = (
+    Entry(
+        "MiniGrid-FourRooms-v0",
+        "minihuman.worlds.grid.env:make",
+        {"family": "four_rooms"},
+        summary="reach the goal",
+        guards_itself=True,
+    ),
+)
