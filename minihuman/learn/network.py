@@ -76,6 +76,8 @@ def policy_settings(eyes: Eyes) -> dict[str, object]:
         "features_extractor_kwargs": {"eyes": eyes},
         "net_arch": {"pi": [64, 64], "vf": [64, 64]},
         "activation_fn": nn.Tanh,
+        # Stable-Baselines3's own optimiser and epsilon, each step in one call
+        "optimizer_kwargs": {"eps": 1e-5, "fused": True},
     }
 
 

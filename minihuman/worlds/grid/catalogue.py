@@ -10,4 +10,5 @@ ENTRIES: tuple[Entry, ...] = (
         summary="reach the goal",
         guards_itself=True,
     ),
+    Entry("MiniGrid-GoToObj-Transfer-v0", "minihuman.worlds.grid.transfer:GoToObj", summary="go to the {} {}, the 3D one's pair"),
 )
