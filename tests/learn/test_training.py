@@ -54,7 +54,7 @@ def test_a_killed_job_goes_on_to_the_same_result(finished, tmp_path):
     assert same_weights(load_weights(tmp_path / job.name / POLICY), load_weights(whole / job.name / POLICY))
 
 
-class Interrupted(Exception):
+class StoppedError(Exception):
     pass
 
 
@@ -67,14 +67,14 @@ def test_an_interrupted_transfer_goes_on_to_the_same_weights(finished, tmp_path,
 
     def stop_at_256(steps):
         if steps >= 256:
-            raise Interrupted
+            raise StoppedError
 
     ppo, world = prepare(job, source, "cpu")
     history = train(ppo, world, steps=job.steps)
 
     checkpoint = tmp_path / "checkpoint.pt"
     broken, its_world = prepare(job, source, "cpu")
-    with pytest.raises(Interrupted):
+    with pytest.raises(StoppedError):
         train(broken, its_world, steps=job.steps, checkpoint=checkpoint, told=stop_at_256)
     resumed, its_world = prepare(job, source, "cpu")
     its_history = train(resumed, its_world, steps=job.steps, checkpoint=checkpoint)
