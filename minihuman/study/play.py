@@ -61,7 +61,7 @@ class Play:
         self._flips_ns: list[int] = []  # of the pictures shown since play began or went on, the last two
         self._shown_step = -1
         with world_calls():
-            self._action_of = _action_of(plan, world)
+            self._action_of = {key: _index(plan, world, name) for key, name in plan.key_map.keys.items()}
             self._noop = None if plan.noop is None else _index(plan, world, plan.noop)
             self._observed = world.reset(plan.seed)
             self._state_hash = world.state_hash()
@@ -179,19 +179,6 @@ class Play:
         """The key's time after the flip of the latest picture that was there when it was pressed."""
         seen = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
         return (key_t_ns - seen[-1]) / NS_PER_MS if seen else None
-
-
-def _action_of(plan: EpisodePlan, world: World) -> dict[str, int]:
-    actions = {key: _index(plan, world, name) for key, name in plan.key_map.keys.items()}
-    if plan.key_map.spare == "distractor" and plan.key_map.spare_keys:
-        noop = plan.noop or world.noop
-        if noop is None:
-            raise WorldError(
-                f"{plan.world} has no action that does nothing (its actions: {', '.join(world.action_names)}); "
-                "name one as noop, or let spare keys be ignored"
-            )
-        actions |= dict.fromkeys(plan.key_map.spare_keys, _index(plan, world, noop))
-    return actions
 
 
 def _index(plan: EpisodePlan, world: World, name: str) -> int:

@@ -241,7 +241,7 @@ class Session:
             case Phase.QUIT_QUESTION, key if key in ENTER:
                 self._say_key(press, "accepted")
                 self._end("quit", "the participant ended the session")
-            case Phase.ABORT_QUESTION, key if (reason := _abort_reason(key)) is not None:
+            case Phase.ABORT_QUESTION, key if (reason := texts.abort_reason(key)) is not None:
                 self._say_key(press, "accepted")
                 self._end("aborted", reason)
             case Phase.KEYBOARD_CHECK, key if key in self.plan.key_pool:
@@ -393,10 +393,3 @@ class Session:
     def _say_key(self, key: KeyDown | KeyUp, verdict: Verdict, action: int | None = None) -> None:
         down = isinstance(key, KeyDown)
         self._say(KeyPressed(self._now_ns, key.key, key.symbol, down, action, verdict, self.phase))
-
-
-def _abort_reason(key: str) -> str | None:
-    """The reason a digit stands for, on the digit row or the keypad; None for any other key."""
-    digit = key.removeprefix("kp_")
-    reasons = {str(number): reason for number, reason in enumerate(texts.ABORT_REASONS, start=1)}
-    return reasons.get(digit)

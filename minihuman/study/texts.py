@@ -1,7 +1,5 @@
 """The words of every screen but the world's own: what a participant reads, from the plan and what just happened."""
 
-from collections.abc import Sequence
-
 from minihuman.study.events import EndReason, Outcome
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.study.play import Play
@@ -42,7 +40,7 @@ def progress(plan: SessionPlan, episode: EpisodePlan) -> str:
 
 def consent(plan: SessionPlan) -> TextScreen:
     """The consent text, as the protocol has it."""
-    return TextScreen("Consent", plan.consent_text, "Press Enter if you agree, Escape if you do not")
+    return TextScreen("Consent", plan.consent_text.strip(), "Press Enter if you agree, Escape if you do not")
 
 
 def keyboard_check(plan: SessionPlan, pressed: frozenset[str]) -> TextScreen:
@@ -57,7 +55,7 @@ def instructions(plan: SessionPlan, episode: EpisodePlan) -> TextScreen:
     """The block's instruction."""
     parts = len(plan.texts)
     title = "Instructions" if parts < 2 else f"Part {episode.block + 1} of {parts}"
-    return TextScreen(title, plan.texts[episode.block].instruction, GO_ON)
+    return TextScreen(title, plan.texts[episode.block].instruction.strip(), GO_ON)
 
 
 def ready(plan: SessionPlan, episode: EpisodePlan, mission: str) -> TextScreen:
@@ -71,30 +69,27 @@ def paused(plan: SessionPlan, episode: EpisodePlan) -> TextScreen:
 
 
 def feedback(plan: SessionPlan, played: Play) -> TextScreen:
-    """The block's feedback text with its fields filled in; other braces stay as they are."""
+    """The block's feedback text with its fields filled in."""
     episode = played.plan
-    fields = {
-        "{outcome}": _OUTCOME_WORDS[played.outcome or "abandoned"],
-        "{reward}": f"{played.return_:.2f}",
-        "{steps}": str(played.steps),
-        "{episode}": str(episode.episode_in_block + 1),
-        "{episodes}": str(episode.episodes_in_block),
-    }
-    body = plan.texts[episode.block].feedback
-    for field, value in fields.items():
-        body = body.replace(field, value)
-    return TextScreen("", body, GO_ON, progress(plan, episode))
+    body = plan.texts[episode.block].feedback.format(
+        outcome=_OUTCOME_WORDS[played.outcome or "abandoned"],
+        reward=played.return_,
+        steps=played.steps,
+        episode=episode.episode_in_block + 1,
+        episodes=episode.episodes_in_block,
+    )
+    return TextScreen("", body.strip(), GO_ON, progress(plan, episode))
 
 
 def rest(plan: SessionPlan, block: int, left_s: int) -> TextScreen:
     """The rest after a block, with the seconds that must still pass."""
-    body = plan.texts[block].rest or "Time for a rest."
+    body = plan.texts[block].rest.strip() or "Time for a rest."
     return TextScreen("Rest", body, GO_ON if left_s <= 0 else f"You can go on in {left_s} s")
 
 
 def closing(plan: SessionPlan) -> TextScreen:
     """The study's last words."""
-    return TextScreen("Thank you", plan.closing_text, "Press Enter to finish")
+    return TextScreen("Thank you", plan.closing_text.strip(), "Press Enter to finish")
 
 
 def quit_question() -> TextScreen:
@@ -104,10 +99,16 @@ def quit_question() -> TextScreen:
     )
 
 
-def abort_question(reasons: Sequence[str] = ABORT_REASONS) -> TextScreen:
+def abort_question() -> TextScreen:
     """For the experimenter: why the session is to end."""
-    body = "\n".join(f"{number}  {reason}" for number, reason in enumerate(reasons, start=1))
+    body = "\n".join(f"{number}  {reason}" for number, reason in enumerate(ABORT_REASONS, start=1))
     return TextScreen("Experimenter: end the session, because", body, "Press a number to end it, Escape to go on")
+
+
+def abort_reason(key: str) -> str | None:
+    """The reason a digit stands for, on the digit row or the keypad; None for any other key."""
+    reasons = {str(number): reason for number, reason in enumerate(ABORT_REASONS, start=1)}
+    return reasons.get(key.removeprefix("kp_"))
 
 
 def over(reason: EndReason, detail: str) -> TextScreen:
