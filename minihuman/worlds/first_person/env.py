@@ -120,6 +120,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """What ``reset`` and ``step`` tell beside the observation."""
         return {}
 
+    def off_limits(self) -> tuple[Room, ...]:
+        """The rooms that a way should not lead through, for planners."""
+        return ()
+
     def observe(self) -> Any:
         """What the agent is given: its view, uint8[obs_height, obs_width, 3]."""
         return self._pictures.observation(self.stage)
