@@ -21,6 +21,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from minihuman.errors import LogError
 
 _HEAD = struct.Struct("<BQ")  # opcode, length
+_CRC = struct.Struct("<I")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _NOT_NEEDED = frozenset({Opcode.HEADER, Opcode.MESSAGE_INDEX})
 
@@ -48,6 +49,7 @@ class Scan:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.finished = False  # it has its summary and its end
+        self._crc = 0  # of all that was read
         self.stopped = ""  # why the scan ended before the end of the file; "" if it did not
 
     def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
@@ -57,6 +59,7 @@ class Scan:
             if start != MAGIC[: len(start)]:
                 raise LogError(f"{self.path} is not a session log (it does not start like an MCAP file)")
             at = len(start)
+            self._crc = zlib.crc32(start)
             while at < size:
                 try:
                     records, at_next = self._next(file, at, size)
@@ -78,10 +81,11 @@ class Scan:
         if end > size:
             self.stopped = f"cut off at byte {at}"
             return [], end
-        if opcode == Opcode.DATA_END:
-            self._read_end(file)
-            return [], end
         content = file.read(length)
+        if opcode == Opcode.DATA_END:
+            self._end(content, file)
+            return [], end
+        self._crc = zlib.crc32(content, zlib.crc32(head, self._crc))
         if opcode == Opcode.CHUNK:
             return list(self._messages(_chunk_bytes(Chunk.read(_stream(content))))), end
         if opcode == Opcode.METADATA:
@@ -92,12 +96,15 @@ class Scan:
             self.stopped = f"damaged at byte {at}: no record starts with {opcode}"
         return [], end
 
-    def _read_end(self, file: BinaryIO) -> None:
+    def _end(self, content: bytes, file: BinaryIO) -> None:
+        (crc,) = _CRC.unpack(content)
         file.seek(-len(MAGIC), os.SEEK_END)
-        if file.read() == MAGIC:
-            self.finished = True
-        else:
+        if crc not in (0, self._crc):  # 0: its writer kept none
+            self.stopped = "damaged: its checksum is wrong"
+        elif file.read() != MAGIC:
             self.stopped = "cut off within its index"
+        else:
+            self.finished = True
 
     def _messages(self, data: bytes) -> Iterator[LogMessage]:
         at, size = 0, len(data)
