@@ -3,12 +3,11 @@
 import json
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt import World
 from minihuman.worlds.grid import planner as grid_planner
-from minihuman.worlds.grid.world import GridWorld
+from minihuman.worlds.grid.engine import GridEngine
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,3 +31,18 @@ def shortest(plan: EpisodePlan) -> Shortest:
         WorldError: if the world cannot be made here.
     """
     return _of_layout(plan.world, json.dumps(plan.options, sort_keys=True, default=str), plan.seed)
+
+
+@lru_cache(maxsize=100_000)
+def _of_layout(world_id: str, options: str, seed: int) -> Shortest:
+    world = _world(world_id, options)
+    if isinstance(world.unwrapped, GridEngine):
+        world.reset(seed)
+        actions = grid_planner.plan(world.unwrapped.state)
+        return UNKNOWN if actions is None else Shortest(len(actions), len(actions))
+    return UNKNOWN
+
+
+@lru_cache(maxsize=16)
+def _world(world_id: str, options: str) -> World:
+    return World(world_id, json.loads(options))

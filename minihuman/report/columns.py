@@ -57,7 +57,9 @@ PRESSES = (
     Column("key", "text", "", "The physical key."),
     Column("down", "yes_no", "", "True for a press, false for a release."),
     Column("action", "text", "", "The action it asked for; empty where it has none."),
-    Column("verdict", "text", "", "What became of it: accepted, unmapped, spare, repeat, queued, not_playing, release."),
+    Column(
+        "verdict", "text", "", "What became of it: accepted, unmapped, spare, repeat, queued, not_playing, release."
+    ),
 )
 KEYS = (
     *_WHO,
@@ -84,8 +86,12 @@ EPISODES = (
     Column("reward", "number", "", "Sum of the episode's rewards."),
     Column("steps", "whole", "", "Steps done."),
     Column("max_steps", "whole", "", "Steps allowed."),
-    Column("shortest_steps", "whole", "", "Fewest steps that can reach the goal; in 3D no fewer can. Empty if unknown."),
-    Column("feasible_steps", "whole", "", "Steps of a way to the goal that was found and is possible. Empty if unknown."),
+    Column(
+        "shortest_steps", "whole", "", "Fewest steps that can reach the goal; in 3D no fewer can. Empty if unknown."
+    ),
+    Column(
+        "feasible_steps", "whole", "", "Steps of a way to the goal that was found and is possible. Empty if unknown."
+    ),
     Column("excess_steps", "number", "", "Steps over the fewest possible; of episodes that reached the goal."),
     Column("playing_s", "number", "s", "From the reset to the last step, pauses left out."),
     Column("reaction_mean_ms", "number", "ms", "Mean reaction time."),
@@ -106,7 +112,9 @@ _OVER_EPISODES = (
     Column("reward_first", "number", "", "Reward of the first episode that counts."),
     Column("reward_slope", "number", "1/episode", "Change of the reward over the first five episodes, an episode."),
     Column("steps_mean", "number", "", "Mean steps."),
-    Column("excess_steps_mean", "number", "", "Mean steps over the fewest possible, of episodes that reached the goal."),
+    Column(
+        "excess_steps_mean", "number", "", "Mean steps over the fewest possible, of episodes that reached the goal."
+    ),
     Column("playing_s_mean", "number", "s", "Mean playing time of an episode."),
     Column("reaction_median_ms", "number", "ms", "Median over all steps' reaction times."),
     Column("path_efficiency_mean", "number", "", "Mean path efficiency."),

@@ -29,7 +29,9 @@ class Rules:
             ReportError: if a rule names a column that its table does not have.
             ProtocolError: if the protocol in the log cannot be understood.
         """
-        exclusions = decode(plan.protocol_toml, f"the protocol of {plan.study}").exclusions if plan.protocol_toml else ()
+        exclusions = (
+            decode(plan.protocol_toml, f"the protocol of {plan.study}").exclusions if plan.protocol_toml else ()
+        )
         for rule in exclusions:
             known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("whole", "number", "yes_no")]
             if rule.measure not in known:

@@ -216,5 +216,3 @@ def _mean(values: Iterable[float | None]) -> float | None:
 
 def _told(value: float) -> float | None:
     return None if math.isnan(value) else value
-
-
