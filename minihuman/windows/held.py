@@ -1,4 +1,4 @@
-"""Which keys are down, and auto-repeat made from that: the same on every toolkit and desktop, on the session's clock."""
+"""Which keys are down, and auto-repeat made from that: alike on every toolkit and desktop, by the session's clock."""
 
 from dataclasses import dataclass
 

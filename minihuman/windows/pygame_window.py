@@ -80,7 +80,7 @@ class PygameWindow(BlockingWindow):
         return self._surface.get_size()
 
     def _flip(self, frame: NDArray[np.uint8]) -> None:
-        self._surface.blit(pygame.image.frombuffer(frame, self.size_px, "RGB"), (0, 0))
+        self._surface.blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), (0, 0))
         pygame.display.flip()
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:

@@ -118,7 +118,7 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
 
     def renderer(self) -> str:
         """Who draws, as OpenGL names it."""
-        return ctypes.cast(gl.glGetString(gl.GL_RENDERER), ctypes.c_char_p).value.decode()
+        return (ctypes.cast(gl.glGetString(gl.GL_RENDERER), ctypes.c_char_p).value or b"unknown").decode()
 
     def refresh_hz(self) -> str:
         """What the display claims; "unknown" where it claims nothing."""
