@@ -27,7 +27,7 @@ th { border-bottom: 1px solid #999; font-weight: 600; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 td.word, th.word { text-align: left; }
 caption { text-align: left; color: #555; padding-bottom: .3rem; }
-.beside { display: flex; flex-wrap: wrap; gap: 3rem; }
+.beside { display: flex; flex-wrap: wrap; gap: 3rem; align-items: flex-start; }
 figure { margin: 1rem 0; display: inline-block; vertical-align: top; } figure img { width: 24rem; max-width: 100%; }
 figcaption { color: #555; max-width: 24rem; }
 .key { background: #f3f7fa; border-left: 4px solid #0072b2; padding: .7rem 1rem; }
@@ -142,7 +142,7 @@ def _comparisons(found: Sequence[Comparison], block: str) -> str:
     rows = [
         (
             MEASURES[one.measure], f"{one.first} - {one.second}", _number(one.means[0]), _number(one.means[1]),
-            _number(one.difference), f"{_number(one.interval[0])} to {_number(one.interval[1])}",
+            _number(one.difference), _range(one.interval),
             _p(one.p), _p(one.p_holm), _number(one.g, 2),
         )
         for one in found
@@ -159,8 +159,8 @@ def _model(model: MixedModel | None) -> str:
     if model is None:
         return "<p>A mixed model needs two groups of two participants or more, and two episodes.</p>"
     rows = [
-        (term, _number(estimate), f"{_number(low)} to {_number(high)}", _p(p))
-        for term, estimate, (low, high), p in zip(model.terms, model.estimates, model.intervals, model.p, strict=True)
+        (term, _number(estimate), _range(interval), _p(p))
+        for term, estimate, interval, p in zip(model.terms, model.estimates, model.intervals, model.p, strict=True)
     ]
     note = f" Mind: {model.note}" if model.note else ""
     caption = (
@@ -228,9 +228,13 @@ def _spread(mean: float, sd: float) -> str:
 
 
 def _number(value: float, digits: int = 3) -> str:
-    if value is None or math.isnan(value):
+    if math.isnan(value):
         return "n/a"
     return f"{value:.{digits}f}" if abs(value) < 100 else f"{value:.1f}"
+
+
+def _range(bounds: tuple[float, float]) -> str:
+    return "n/a" if math.isnan(bounds[0]) else f"{_number(bounds[0])} to {_number(bounds[1])}"
 
 
 def _p(value: float) -> str:
