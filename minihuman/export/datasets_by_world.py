@@ -1,5 +1,6 @@
 """One dataset a world: what has another observation cannot lie in the same one."""
 
+import copy
 import hashlib
 import json
 import re
@@ -23,8 +24,8 @@ def dataset_name(chosen: Chosen) -> str:
 
 
 def env_spec(chosen: Chosen) -> gymnasium.envs.registration.EnvSpec:
-    """The Gymnasium spec of an episode's world, options included."""
-    spec = gymnasium.spec(chosen.episode.plan.world)
+    """The Gymnasium spec of an episode's world, options included; the module that registers it is imported by then."""
+    spec = copy.deepcopy(gymnasium.spec(chosen.episode.plan.world.rsplit(":", 1)[-1]))
     kwargs: dict[str, Any] = {**spec.kwargs, **chosen.episode.plan.options}
     spec.kwargs = kwargs
     return spec

@@ -42,7 +42,9 @@ def _trajectory(item: Chosen, demonstration: Demonstration) -> dict[str, Any]:
         for step in range(1, len(episode.actions) + 1)
     ]
     return {
-        "obs": np.stack([flat(observation, demonstration.observation_space) for observation in demonstration.observations]),
+        "obs": np.stack(
+            [flat(observation, demonstration.observation_space) for observation in demonstration.observations]
+        ),
         "acts": episode.actions,
         "infos": [json.dumps(info) for info in infos],
         "terminal": bool(episode.terminated[-1]) if len(episode.actions) else False,

@@ -3,7 +3,6 @@
 With ``MINARI_DATASETS_PATH=OUT``, ``minari.load_dataset("minihuman/minigrid-fourrooms-v0")`` reads one.
 """
 
-import copy
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -55,7 +54,7 @@ def _begin(out: Path, name: str, item: Chosen, demonstration: Demonstration) -> 
         data,
         observation_space=plain_space(demonstration.observation_space),
         action_space=demonstration.action_space,
-        env_spec=copy.deepcopy(env_spec(item)),
+        env_spec=env_spec(item),
         data_format="hdf5",
         jpeg_encoding=False,
     )

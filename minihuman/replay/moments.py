@@ -54,7 +54,7 @@ class Moments:
 
 
 def common_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
-    """When each episode begins on the common timeline, by number: after the longest one before it, and a second more."""
+    """When each episode begins on the common timeline, by number: a second after the longest one before it."""
     longest: dict[int, int] = {}
     for log in logs:
         for episode in log.episodes:

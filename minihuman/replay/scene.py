@@ -3,16 +3,20 @@
 Sending whole columns makes a session's recording tens of times faster than logging it step by step.
 """
 
+import io
 from collections import defaultdict
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from PIL import Image
 
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.replay.facts import facts_page
 from minihuman.replay.moments import Moments
+from minihuman.replay.views import redraw
 from minihuman.study.events import KeyPressed, Paused, Resumed
+from minihuman.worlds.adapt import World
 
 WALL, PATH, TRAIL, AGENT = 0xC8C8C8FF, 0x0072B2FF, 0xE69F00FF, 0xD55E00FF
 _TRAIL_MOVES = 12
@@ -45,6 +49,27 @@ def send_session(recording: rr.RecordingStream, log: SessionLog, moments: Moment
     _send_events(recording, root, log, moments)
 
 
+def send_views(recording: rr.RecordingStream, log: SessionLog, moments: Moments) -> None:
+    """Send the participant's view of every episode, drawn again and checked against the log.
+
+    Raises:
+        LogError: if what a world shows now is not what was seen.
+        WorldError: if a world cannot be run here.
+    """
+    for episode in log.episodes:
+        world = World(episode.plan.world, episode.plan.options)
+        pictures = [_png(picture) for picture in redraw(episode, world)]
+        world.close()
+        columns = rr.EncodedImage.columns(blob=pictures, media_type=["image/png"] * len(pictures))
+        recording.send_columns(f"{session_root(log)}/view", moments.columns(episode.t_ns), columns)
+
+
+def _png(picture: NDArray[np.uint8]) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "png", compress_level=1)
+    return file.getvalue()
+
+
 def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
     told = [(episode.t_ns[0], episode.start.map) for episode in log.episodes if episode.start.map is not None]
     if not told:
@@ -58,7 +83,7 @@ def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moment
     points = rr.Points2D.columns(
         positions=np.array([(thing.x, thing.z) for thing in things], np.float32).reshape(-1, 2),
         radii=[thing.radius for thing in things],
-        colors=[int(thing.colour.lstrip("#") + "ff", 16) for thing in things],
+        colors=np.array([int(thing.colour.lstrip("#") + "ff", 16) for thing in things], np.uint32),
         labels=[thing.name for thing in things],
     )
     recording.send_columns(f"{root}/map/things", times, points.partition([len(floor.things) for _, floor in told]))
@@ -109,10 +134,10 @@ def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, mome
         "return": rr.SeriesLines(names="return", colors=PATH, widths=2),
         "reaction_ms": rr.SeriesPoints(names="reaction time (ms)", colors=AGENT, markers="circle", marker_sizes=3),
     }
-    for name, (times, values) in series.items():
+    for name, (all_times, all_values) in series.items():
         recording.log(f"{root}/{name}", styles[name], static=True)
-        rows = moments.columns(np.concatenate(times))
-        recording.send_columns(f"{root}/{name}", rows, rr.Scalars.columns(scalars=np.concatenate(values)))
+        rows = moments.columns(np.concatenate(all_times))
+        recording.send_columns(f"{root}/{name}", rows, rr.Scalars.columns(scalars=np.concatenate(all_values)))
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:

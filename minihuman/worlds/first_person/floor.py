@@ -84,6 +84,6 @@ def _cover(room: Room, rng: np.random.Generator | None) -> Covering:
 
 
 def _plain(room: Room, covering: Covering) -> tuple[Any, ...]:
-    portals = [[tuple(portal) for portal in wall] for wall in room.portals]
+    portals = [[portal[:4] for portal in wall] for wall in room.portals]
     looks = (room.floor, room.wall, room.ceiling, covering.floor, covering.wall, covering.ceiling)
     return room.outline, room.wall_height, portals, looks

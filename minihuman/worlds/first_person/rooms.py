@@ -6,7 +6,7 @@ the left of every edge. Lengths are metres.
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from minihuman.errors import WorldError
 
@@ -16,12 +16,16 @@ Point = tuple[float, float]  # x, z
 
 
 class Portal(NamedTuple):
-    """An opening in one wall, from ``start`` to ``end`` along its edge and from ``bottom`` to ``top`` in height."""
+    """An opening in one wall, from ``start`` to ``end`` along its edge and from ``bottom`` to ``top`` in height.
+
+    ``into`` is the number of the room behind it, None where it leads outside.
+    """
 
     start: float
     end: float
     bottom: float
     top: float
+    into: int | None
 
 
 class Limits(NamedTuple):
@@ -66,6 +70,7 @@ class Room:
     floor: str = "floor_tiles_bw"  # names of textures
     wall: str = "concrete"
     ceiling: str | None = "concrete_tiles"  # None: open to the sky
+    number: int = -1  # its place in the floor plan, from 0; -1 outside of one
     edges: tuple[Edge, ...] = field(init=False)
     portals: tuple[list[Portal], ...] = field(init=False)
 
@@ -77,6 +82,9 @@ class Room:
             _edge(start, end) for start, end in zip(self.outline, self.outline[1:] + self.outline[:1], strict=True)
         )
         self.portals = tuple([] for _ in self.edges)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Room":
+        return self  # no step changes a room: copies of a world share it
 
     @property
     def min_x(self) -> float:
@@ -126,19 +134,18 @@ class Room:
         if abs(turned - 2 * math.pi) > 1e-6:
             raise WorldError(f"the outline {list(self.outline)} goes round more than once; a room closes in one turn")
 
-    def open(self, edge: int, start: float, end: float, *, bottom: float = 0.0, top: float | None = None) -> Portal:
-        """Cut a portal into a wall, between two distances along it.
+    def open(self, edge: int, start: float, end: float, *, top: float | None = None, into: int | None = None) -> None:
+        """Cut a portal into a wall, from the ground up, between two distances along it.
 
         Raises:
             WorldError: if the portal reaches past its wall, or has no width or no height.
         """
         if not 0 <= edge < len(self.edges):
             raise WorldError(f"a room with {len(self.edges)} walls has no wall {edge}; walls count from 0")
-        portal = Portal(start, end, bottom, self.wall_height if top is None else top)
+        portal = Portal(start, end, 0.0, self.wall_height if top is None else top, into)
         self._check_fits(portal, edge)
         self.portals[edge].append(portal)
-        self.portals[edge].sort()
-        return portal
+        self.portals[edge].sort(key=lambda portal: portal.start)
 
     def _check_fits(self, portal: Portal, edge: int) -> None:
         side = self.edges[edge]
@@ -214,7 +221,7 @@ def stretch(edge: Edge, limits: Limits) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def passage(a: Room, b: Room, *, limits: Limits, top: float | None) -> Room | None:
+def passage(a: Room, b: Room, *, limits: Limits, top: float | None, number: int) -> Room | None:
     """Cut facing portals into two rooms and give the passage between them, or None where they touch.
 
     The passage takes its textures from ``a``, and is as high as its portals.
@@ -223,17 +230,21 @@ def passage(a: Room, b: Room, *, limits: Limits, top: float | None) -> Room | No
         WorldError: if the rooms do not face each other or the portal does not fit a wall.
     """
     index_a, index_b = facing_edges(a, b)
-    portal_a = a.open(index_a, *stretch(a.edges[index_a], limits), top=top)
-    portal_b = b.open(index_b, *stretch(b.edges[index_b], limits), top=top)
     edge_a, edge_b = a.edges[index_a], b.edges[index_b]
-    a_start, a_end = edge_a.at(portal_a.start), edge_a.at(portal_a.end)
-    b_start, b_end = edge_b.at(portal_b.start), edge_b.at(portal_b.end)
+    stretch_a, stretch_b = stretch(edge_a, limits), stretch(edge_b, limits)
+    a_start, a_end = edge_a.at(stretch_a[0]), edge_a.at(stretch_a[1])
+    b_start, b_end = edge_b.at(stretch_b[0]), edge_b.at(stretch_b[1])
     if _distance(a_start, b_end) < 0.001:
+        a.open(index_a, *stretch_a, top=top, into=b.number)
+        b.open(index_b, *stretch_b, top=top, into=a.number)
         return None
-    room = Room((b_start, a_end, a_start, b_end), a.wall_height if top is None else top, a.floor, a.wall, a.ceiling)
-    room.open(1, 0.0, _distance(a_start, a_end))
-    room.open(3, 0.0, _distance(b_start, b_end))
-    return room
+    height = a.wall_height if top is None else top
+    between = Room((b_start, a_end, a_start, b_end), height, a.floor, a.wall, a.ceiling, number)
+    a.open(index_a, *stretch_a, top=top, into=number)
+    b.open(index_b, *stretch_b, top=top, into=number)
+    between.open(1, 0.0, _distance(a_start, a_end), into=a.number)
+    between.open(3, 0.0, _distance(b_start, b_end), into=b.number)
+    return between
 
 
 def _edge(start: Point, end: Point) -> Edge:

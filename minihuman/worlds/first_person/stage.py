@@ -54,13 +54,14 @@ class Stage:
         """
         room.check_convex()
         self._check_open()
+        room.number = len(self._rooms)
         self._rooms.append(room)
         return room
 
     def connect_rooms(self, a: Room, b: Room, *, limits: Limits, top: float | None) -> None:
         """Open the walls by which two rooms face each other, and add a passage where there is a gap between them."""
         self._check_open()
-        between = passage(a, b, limits=limits, top=top)
+        between = passage(a, b, limits=limits, top=top, number=len(self._rooms))
         if between is not None:
             self._rooms.append(between)
 

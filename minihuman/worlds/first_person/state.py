@@ -6,6 +6,7 @@ import numpy as np
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.rooms import Room
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.hashing import hash64
 
@@ -52,6 +53,8 @@ def _plain(value: Any, places: dict[int, int], where: str) -> Any:
         case Entity():
             place = places.get(id(value))
             return ("gone", value.state()) if place is None else ("placed", place)
+        case Room():
+            return "room", value.number
         case None | bool() | int() | float() | str() | bytes() | np.ndarray() | np.generic():
             return value
         case dict():

@@ -1,0 +1,89 @@
+"""The agent's network: mission to 32, image to 64, 96 together, and its named parts M, A and C."""
+
+from typing import Literal
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, NatureCNN
+from torch import nn
+
+Eyes = Literal["grid", "atari"]
+
+MISSION_FEATURES = 32
+IMAGE_FEATURES = 64
+
+# What can move from one policy to another, by the names of parameters. The image's layers never do: the worlds'
+# pictures have nothing in common. Shared feature layers are listed once, under "features_extractor".
+PARTS = {
+    "M": ("features_extractor.mission.",),
+    "A": ("mlp_extractor.policy_net.", "action_net."),
+    "C": ("mlp_extractor.value_net.", "value_net."),
+}
+ACTOR_HEAD = "action_net."
+
+
+def part_parameters(policy: nn.Module, part: str) -> dict[str, nn.Parameter]:
+    """The parameters of one part ("M", "A" or "C") by name."""
+    return {name: parameter for name, parameter in policy.named_parameters() if name.startswith(PARTS[part])}
+
+
+class GridEyes(nn.Sequential):
+    """Three 2x2 convolutions (16, 32, 64) and a linear layer: for views of a few cells."""
+
+    def __init__(self, space: spaces.Box) -> None:
+        channels, height, width = space.shape
+        super().__init__(
+            nn.Conv2d(channels, 16, 2),
+            nn.ReLU(),
+            nn.Conv2d(16, 32, 2),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 2),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(64 * (height - 3) * (width - 3), IMAGE_FEATURES),
+            nn.ReLU(),
+        )
+
+
+class MissionAndImage(BaseFeaturesExtractor):
+    """Features of an observation {"image", "mission"}: the image's 64, then the mission's 32 where there is one."""
+
+    def __init__(self, observation_space: spaces.Dict, eyes: Eyes) -> None:
+        image = observation_space["image"]
+        assert isinstance(image, spaces.Box)
+        mission = observation_space.spaces.get("mission")
+        super().__init__(observation_space, IMAGE_FEATURES + (MISSION_FEATURES if mission is not None else 0))
+        self.image: nn.Module = GridEyes(image) if eyes == "grid" else NatureCNN(image, IMAGE_FEATURES)
+        self.mission: nn.Module | None = None
+        if mission is not None:
+            assert mission.shape is not None
+            self.mission = nn.Linear(mission.shape[0], MISSION_FEATURES)
+
+    def forward(self, observation: dict[str, torch.Tensor]) -> torch.Tensor:
+        """float32[batch, 64 or 96]."""
+        # a third faster on the CPU, the same numbers
+        image: torch.Tensor = self.image(observation["image"].contiguous(memory_format=torch.channels_last))
+        if self.mission is None:
+            return image
+        return torch.cat((image, self.mission(observation["mission"])), dim=1)
+
+
+def policy_settings(eyes: Eyes) -> dict[str, object]:
+    """Keyword arguments for Stable-Baselines3: two layers of 64 tanh units each for actor and critic."""
+    return {
+        "features_extractor_class": MissionAndImage,
+        "features_extractor_kwargs": {"eyes": eyes},
+        "net_arch": {"pi": [64, 64], "vf": [64, 64]},
+        "activation_fn": nn.Tanh,
+    }
+
+
+def bare_policy(observation_space: spaces.Dict, actions: int, eyes: Eyes) -> ActorCriticPolicy:
+    """A policy without a training algorithm round it, on the CPU."""
+    return MultiInputActorCriticPolicy(
+        observation_space,
+        spaces.Discrete(actions),
+        lambda _: 3e-4,
+        **policy_settings(eyes),  # type: ignore[arg-type]
+    )

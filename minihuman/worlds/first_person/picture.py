@@ -1,0 +1,73 @@
+"""The pictures of a stage: what the agent sees, how far away it is, the world from above. Drawing changes no state."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.flat import render, render_depth, render_top, visible_entities
+from minihuman.worlds.first_person.floor import FloorPlan
+from minihuman.worlds.first_person.render.scene import Camera, Scene, SceneRoom
+from minihuman.worlds.first_person.scenery import furnish, places, scene_rooms
+from minihuman.worlds.first_person.stage import Stage
+
+
+class Pictures:
+    """Draws one world. It keeps the scene between steps; a copy of a world starts with nothing kept."""
+
+    def __init__(self, size_px: tuple[int, int]) -> None:
+        self.size_px = size_px  # of an observation: width, height
+        self._floor: FloorPlan | None = None
+        self._rooms: Sequence[SceneRoom] = ()
+        self._staged: dict[Palette, tuple[Stage, list[Entity], Scene]] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Pictures, (self.size_px,)
+
+    def observation(self, stage: Stage) -> NDArray[np.uint8]:
+        """What the agent sees, in the size of an observation."""
+        return render(self.scene(stage), camera(stage), *self.size_px)
+
+    def draw(self, stage: Stage, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
+        """What the agent sees, or the world from above with the agent in it."""
+        if min(size_px) < 1:
+            raise WorldError(f"a picture of {size_px[0]} x {size_px[1]} pixels shows nothing; both are 1 or more")
+        scene = self.scene(stage, palette)
+        if view == "partial":
+            return render(scene, camera(stage), *size_px)
+        return render_top(scene, *size_px)
+
+    def depth(self, stage: Stage, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
+        """How far away what the agent sees is, metres along its view."""
+        return render_depth(self.scene(stage), camera(stage), *size_px)
+
+    def visible(self, stage: Stage) -> list[Entity]:
+        """The things in the agent's view, in the order they were placed."""
+        scene = self.scene(stage)
+        things = self._staged["classic"][1]
+        seen = {id(things[number]) for number in visible_entities(scene, camera(stage), *self.size_px)}
+        return [entity for entity in stage.entities if id(entity) in seen]
+
+    def scene(self, stage: Stage, palette: Palette = "classic") -> Scene:
+        """The scene now: laid out anew for a new stage or a new thing, otherwise with its things moved."""
+        if self._floor is not stage.floor:
+            self._floor, self._rooms, self._staged = stage.floor, scene_rooms(stage.floor), {}
+        kept = self._staged.get(palette)
+        things = [entity for entity in stage.entities if entity is not stage.agent]
+        if kept is not None and kept[0] is stage and set(map(id, things)) <= set(map(id, kept[1])):
+            things, scene = kept[1], kept[2].at(places(stage, kept[1]))
+        else:
+            scene = furnish(stage, self._rooms, things, palette)
+        self._staged[palette] = stage, things, scene
+        return scene
+
+
+def camera(stage: Stage) -> Camera:
+    """The agent's eye."""
+    agent = stage.agent
+    return Camera(agent.camera, agent.dir, agent.cam_pitch * (math.pi / 180), agent.cam_fov_y)
