@@ -11,7 +11,7 @@ from minihuman.study import events as ev
 _VERDICTS = get_args(ev.Verdict)
 _OUTCOMES = get_args(ev.Outcome)
 _END_REASONS = get_args(ev.EndReason)
-_PAUSES = get_args(ev.Paused.__annotations__["reason"])
+_PAUSES = get_args(ev.PauseReason)
 
 
 def decode(topic: str, data: bytes) -> ev.Event | None:

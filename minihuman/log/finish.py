@@ -37,6 +37,13 @@ class Finished:
     end_reason: str  # an EndReason, or "cut_off"
     stopped: str  # where and why reading stopped before the live file's end; "" if it did not
 
+    def line(self) -> str:
+        """Say it in one line."""
+        if not self.readable:
+            return f"{self.path}: kept nothing; {self.stopped}"
+        told = f"{self.path}: kept {self.steps} steps of {self.episodes} episodes; ended: {self.end_reason}"
+        return f"{told}; the file was {self.stopped}" if self.stopped else told
+
 
 def finish(where: SegmentPath, *, clean: bool) -> Finished:
     """Turn a live file into the session's log, or merge it into it. The caller holds the file's lock.
@@ -83,13 +90,15 @@ def leftovers(folder: Path) -> list[Path]:
 
 
 def segment_starts(path: Path) -> dict[int, str]:
-    """Read which segments a file holds, and the wall clock at which each started."""
-    scan = Scan(path)
-    return {
-        int(record.metadata["segment"]): record.metadata["started_unix_ns"]
-        for record in scan
-        if isinstance(record, Metadata) and record.name == SEGMENT_METADATA
-    }
+    """Read which segments a file holds as far as their plan, and the wall clock at which each started."""
+    starts: dict[int, str] = {}
+    facts: dict[str, str] = {}
+    for record in Scan(path):
+        if isinstance(record, Metadata) and record.name == SEGMENT_METADATA:
+            facts = record.metadata
+        elif isinstance(record, LogMessage) and record.channel.topic == topics.PLAN and facts:
+            starts[int(facts["segment"])] = facts["started_unix_ns"]
+    return starts
 
 
 def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -> Finished:

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import IO, cast
@@ -135,10 +136,16 @@ def _segment_facts(plan: SessionPlan, started_ns: int) -> dict[str, str]:
 
 
 def _attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
-    packages = sorted({f"{found.name}=={found.version}" for found in distributions()}, key=str.lower)
     key_maps = {episode.episode: episode.key_map for episode in plan.episodes}
     return (
         ("protocol.toml", "application/toml", plan.protocol_toml),
         ("key_maps.json", "application/json", msgspec.json.encode(key_maps)),
-        ("packages.txt", "text/plain", "".join(f"{line}\n" for line in packages).encode()),
+        ("packages.txt", "text/plain", _package_list()),
     )
+
+
+@cache
+def _package_list() -> bytes:
+    """What is installed, one ``name==version`` a line; looked up once a process, as it takes a while."""
+    found = {f"{package.name}=={package.version}" for package in distributions()}
+    return "".join(f"{line}\n" for line in sorted(found, key=str.lower)).encode()

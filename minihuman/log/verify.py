@@ -1,14 +1,15 @@
 """The proof: a log's episodes played again from world id, options, seed and actions, every number compared."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
-from minihuman.errors import WorldError
 from minihuman.log.episode import Episode, SessionLog, pose_row
 from minihuman.study.events import EpisodeStarted, Stepped
-from minihuman.study.play import Play, WorldBroke
+from minihuman.study.play import Play, WorldBrokeError
 from minihuman.worlds.adapt import World
 
 
@@ -22,29 +23,28 @@ class Verified:
 
 
 def verify(log: SessionLog) -> Verified:
-    """Play every episode of a log again, up to the first number that differs."""
+    """Play every episode of a log again, up to the first number that differs.
+
+    Raises:
+        WorldError: if a world of the log cannot be made here.
+    """
     episodes = steps = 0
-    for episode in log.episodes:
-        difference = _first_difference(episode)
-        if difference:
-            return Verified(episodes, steps, difference)
-        episodes += 1
-        steps += len(episode.actions)
+    for (world_id, options), group in groupby(log.episodes, lambda episode: (episode.plan.world, episode.plan.options)):
+        with closing(World(world_id, options)) as world:
+            for episode in group:
+                difference = _first_difference(episode, world)
+                if difference:
+                    return Verified(episodes, steps, difference)
+                episodes += 1
+                steps += len(episode.actions)
     return Verified(episodes, steps, "")
 
 
-def _first_difference(episode: Episode) -> str:
-    plan = episode.plan
-    try:
-        world = World(plan.world, plan.options)
-    except WorldError as error:
-        return f"episode {plan.episode}: {error}"
+def _first_difference(episode: Episode, world: World) -> str:
     try:
         return next(_differences(episode, world), "")
-    except WorldBroke as error:
-        return f"episode {plan.episode}: the world raises {error}"
-    finally:
-        world.close()
+    except WorldBrokeError as error:
+        return f"episode {episode.plan.episode}: the world raises {error}"
 
 
 def _differences(episode: Episode, world: World) -> Iterator[str]:

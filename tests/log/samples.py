@@ -224,11 +224,7 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
     ev.EpisodeEnded: st.builds(
         ev.EpisodeEnded, TIMES, COUNTS, st.sampled_from(get_args(ev.Outcome)), COUNTS, FLOATS, SEEDS
     ),
-    ev.Paused: st.builds(
-        ev.Paused,
-        TIMES,
-        st.sampled_from(["participant", "focus_lost", "quit_question", "abort_question"]),
-    ),
+    ev.Paused: st.builds(ev.Paused, TIMES, st.sampled_from(get_args(ev.PauseReason))),
     ev.Resumed: st.builds(ev.Resumed, TIMES),
     ev.Noted: st.builds(ev.Noted, TIMES, TEXTS, TEXTS),
     ev.SessionEnded: st.builds(ev.SessionEnded, TIMES, st.sampled_from(get_args(ev.EndReason)), TEXTS, COUNTS),
