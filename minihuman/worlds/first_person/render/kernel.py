@@ -1,0 +1,188 @@
+"""One picture from start to end: rooms in sight, things in them, then colours or distances."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from minihuman.worlds.first_person.render.project import (
+    COS,
+    EYE,
+    FAR,
+    FORWARD,
+    NEAR,
+    NORMAL_SCALE,
+    PARALLEL,
+    PLACE,
+    PLACEMENT_SIZE,
+    RIGHT,
+    SCALE,
+    SIN,
+    TINT,
+    draw_face,
+)
+from minihuman.worlds.first_person.render.raster import SAMPLE_X
+from minihuman.worlds.first_person.render.shade import resolve
+from minihuman.worlds.first_person.render.tables import F64, Drawn, Faces, Rooms, Textures, Things
+from minihuman.worlds.first_person.render.visit import visit
+
+QUERY_HALF_M = 0.1  # a thing counts as seen where a cube of twice this on its place is
+
+
+@njit(cache=True, nogil=True)
+def draw_rooms(
+    faces: Faces, rooms: Rooms, view: F64, light: F64, windows: F64, order: NDArray[np.int32], drawn: Drawn
+) -> tuple[int, int]:
+    """Draw every room in sight; how many face numbers are taken, and how many rooms are listed in ``order``."""
+    here = np.zeros(PLACEMENT_SIZE)
+    here[COS] = 1.0
+    here[SCALE:] = 1.0
+    picture = np.array([0.0, 0.0, float(drawn.owner.shape[1]), float(drawn.owner.shape[0] // 4)])
+    seen = visit(rooms, view, drawn.corners, picture, windows, order)
+    number = 0
+    for i in range(seen):
+        room = order[i]
+        for face in range(rooms.first_face[room], rooms.first_face[room + 1]):
+            if draw_face(faces, face, view, here, light, windows[room], drawn, number) > 0:
+                number += 1
+    return number, seen
+
+
+@njit(cache=True, nogil=True)
+def window_of(x: float, z: float, reach: float, rooms: Rooms, windows: F64, order: NDArray[np.int32], seen: int, out: F64) -> bool:
+    """The windows of all rooms that a thing stands in or reaches into, as one; False if none of them is in sight."""
+    out[0] = out[1] = 1e9
+    out[2] = out[3] = -1e9
+    for i in range(seen):
+        room = order[i]
+        bounds = rooms.bounds[room]
+        if bounds[0] - reach <= x <= bounds[2] + reach and bounds[1] - reach <= z <= bounds[3] + reach:
+            window = windows[room]
+            out[0], out[1] = min(out[0], window[0]), min(out[1], window[1])
+            out[2], out[3] = max(out[2], window[2]), max(out[3], window[3])
+    return out[0] < out[2] and out[1] < out[3]
+
+
+@njit(cache=True, nogil=True)
+def draw_things(
+    library: Faces,
+    things: Things,
+    places: F64,
+    rooms: Rooms,
+    view: F64,
+    light: F64,
+    windows: F64,
+    order: NDArray[np.int32],
+    seen: int,
+    drawn: Drawn,
+    number: int,
+) -> int:
+    """Draw every thing that may be in sight; ``places`` rows are x, y, z, cos yaw, sin yaw. The next free number."""
+    placement = np.empty(PLACEMENT_SIZE)
+    window = np.empty(4)
+    for thing in range(places.shape[0]):
+        x, y, z = places[thing, 0], places[thing, 1], places[thing, 2]
+        if not np.isfinite(x):
+            continue
+        ahead = (
+            view[FORWARD] * (x - view[EYE])
+            + view[FORWARD + 1] * (y - view[EYE + 1])
+            + view[FORWARD + 2] * (z - view[EYE + 2])
+        )
+        if view[PARALLEL] == 0.0 and ahead < -things.reach[thing, 1]:
+            continue
+        if not window_of(x, z, things.reach[thing, 0], rooms, windows, order, seen, window):
+            continue
+        placement[PLACE : PLACE + 3] = places[thing, :3]
+        placement[COS] = places[thing, 3]
+        placement[SIN] = places[thing, 4]
+        placement[SCALE : SCALE + 3] = things.scale[thing]
+        placement[NORMAL_SCALE] = things.normal_scale[thing]
+        placement[TINT : TINT + 3] = things.tint[thing]
+        for face in range(things.faces[thing, 0], things.faces[thing, 1]):
+            if draw_face(library, face, view, placement, light, window, drawn, number) > 0:
+                number += 1
+    return number
+
+
+@njit(cache=True, nogil=True)
+def draw(
+    faces: Faces, rooms: Rooms, library: Faces, things: Things, places: F64, view: F64, light: F64, drawn: Drawn
+) -> None:
+    """Find out which face covers each sample."""
+    drawn.owner[:] = -1
+    count = rooms.first_face.shape[0] - 1
+    windows = np.empty((count, 4))
+    order = np.empty(count, np.int32)
+    number, seen = draw_rooms(faces, rooms, view, light, windows, order, drawn)
+    draw_things(library, things, places, rooms, view, light, windows, order, seen, drawn, number)
+
+
+@njit(cache=True, nogil=True)
+def picture(
+    faces: Faces,
+    rooms: Rooms,
+    library: Faces,
+    things: Things,
+    places: F64,
+    view: F64,
+    light: F64,
+    drawn: Drawn,
+    textures: Textures,
+    sky: F64,
+    out: NDArray[np.uint8],
+) -> None:
+    """Draw and colour."""
+    draw(faces, rooms, library, things, places, view, light, drawn)
+    least = 0.5 if view[PARALLEL] == 1.0 else 0.5 / view[FAR]
+    resolve(drawn, textures, sky, least, out)
+
+
+@njit(cache=True, nogil=True)
+def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
+    """How far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
+    for y in range(out.shape[0]):
+        row = 4 * y
+        py = (64.0 * row + 32.0) / 256.0
+        for x in range(out.shape[1]):
+            face = drawn.owner[row, x]
+            far = view[FAR]
+            if face >= 0:
+                plane = drawn.planes[face]
+                near = plane[0] * (x + SAMPLE_X[0] / 256.0) + plane[1] * py + plane[2]
+                far = min(1.0 / max(near, 1e-9), far)
+            out[y, x] = far
+
+
+@njit(cache=True, nogil=True)
+def in_sight(
+    faces: Faces,
+    rooms: Rooms,
+    library: Faces,
+    places: F64,
+    view: F64,
+    light: F64,
+    drawn: Drawn,
+    seen: NDArray[np.bool_],
+) -> None:
+    """Which things' cubes (the library's first six faces) cover a sample, behind walls and the cubes of the things before them."""
+    drawn.owner[:] = -1
+    count = rooms.first_face.shape[0] - 1
+    windows = np.empty((count, 4))
+    order = np.empty(count, np.int32)
+    number, listed = draw_rooms(faces, rooms, view, light, windows, order, drawn)
+    placement = np.ones(PLACEMENT_SIZE)
+    placement[SCALE : SCALE + 3] = 2.0 * QUERY_HALF_M
+    placement[COS] = 1.0
+    placement[SIN] = 0.0
+    window = np.empty(4)
+    for thing in range(places.shape[0]):
+        seen[thing] = False
+        if not np.isfinite(places[thing, 0]):
+            continue
+        if not window_of(places[thing, 0], places[thing, 2], 1.0, rooms, windows, order, listed, window):
+            continue
+        placement[PLACE : PLACE + 3] = places[thing, :3]
+        for face in range(6):
+            if draw_face(library, face, view, placement, light, window, drawn, number) > 0:
+                number += 1
+                seen[thing] = True
