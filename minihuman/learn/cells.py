@@ -1,9 +1,10 @@
 """The transfer study as values: its settings, its cells, and one job for every cell and run. Nothing runs here."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from minihuman.errors import LearnError
+from minihuman.worlds.first_person.rules import ACTIONS
 from minihuman.worlds.hashing import hash64
 
 ProtocolName = Literal["as-intended", "as-published"]
@@ -19,10 +20,14 @@ QUICK_STEPS = 4_096
 
 # What the published code does, beside what its table says. Every output of the as-published protocol names these.
 DEFECTS = (
-    "transferred layers replace their parameters after the optimiser was built, so they never move, frozen or not; "
-    "where not frozen their gradients pile up and shrink everyone's share of the clipped norm",
-    "the source's actor head has seven outputs in a world of three actions; the other four move back, pick up, drop "
-    "and toggle there",
+    (
+        "transferred layers replace their parameters after the optimiser was built, so they never move, frozen or "
+        "not; where not frozen their gradients pile up and shrink everyone's share of the clipped norm"
+    ),
+    (
+        "the source's actor head has seven outputs in a world of three actions; the other four move back, pick up, "
+        "drop and toggle there"
+    ),
     "the frozen CM row misspells M's freeze flag and leaves M free",
     "the critic's head: its weight is frozen in every C row, its bias is transferred in the frozen C rows only",
     "one source checkpoint serves all runs",
@@ -134,7 +139,7 @@ class Job:
         """Keyword arguments of ``gymnasium.make``: the published worlds, defects included, or ours."""
         if self.study.protocol == "as-intended":
             return {}
-        return {"ambiguous": True} if self.cell.name == SOURCE else {"actions": 7}
+        return {"ambiguous": True} if self.cell.name == SOURCE else {"actions": ACTIONS[:7]}
 
     @property
     def actions(self) -> int:
@@ -177,6 +182,4 @@ class Job:
 
 def quick(study: Study) -> Study:
     """The same study with far fewer steps: it shows that everything runs, its numbers mean nothing."""
-    from dataclasses import replace
-
     return replace(study, quick=True, steps=QUICK_STEPS, source_steps=QUICK_STEPS)

@@ -77,7 +77,7 @@ class RayCluster(Engine):
 
     def submit(self, job: Job, out: Path, device: str) -> "Future[Result]":
         """Queue a job."""
-        future: Future[Result] = self._run.remote(job, out.resolve(), device).future()
+        future: Future[Result] = self._run.remote(job, out.resolve(), device).future()  # type: ignore[call-arg]
         return future
 
     def close(self) -> None:

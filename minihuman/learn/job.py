@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from stable_baselines3 import PPO
 
 from minihuman.errors import LearnError
 from minihuman.learn.cells import SOURCE, Job
@@ -15,7 +17,7 @@ from minihuman.learn.network import Eyes
 from minihuman.learn.policy_file import PolicyCard, load_weights, save_policy, versions
 from minihuman.learn.training import History, Point, new_ppo, train
 from minihuman.learn.training_world import TrainingWorld
-from minihuman.learn.transfer import transfer_as_published, transfer_in_place
+from minihuman.learn.transfer import Weights, transfer_as_published, transfer_in_place
 
 CHECKPOINT = "checkpoint.pt"
 POLICY = "policy.pt"
@@ -38,7 +40,8 @@ class Result:
     @property
     def area(self) -> float:
         """The area under its reward curve."""
-        return area_under([point.steps for point in self.points], [point.reward for point in self.points])
+        steps, rewards = zip(*((point.steps, point.reward) for point in self.points), strict=True)
+        return area_under(np.array(steps, dtype=float), np.array(rewards))
 
     @property
     def steps(self) -> int:
@@ -59,24 +62,8 @@ def run_job(job: Job, out: Path, device: str = "auto") -> Result:
         return done
     torch.set_num_threads(1)  # one job a core; sums in one order
     started = time.perf_counter()
-    as_published = job.study.protocol == "as-published"
-    world = TrainingWorld(
-        job.world,
-        job.world_options,
-        seed=job.seed,
-        scaling="raw" if as_published else "spread",
-        actions=job.actions,
-    )
-    eyes: Eyes = "grid" if job.cell.name == SOURCE else "atari"
-    ppo = new_ppo(world, settings=job.study.ppo, eyes=eyes, seed=job.seed, device=device)
-    if job.source is not None:
-        weights = load_weights(out / job.source.name / POLICY)
-        if as_published:
-            transfer_as_published(ppo.policy, weights, job.cell.parts, frozen=job.cell.frozen)
-        else:
-            shared = range(job.actions)  # turn left, turn right and forward come first in both worlds
-            transfer_in_place(ppo.policy, weights, job.cell.parts, frozen=job.cell.frozen, head_rows=shared)
-        ppo.policy.to(ppo.device)
+    source = None if job.source is None else load_weights(out / job.source.name / POLICY)
+    ppo, world = prepare(job, source, device)
     history = train(
         ppo,
         world,
@@ -84,7 +71,7 @@ def run_job(job: Job, out: Path, device: str = "auto") -> Result:
         checkpoint=folder / CHECKPOINT,
         told=lambda steps: write_atomically(str(steps), folder / PROGRESS),
     )
-    save_policy(ppo.policy, _card(job, world, eyes), folder / POLICY)
+    save_policy(ppo.policy, _card(job, world), folder / POLICY)
     result = Result(
         job=job.name,
         config=job.config,
@@ -97,6 +84,26 @@ def run_job(job: Job, out: Path, device: str = "auto") -> Result:
     write_atomically(json.dumps(asdict(result), indent=1), folder / RESULT)
     (folder / CHECKPOINT).unlink(missing_ok=True)
     return result
+
+
+def prepare(job: Job, source: Weights | None, device: str) -> tuple[PPO, TrainingWorld]:
+    """The job's agent in its world, before the first step: seeded, and with the source's weights where it takes any."""
+    as_published = job.study.protocol == "as-published"
+    world = TrainingWorld(
+        job.world,
+        job.world_options,
+        seed=job.seed,
+        scaling="raw" if as_published else "spread",
+        actions=job.actions,
+    )
+    ppo = new_ppo(world, settings=job.study.ppo, eyes=_eyes(job), seed=job.seed, device=device)
+    if source is not None and as_published:
+        transfer_as_published(ppo.policy, source, job.cell.parts, frozen=job.cell.frozen)
+        ppo.policy.to(ppo.device)
+    elif source is not None:
+        shared = range(job.actions)  # turn left, turn right and forward come first in both worlds
+        transfer_in_place(ppo.policy, source, job.cell.parts, frozen=job.cell.frozen, head_rows=shared)
+    return ppo, world
 
 
 def read_result(job: Job, out: Path) -> Result | None:
@@ -126,17 +133,19 @@ def _claim(job: Job, folder: Path) -> None:
         write_atomically(json.dumps(claim, indent=1), path)
 
 
-def _card(job: Job, world: TrainingWorld, eyes: Eyes) -> PolicyCard:
-    image = world.observation_space["image"].shape
-    assert image is not None
+def _eyes(job: Job) -> Eyes:
+    return "grid" if job.cell.name == SOURCE else "atari"
+
+
+def _card(job: Job, world: TrainingWorld) -> PolicyCard:
     return PolicyCard(
         world=job.world,
         world_options=job.world_options,
         action_names=world.action_names,
-        image_shape=(image[0], image[1], image[2]),
+        image_shape=world.eyesight.image_shape,
         missions=True,
         scaling=world.eyesight.scaling,
-        eyes=eyes,
+        eyes=_eyes(job),
         trained_by="ppo",
         steps=job.steps,
         seed=job.seed,

@@ -4,7 +4,7 @@ from typing import Literal
 
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, NatureCNN
 from torch import nn
 
@@ -69,6 +69,41 @@ class MissionAndImage(BaseFeaturesExtractor):
         return torch.cat((image, self.mission(observation["mission"])), dim=1)
 
 
+class Policy(MultiInputActorCriticPolicy):
+    """Stable-Baselines3's actor-critic for {"image", "mission"}, without its distribution objects.
+
+    The same numbers (a test compares them); choosing an action takes half the time, which is a quarter of a step.
+    """
+
+    def forward(
+        self,
+        obs: dict[str, torch.Tensor],  # type: ignore[override]
+        deterministic: bool = False,
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Actions int64[batch], values float32[batch, 1], and the actions' log-probabilities float32[batch]."""
+        log_probs, values = self._think(obs)
+        if deterministic:
+            actions = log_probs.argmax(dim=1, keepdim=True)
+        else:
+            actions = torch.multinomial(log_probs.exp(), 1, replacement=True)
+        return actions.squeeze(1), values, log_probs.gather(1, actions).squeeze(1)
+
+    def evaluate_actions(
+        self,
+        obs: dict[str, torch.Tensor],  # type: ignore[override]
+        actions: torch.Tensor,
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Values, the actions' log-probabilities, and the entropy of each choice."""
+        log_probs, values = self._think(obs)
+        chosen = log_probs.gather(1, actions.long().unsqueeze(1)).squeeze(1)
+        return values, chosen, -(log_probs.exp() * log_probs).sum(dim=1)
+
+    def _think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
+        features = self.features_extractor({**obs, "image": obs["image"].float() / 255})
+        logits = self.action_net(self.mlp_extractor.policy_net(features))
+        return torch.log_softmax(logits, dim=1), self.value_net(self.mlp_extractor.value_net(features))
+
+
 def policy_settings(eyes: Eyes) -> dict[str, object]:
     """Keyword arguments for Stable-Baselines3: two layers of 64 tanh units each for actor and critic."""
     return {
@@ -76,12 +111,14 @@ def policy_settings(eyes: Eyes) -> dict[str, object]:
         "features_extractor_kwargs": {"eyes": eyes},
         "net_arch": {"pi": [64, 64], "vf": [64, 64]},
         "activation_fn": nn.Tanh,
+        # Stable-Baselines3's own optimiser and epsilon, each step in one call
+        "optimizer_kwargs": {"eps": 1e-5, "fused": True},
     }
 
 
-def bare_policy(observation_space: spaces.Dict, actions: int, eyes: Eyes) -> ActorCriticPolicy:
+def bare_policy(observation_space: spaces.Dict, actions: int, eyes: Eyes) -> Policy:
     """A policy without a training algorithm round it, on the CPU."""
-    return MultiInputActorCriticPolicy(
+    return Policy(
         observation_space,
         spaces.Discrete(actions),
         lambda _: 3e-4,

@@ -58,7 +58,8 @@ class Eyesight:
         self.missions = missions
         self.scaling = scaling
         height, width = picture.shape[:2]
-        image = spaces.Box(0, 255, (3, height, width), np.uint8)
+        self.image_shape = (3, height, width)
+        image = spaces.Box(0, 255, self.image_shape, np.uint8)
         self.space = spaces.Dict({"image": image})
         if missions:
             self.space = spaces.Dict({"image": image, "mission": spaces.Box(0, 1, (9,), np.float32)})

@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.policies import BasePolicy
 
 from minihuman.errors import LearnError
-from minihuman.learn.network import ACTOR_HEAD, Eyes, bare_policy
+from minihuman.learn.network import ACTOR_HEAD, Eyes, Policy, bare_policy
 from minihuman.learn.observe import Scaling
 from minihuman.learn.training import save_atomically
 
@@ -50,14 +50,14 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in packages}
 
 
-def save_policy(policy: ActorCriticPolicy, card: PolicyCard, path: Path) -> None:
+def save_policy(policy: BasePolicy, card: PolicyCard, path: Path) -> None:
     """Write a policy file; a file that is there is replaced only by the caller's own decision, so check first."""
     save_atomically(
         {"format": FORMAT, "card": asdict(card), "versions": versions(), "weights": policy.state_dict()}, path
     )
 
 
-def load_policy(path: Path) -> tuple[ActorCriticPolicy, PolicyCard]:
+def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
     """Read a policy file, ready to act on the CPU.
 
     Raises:

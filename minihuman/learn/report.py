@@ -47,7 +47,9 @@ def table(study: Study, results: Results, *, beside: pd.Series | None = None) ->
             "area": np.mean([result.area for result in found]),
             "final_reward": np.mean([result.points[-1].reward for result in found]),
             "runs_solved": sum(_solved_at(result) is not None for result in found),
-            "steps_to_solve": np.mean([at for result in found if (at := _solved_at(result)) is not None] or [np.nan]),
+            "steps_to_solve": np.mean(
+                [_solved_at(result) or np.nan for result in found if _solved_at(result)] or [np.nan]
+            ),
         }
         if cell.parts and len(baseline):
             gain = improvement(np.array([result.area for result in found]), baseline, rng=rng)
@@ -135,12 +137,16 @@ def report_text(study: Study, rows: pd.DataFrame, speeds: pd.DataFrame, facts: d
         lines += ["**QUICK: far fewer steps than the study; the numbers only show that everything runs.**", ""]
     source_steps = study.jobs()[0].steps
     lines += [
-        f"{study.runs} run(s), {study.steps:,} steps a run, {source_steps:,} for the source, seed {study.seed}; "
-        f"{facts['jobs_done']} of {facts['jobs']} jobs done.",
+        (
+            f"{study.runs} run(s), {study.steps:,} steps a run, {source_steps:,} for the source, seed {study.seed}; "
+            f"{facts['jobs_done']} of {facts['jobs']} jobs done."
+        ),
         "",
-        "Improvement is (transfer area - baseline area) / baseline area, area under the curve of the mean reward of "
-        "the last 100 episodes; the 95 % interval resamples transfer and baseline runs. Reward "
-        f"{SOLVED} counts as solved.",
+        (
+            "Improvement is (transfer area - baseline area) / baseline area, area under the curve of the mean reward "
+            "of the last 100 episodes; the 95 % interval (low, high) resamples transfer and baseline runs. Reward "
+            f"{SOLVED} counts as solved."
+        ),
         "",
         _markdown(rows),
         "",

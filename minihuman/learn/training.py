@@ -16,7 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from minihuman.learn.cells import Ppo
-from minihuman.learn.network import Eyes, policy_settings
+from minihuman.learn.network import Eyes, Policy, policy_settings
 from minihuman.learn.training_world import TrainingWorld
 
 LAST_EPISODES = 100  # a curve's point is the mean over so many
@@ -44,7 +44,7 @@ class History:
 def new_ppo(world: TrainingWorld, *, settings: Ppo, eyes: Eyes, seed: int, device: str) -> PPO:
     """A fresh agent in a world, seeded."""
     ppo = PPO(
-        "MultiInputPolicy",
+        Policy,
         DummyVecEnv([lambda: world]),
         n_steps=settings.n_steps,
         batch_size=settings.batch_size,

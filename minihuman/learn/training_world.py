@@ -1,4 +1,4 @@
-"""A world as a training algorithm meets it: seeded episodes, the agent's eyesight, and an exact way to stop and go on."""
+"""A world as training meets it: seeded episodes, the agent's eyesight, and a way to stop and go on exactly."""
 
 import time
 from typing import Any
@@ -11,7 +11,7 @@ from minihuman.worlds.contract import NativeWorld
 from minihuman.worlds.hashing import hash64
 
 
-class TrainingWorld(gymnasium.Env[Observation, int]):
+class TrainingWorld(gymnasium.Env[Any, Any]):
     """A world under training. Every episode resets with its own seed, counted from the job's.
 
     Episodes' returns and lengths are in ``info["episode"]`` as Stable-Baselines3 expects them, without wall times.
@@ -47,6 +47,12 @@ class TrainingWorld(gymnasium.Env[Observation, int]):
         self._episode = -1
         self._return = 0.0
         self._length = 0
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """The world's action names; the agent may have been told of the first few only."""
+        assert isinstance(self.world, NativeWorld)
+        return self.world.action_names
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

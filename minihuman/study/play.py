@@ -17,17 +17,17 @@ NS_PER_MS = 1_000_000
 NO_PICTURE = np.zeros((0, 0, 3), dtype=np.uint8)
 
 
-class WorldBroke(Exception):  # noqa: N818 (ours only in passing: the cause is the error)
+class WorldBrokeError(Exception):
     """Anything a world raised; the cause is what it raised."""
 
 
 @contextmanager
 def world_calls() -> Iterator[None]:
-    """Tell a world's failures from our own: whatever is raised inside comes out as WorldBroke."""
+    """Tell a world's failures from our own: whatever is raised inside comes out as WorldBrokeError."""
     try:
         yield
     except Exception as error:
-        raise WorldBroke(f"{type(error).__name__}: {error}") from error
+        raise WorldBrokeError(f"{type(error).__name__}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)

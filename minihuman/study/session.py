@@ -29,7 +29,7 @@ from minihuman.study.events import (
 from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
 from minihuman.study.phases import TRANSITIONS, Cause, Phase
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, SessionPlan
-from minihuman.study.play import Play, WorldBroke, world_calls
+from minihuman.study.play import Play, WorldBrokeError, world_calls
 from minihuman.study.present import Scene, screen_of
 from minihuman.study.screens import Screen, TextScreen
 from minihuman.worlds.adapt import World
@@ -136,7 +136,7 @@ class Session:
                 self._say(SessionStarted(self._now_ns, self.plan, self._facts))
                 self._move(Cause.BEGAN)
             self._handle(happened)
-        except WorldBroke as broke:
+        except WorldBrokeError as broke:
             self.failure = broke.__cause__
             self._end("world_error", str(broke))
         return self._events

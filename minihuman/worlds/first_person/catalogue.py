@@ -16,6 +16,11 @@ def _entry(name: str, place: str, summary: str, **kwargs: Any) -> Entry:
 ENTRIES: tuple[Entry, ...] = (
     _entry("CollectHealth", "one_room:CollectHealth", "Stay alive on slime by picking up medical kits"),
     _entry("FourRooms", "connected_rooms:FourRooms", "Find the red box in one of four rooms"),
+    Entry(
+        "MiniWorld-GoToObj-Transfer-v0",
+        "minihuman.worlds.first_person.transfer:GoToObj",
+        summary="Go to the object that is named, the grid one's pair",
+    ),
     _entry("Hallway", "connected_rooms:Hallway", "Walk to the red box at the end of a hallway"),
     _entry("Maze", "mazes:Maze", "Find the red box in a maze of 8 by 8 rooms"),
     _entry("MazeS2", "mazes:Maze", "Find the red box in a maze of 2 by 2 rooms", num_rows=2, num_cols=2),

@@ -17,7 +17,6 @@ from minihuman.worlds.first_person.render.scene import (
     Look,
     MeshLook,
     Opening,
-    Scene,
     SceneRoom,
     Surface,
 )
@@ -25,16 +24,10 @@ from minihuman.worlds.first_person.rooms import Portal, Room, WallPiece
 from minihuman.worlds.first_person.stage import Stage
 
 
-def furnish(stage: Stage, rooms: Sequence[SceneRoom], things: Sequence[Entity], palette: Palette) -> Scene:
-    """The scene of a stage: its rooms as ``scene_rooms`` gave them, and these things in this order."""
-    light_x, light_y, light_z = stage.light_pos
-    return Scene(
-        rooms=rooms,
-        looks=tuple(_look(thing, palette) for thing in things),
-        places=places(stage, things),
-        light=Light((light_x + 1, light_y + 1, light_z + 1), stage.light_colour, stage.light_ambient),
-        sky=stage.sky_colour,
-    )
+def light(stage: Stage) -> Light:
+    """The light of an episode."""
+    x, y, z = stage.light_pos
+    return Light((x + 1, y + 1, z + 1), stage.light_colour, stage.light_ambient)
 
 
 def places(stage: Stage, things: Sequence[Entity]) -> NDArray[np.float64]:
@@ -99,7 +92,12 @@ def _upright(room: Room, edge: int, part: WallPiece | Portal) -> NDArray[np.floa
     return np.array(((x0, part.bottom, z0), (x0, part.top, z0), (x1, part.top, z1), (x1, part.bottom, z1)))
 
 
-def _look(thing: Entity, palette: Palette) -> Look:
+def look(thing: Entity, palette: Palette) -> Look:
+    """What a thing looks like.
+
+    Raises:
+        WorldError: if it is of a kind that cannot be drawn.
+    """
     match thing:
         case Box():
             return BoxLook(thing.size, thing.rgb if palette == "classic" else rgb(thing.colour_name, palette))

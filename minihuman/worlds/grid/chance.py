@@ -107,3 +107,17 @@ def integer(words: Words, low: int, high: int) -> int:
             scaled = next32(words) * span
             left = scaled & _LOW
     return low + np.int64(scaled >> _32)
+
+
+@njit(cache=True)
+def shuffle(words: Words, values: NDArray[np.int64]) -> None:
+    """Shuffle in place, as ``Generator.shuffle`` shuffles a list: masked draws, drawn again while too large."""
+    for i in range(len(values) - 1, 0, -1):
+        mask = np.uint64(1)
+        while mask < np.uint64(i):
+            mask = mask << _1 | _1
+        j = next32(words) & mask
+        while j > np.uint64(i):
+            j = next32(words) & mask
+        other = np.int64(j)
+        values[i], values[other] = values[other], values[i]

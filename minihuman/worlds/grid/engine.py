@@ -90,7 +90,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
             raise WorldError(f"agent_view_size is {agent_view_size!r}; it is odd, 3 to {LARGEST_VIEW}")
         self.action_names = ACTION_NAMES[:actions]
         self.mission_space = mission if isinstance(mission, MissionSpace) else MissionSpace(mission)
-        self.mission = self.mission_space.sentence((0, 0, 0, 0))
+        self.mission = self.mission_space.first()
         self.action_space = spaces.Discrete(actions)
         self._image_shape = (agent_view_size, agent_view_size, 3)
         self.observation_space = spaces.Dict(

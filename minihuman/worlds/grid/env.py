@@ -4,7 +4,7 @@ from typing import Any
 
 from minihuman.worlds.grid.chance import read_words, write_words
 from minihuman.worlds.grid.families import recipe
-from minihuman.worlds.grid.missions import choices_of
+from minihuman.worlds.grid.state import FAILED, MISSION
 from minihuman.worlds.grid.engine import GridEngine
 
 SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette"})
@@ -45,7 +45,7 @@ class GridEnv(GridEngine):
         read_words(self.np_random, self._words)
         self.recipe.lay_out(self._row, self._words)
         write_words(self._words, self.np_random)
-        self.mission = self.mission_space.sentence(choices_of(self._row))
+        self.mission = self.mission_space.sentence(self._row[MISSION:FAILED].tolist())
 
 
 def make(family: str, *, view: str = "grid", **options: Any) -> Any:

@@ -1,34 +1,37 @@
 """Missions: a sentence with choices. The choices are numbers in a world's state; the sentence is made from them."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.cells import COLOURS, KINDS
 
 
 class MissionSpace(spaces.Space[str]):
-    """Every sentence a template gives: ``MissionSpace("go to the {} door", COLOURS)``.
+    """Every sentence a template gives: ``MissionSpace("go to the {} door", COLOUR_WORDS)``.
+
+    Choices are words by number: a list, or a mapping where the numbers have gaps.
 
     A template without ``{}`` has one sentence. The space is seeded like any other, and two spaces with the same
     sentences built the same way are equal.
     """
 
-    def __init__(self, template: str, *choices: Sequence[str], seed: int | np.random.Generator | None = None) -> None:
+    def __init__(
+        self, template: str, *choices: Sequence[str] | Mapping[int, str], seed: int | np.random.Generator | None = None
+    ) -> None:
         if template.count("{}") != len(choices):
             raise WorldError(
                 f"mission {template!r} has {template.count('{}')} places to fill and {len(choices)} lists of choices"
             )
         self.template = template
-        self.choices = tuple(tuple(words) for words in choices)
+        self.choices = tuple(dict(words) if isinstance(words, Mapping) else dict(enumerate(words)) for words in choices)
         pattern = re.escape(template).replace(re.escape("{}"), "{}")
         self._pattern = re.compile(
-            pattern.format(*("(?:" + "|".join(map(re.escape, words)) + ")" for words in self.choices))
+            pattern.format(*("(?:" + "|".join(map(re.escape, words.values())) + ")" for words in self.choices))
         )
         super().__init__(shape=None, dtype=str, seed=seed)
 
@@ -45,7 +48,11 @@ class MissionSpace(spaces.Space[str]):
         """A sentence with drawn choices. Masks and probabilities are not supported."""
         if mask is not None or probability is not None:
             raise WorldError("a mission space draws every sentence alike; it takes neither mask nor probability")
-        return self.template.format(*(words[self.np_random.integers(len(words))] for words in self.choices))
+        return self.sentence([list(words)[self.np_random.integers(len(words))] for words in self.choices])
+
+    def first(self) -> str:
+        """The sentence with the first of all choices: the mission of a world not yet reset."""
+        return self.sentence([next(iter(words)) for words in self.choices])
 
     def contains(self, x: Any) -> bool:
         """Whether the template can give exactly this sentence."""
@@ -60,12 +67,9 @@ class MissionSpace(spaces.Space[str]):
     __hash__ = None  # type: ignore[assignment]  # spaces hold a random stream, so none of them is hashable
 
 
-COLOUR_WORDS = COLOURS  # choices by colour number
-KIND_WORDS = KINDS  # choices by kind number
+COLOUR_WORDS = dict(enumerate(COLOURS))  # choices by colour number
 
 
-def choices_of(row: NDArray[np.int32]) -> list[int]:
-    """The choices a world's state holds."""
-    from minihuman.worlds.grid.state import HEADER, MISSION
-
-    return row[MISSION:HEADER].tolist()  # type: ignore[no-any-return]
+def kind_words(*kinds: int) -> dict[int, str]:
+    """Choices among some kinds."""
+    return {kind: KINDS[kind] for kind in kinds}

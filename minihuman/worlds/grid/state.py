@@ -53,21 +53,12 @@ def clear(row: Row) -> None:
     row[HEADER + cells :] = 0
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def cell_at(row: Row, x: int, y: int) -> int:
     """The code in a cell; outside the grid everything is wall."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
         return GREY_WALL
     return row[HEADER + x * row[HEIGHT] + y]
-
-
-@njit(cache=True)
-def put(row: Row, x: int, y: int, code: int) -> None:
-    """Lay a code into a cell of the grid, over whatever was there; an object remembers where it lies."""
-    row[HEADER + x * row[HEIGHT] + y] = code
-    identity = identity_of(code)
-    if identity > 0:
-        row[_place_of(row, identity)] = x * row[HEIGHT] + y
 
 
 @njit(cache=True)
@@ -82,8 +73,18 @@ def lift(row: Row, x: int, y: int) -> int:
 
 
 @njit(cache=True)
+def put(row: Row, x: int, y: int, code: int) -> None:
+    """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie."""
+    lift(row, x, y)
+    row[HEADER + x * row[HEIGHT] + y] = code
+    identity = identity_of(code)
+    if identity > 0:
+        row[_place_of(row, identity)] = x * row[HEIGHT] + y
+
+
+@njit(cache=True)
 def make(row: Row, kind: int, colour: int, state: int) -> int:
-    """Make a new object with its own identity, lying nowhere yet; 0 once there are more objects than cells."""
+    """Make a new object with its own identity, lying nowhere yet. More objects than cells mark the row FAILED."""
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:
         row[FAILED] = 1
         return EMPTY
@@ -92,18 +93,18 @@ def make(row: Row, kind: int, colour: int, state: int) -> int:
     return pack(kind, colour, state, row[OBJECTS])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _place_of(row: Row, identity: int) -> int:
     return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def where_is(row: Row, identity: int) -> int:
     """The cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
     return row[_place_of(row, identity)]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def contents_index(row: Row, identity: int) -> int:
     """Where in the row the code of an object's contents is; 0 there means nothing inside."""
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1

@@ -41,7 +41,7 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
 ) = range(9)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def prize(row: Row) -> float:
     """What success earns now: 1 at the start, 0.1 at the last step."""
     return 1 - 0.9 * (row[STEP] / row[MAX_STEPS])
@@ -88,14 +88,14 @@ def judge(
     return reward, ended
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def front(row: Row) -> tuple[int, int]:
     """The cell in front of the agent."""
     direction = row[DIRECTION]
     return row[X] + (1 - direction) * (1 - direction % 2), row[Y] + (2 - direction) * (direction % 2)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def is_open(row: Row, x: int, y: int) -> bool:
     """Whether an open door is in this cell."""
     code = cell_at(row, x, y)

@@ -7,7 +7,8 @@ from minihuman.worlds.go_to_obj import COLOURS, KINDS, arrange
 from minihuman.worlds.grid.items import Item
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.missions import MissionSpace
-from minihuman.worlds.grid.tasks import TOGGLE, front, prize
+from minihuman.worlds.grid.state import TARGET
+from minihuman.worlds.grid.tasks import REACH, TOGGLE, front, prize
 from minihuman.worlds.grid.world import GridWorld
 
 
@@ -57,11 +58,11 @@ class GoToObj(GridWorld):
         for (colour, kind), (x, y) in zip(drawn.objects, places, strict=True):
             grid.put(Item(kind, colour), x, y)
         grid.put_agent(middle, middle, 0)
-        grid.task(0, *places[drawn.target])
+        grid.task(REACH, *places[drawn.target])
         grid.mission = drawn.mission
 
     def judge(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
         """Facing the target is success; "toggle" is the end."""
-        if front(self._row) == self.state.target[:2]:
+        if front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return prize(self._row), True
         return reward, terminated or (self.toggle_ends and action == TOGGLE)

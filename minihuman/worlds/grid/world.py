@@ -35,7 +35,7 @@ class GridWorld(GridEngine, abc.ABC):
         return reward, terminated
 
     def _lay_out(self) -> None:
-        grid = Layout(self._row, self.np_random, self.mission_space.sentence((0, 0, 0, 0)))
+        grid = Layout(self._row, self.np_random, self.mission_space.first())
         self.layout(grid)
         self.mission = grid.mission
 
