@@ -62,8 +62,8 @@ def least_steps(world: FirstPersonEnv, goal: Entity) -> int:
 
     It is 1 at the goal too: a world looks whether the agent is near after a step.
 
-    The ground is the shortest way of a point round the walls, covered in steps as long as the world's longest. Things in
-    the way, the body's width and later turns are left out.
+    The ground is the shortest way of a point round the walls, covered in steps as long as the world's longest.
+    Things in the way, most of the body's width, and later turns are left out.
     """
     stage = world.stage
     x, _, z = stage.agent.pos

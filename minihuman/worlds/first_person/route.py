@@ -15,6 +15,13 @@ from minihuman.worlds.first_person.collision import touches_wall
 TURN_LEFT, TURN_RIGHT, FORWARD = 0, 1, 2  # what the route is made of
 _MOST_STOPS = 2_000_000  # a search that has seen so many has no way
 
+_NEIGHBOURS = (  # columns right, rows down, distance
+    *((1, 0, 1.0), (0, 1, 1.0), (-1, 0, 1.0), (0, -1, 1.0)),
+    *((1, 1, math.sqrt(2)), (-1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)), (-1, -1, math.sqrt(2))),
+    *((1, 2, math.sqrt(5)), (2, 1, math.sqrt(5)), (-1, 2, math.sqrt(5)), (-2, 1, math.sqrt(5))),
+    *((1, -2, math.sqrt(5)), (2, -1, math.sqrt(5)), (-1, -2, math.sqrt(5)), (-2, -1, math.sqrt(5))),
+)
+
 
 @njit(cache=True, nogil=True)
 def clearance_map(
@@ -27,8 +34,8 @@ def clearance_map(
 ) -> NDArray[np.bool_]:
     """Which cells of a grid over ``bounds`` (x0, z0, x1, z1) a body of this radius may stand in the middle of.
 
-    ``discs`` are (n, 3): x, z and how far from it the body's middle has to stay. ``zones`` are (rooms, edges, 4): convex
-    areas it stays out of, each edge a point on it and its normal inwards.
+    ``discs`` are (n, 3): x, z and how far from it the body's middle has to stay. ``zones`` are (rooms, edges, 4):
+    convex areas it stays out of, each edge a point on it and its normal inwards.
     """
     columns = int((bounds[2] - bounds[0]) / cell) + 1
     rows = int((bounds[3] - bounds[1]) / cell) + 1
@@ -86,17 +93,11 @@ def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_
             if free[column, row] and math.hypot(column - goal_column, row - goal_row) <= goal_cells:
                 distance[column, row] = 0.0
                 heapq.heappush(heap, (0.0, column, row))
-    steps = (
-        ((1, 0, 1.0), (0, 1, 1.0), (-1, 0, 1.0), (0, -1, 1.0))
-        + ((1, 1, math.sqrt(2)), (-1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)), (-1, -1, math.sqrt(2)))
-        + ((1, 2, math.sqrt(5)), (2, 1, math.sqrt(5)), (-1, 2, math.sqrt(5)), (-2, 1, math.sqrt(5)))
-        + ((1, -2, math.sqrt(5)), (2, -1, math.sqrt(5)), (-1, -2, math.sqrt(5)), (-2, -1, math.sqrt(5)))
-    )
     while heap:
         reached, column, row = heapq.heappop(heap)
         if reached > distance[column, row]:
             continue
-        for right, down, length in steps:
+        for right, down, length in _NEIGHBOURS:
             c, r = column + right, row + down
             if 0 <= c < columns and 0 <= r < rows and free[c, r] and reached + length < distance[c, r]:
                 distance[c, r] = reached + length
@@ -122,7 +123,7 @@ def search(
     ``distance_map`` over cells of size ``cell``.
     """
     step, turn, radius = motion[0], motion[1], motion[2]
-    headings = int(round(2 * math.pi / turn))
+    headings = round(2 * math.pi / turn)
     columns, rows = distance.shape
     seen = np.zeros((columns, rows, headings), np.bool_)
     x, z = np.empty(1024), np.empty(1024)
@@ -193,7 +194,7 @@ def _still_to_go(
     if found == 0.0:
         return 0.0
     off = abs((best_yaw - yaw + math.pi) % (2 * math.pi) - math.pi)
-    return found * cell / step + max(off - turn, 0.0) / turn
+    return float(found * cell / step + max(off - turn, 0.0) / turn)
 
 
 @njit(cache=True, nogil=True)

@@ -23,7 +23,7 @@ def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> f
             if not done[node] and reached[node] < np.inf and (here < 0 or reached[node] < reached[here]):
                 here = node
         if here < 0 or here == 1:
-            return reached[1]
+            return float(reached[1])
         done[here] = True
         for node in range(count):
             length = math.hypot(nodes[node, 0] - nodes[here, 0], nodes[node, 1] - nodes[here, 1])

@@ -48,7 +48,9 @@ def draw_rooms(
 
 
 @njit(cache=True, nogil=True)
-def window_of(x: float, z: float, reach: float, rooms: Rooms, windows: F64, order: NDArray[np.int32], seen: int, out: F64) -> bool:
+def window_of(
+    x: float, z: float, reach: float, rooms: Rooms, windows: F64, order: NDArray[np.int32], seen: int, out: F64
+) -> bool:
     """The windows of all rooms that a thing stands in or reaches into, as one; False if none of them is in sight."""
     out[0] = out[1] = 1e9
     out[2] = out[3] = -1e9
