@@ -35,3 +35,7 @@ class ExportError(MinihumanError, ValueError):
 
 class LearnError(MinihumanError, ValueError):
     """An agent's study, policy file or dataset does not fit what was asked."""
+
+
+class ReportError(MinihumanError, ValueError):
+    """A study's report cannot be made from these logs."""

@@ -40,8 +40,7 @@ class Scan:
     """Reads a file's records in file order. Iterate once; then ``finished`` and ``stopped`` tell how it ended.
 
     Raises:
-        LogError: on iteration, if the file is no MCAP file.
-        OSError: if it cannot be read.
+        LogError: on iteration, if the file cannot be opened or is no MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -53,7 +52,7 @@ class Scan:
         self.stopped = ""  # why the scan ended before the end of the file; "" if it did not
 
     def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
-        with self.path.open("rb") as file:
+        with self._open() as file:
             size = os.fstat(file.fileno()).st_size
             start = file.read(len(MAGIC))
             if start != MAGIC[: len(start)]:
@@ -70,6 +69,12 @@ class Scan:
                 if self.finished or self.stopped:
                     return
                 at = at_next
+
+    def _open(self) -> BinaryIO:
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise LogError(f"{self.path} cannot be opened: {error.strerror}") from error
 
     def _next(self, file: BinaryIO, at: int, size: int) -> tuple[list[LogMessage | Metadata | Attachment], int]:
         """Read the record at a byte: what it holds, and where the next one starts."""

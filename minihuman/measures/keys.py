@@ -35,7 +35,7 @@ class KeyUse:
 
 def visible_effect(episode: Episode) -> NDArray[np.bool_]:
     """Whether each step changed what is seen, (n,)."""
-    return episode.observation_hashes[1:] != episode.observation_hashes[:-1]
+    return np.not_equal(episode.observation_hashes[1:], episode.observation_hashes[:-1])
 
 
 def key_uses(episodes: Sequence[Episode]) -> tuple[KeyUse, ...]:

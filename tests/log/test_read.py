@@ -104,6 +104,11 @@ def test_an_empty_file_is_named(tmp_path: Path) -> None:
         open_log(part)
 
 
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"none\.mcap cannot be opened: No such file"):
+        open_log(tmp_path / "none.mcap")
+
+
 def test_a_file_that_is_no_mcap_is_named(tmp_path: Path) -> None:
     text = tmp_path / "notes.mcap"
     text.write_text("dear diary")
