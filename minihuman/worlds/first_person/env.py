@@ -66,6 +66,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         view: what ``render`` draws: the "agent"'s eyes or the world from the "top".
         parameters: step length, turn, camera and light, with their ranges.
         domain_rand: draw the parameters from their ranges.
+        assets: a folder with ``textures/NAME.png`` and ``meshes/NAME.obj`` to draw with; None for our own.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
@@ -84,6 +85,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         view: str = "agent",
         parameters: Parameters = DEFAULTS,
         domain_rand: bool = False,
+        assets: str | None = None,
     ) -> None:
         if max_steps is not None and max_steps < 1:
             raise WorldError(f"max_steps is {max_steps}; an episode has 1 step or more, or None for no end")
@@ -104,7 +106,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.window_px = (window_width, window_height)
         self.step_count = 0
         self._stage: Stage | None = None
-        self._pictures = Pictures((obs_width, obs_height))
+        self._pictures = Pictures((obs_width, obs_height), assets)
 
     # What a world says of itself.
 
@@ -119,6 +121,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     def info(self) -> dict[str, Any]:
         """What ``reset`` and ``step`` tell beside the observation."""
         return {}
+
+    def off_limits(self) -> tuple[Room, ...]:
+        """The rooms that a way should not lead through, for planners."""
+        return ()
 
     def observe(self) -> Any:
         """What the agent is given: its view, uint8[obs_height, obs_width, 3]."""

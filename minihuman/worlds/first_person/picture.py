@@ -10,24 +10,28 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette, View
 from minihuman.worlds.first_person.entities import Entity
-from minihuman.worlds.first_person.flat import lay_out, render, render_depth, render_top, visible_things
 from minihuman.worlds.first_person.floor import FloorPlan
+from minihuman.worlds.first_person.library import library
+from minihuman.worlds.first_person.render.draw import render, render_depth, render_top, visible_things
+from minihuman.worlds.first_person.render.layout import lay_out
 from minihuman.worlds.first_person.render.scene import Camera, Scene, SceneRoom
 from minihuman.worlds.first_person.scenery import light, look, places, scene_rooms
 from minihuman.worlds.first_person.stage import Stage
+from minihuman.worlds.pose import Pose
 
 
 class Pictures:
     """Draws one world. It keeps the scene between steps; a copy of a world starts with nothing kept."""
 
-    def __init__(self, size_px: tuple[int, int]) -> None:
+    def __init__(self, size_px: tuple[int, int], assets: str | None) -> None:
         self.size_px = size_px  # of an observation: width, height
+        self.assets = assets  # folder of textures and meshes; None: our own
         self._floor: FloorPlan | None = None
         self._rooms: Sequence[SceneRoom] = ()
         self._staged: dict[Palette, tuple[Stage, list[Entity], Scene]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Pictures, (self.size_px,)
+        return Pictures, (self.size_px, self.assets)
 
     def observation(self, stage: Stage) -> NDArray[np.uint8]:
         """What the agent sees, in the size of an observation."""
@@ -40,7 +44,7 @@ class Pictures:
         scene = self.scene(stage, palette)
         if view == "partial":
             return render(scene, camera(stage), *size_px)
-        return render_top(scene, *size_px, agent=(*stage.agent.pos, stage.agent.dir))
+        return render_top(scene, *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
 
     def depth(self, stage: Stage, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
         """How far away what the agent sees is, metres along its view."""
@@ -63,7 +67,14 @@ class Pictures:
             things, scene = kept[1], kept[2].at(places(stage, kept[1]))
         else:
             looks = [look(thing, palette) for thing in things]
-            scene = lay_out(self._rooms, looks, light=light(stage), sky=stage.sky_colour).at(places(stage, things))
+            scene = lay_out(
+                self._rooms,
+                looks,
+                library=library(self.assets),
+                places=places(stage, things),
+                light=light(stage),
+                sky=stage.sky_colour,
+            )
         self._staged[palette] = stage, things, scene
         return scene
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from minihuman.worlds.first_person.entities import Box, Mesh
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
+from minihuman.worlds.first_person.rooms import Room
 
 
 class Sidewalk(GoalEnv):
@@ -31,3 +32,7 @@ class Sidewalk(GoalEnv):
         reward, arrived = super().judge(action)
         x, _, z = self.agent.pos
         return reward, arrived or self.street.contains(x, z)
+
+    def off_limits(self) -> tuple[Room, ...]:
+        """The street."""
+        return (self.street,)
