@@ -11,7 +11,19 @@ from typing import Literal
 import numpy as np
 
 from minihuman.log.episode import Episode, SessionLog
-from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Noted, Outcome
+from minihuman.log.recorder import McapRecorder
+from minihuman.study.events import (
+    EpisodeEnded,
+    EpisodeStarted,
+    Event,
+    FrameShown,
+    KeyPressed,
+    Noted,
+    Outcome,
+    SessionEnded,
+    SessionStarted,
+    Stepped,
+)
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
 from minihuman.worlds.pose import Map, Pose, Thing
 
@@ -277,3 +289,38 @@ def session(
             played.append(walked)
             t_ns = int(walked.t_ns[-1]) + 2_000_000_000
     return session_of(played, participant=participant, index=index, group=group, path=path)
+
+
+def events_of(log: SessionLog) -> list[Event]:
+    """The events a recorder would have seen of this session."""
+    events: list[Event] = [SessionStarted(0, log.plan, log.facts | {"player": log.player})]
+    for played in log.episodes:
+        returns = np.cumsum(played.rewards)
+        steps = [
+            Stepped(
+                t_ns=int(played.t_ns[i + 1]), episode=played.plan.episode, step=i + 1, action=int(played.actions[i]),
+                key=played.step_keys[i], key_t_ns=int(played.key_t_ns[i]), reward=float(played.rewards[i]),
+                return_=float(returns[i]), terminated=bool(played.terminated[i]), truncated=bool(played.truncated[i]),
+                pose=None if np.isnan(played.poses[i + 1, 0]) else Pose(*(float(v) for v in played.poses[i + 1])),
+                rt_ms=None if np.isnan(played.rt_ms[i]) else float(played.rt_ms[i]),
+                state_hash=int(played.state_hashes[i + 1]), observation_hash=int(played.observation_hashes[i + 1]),
+            )
+            for i in range(len(played.actions))
+        ]  # fmt: skip
+        inside = [*played.keys, *steps, *played.frames]
+        events += [played.start, *sorted(inside, key=lambda event: event.t_ns)]
+        if played.outcome is not None:
+            end_ns = max(int(event.t_ns) for event in inside) if inside else int(played.t_ns[-1])
+            last = int(played.state_hashes[-1])
+            events.append(EpisodeEnded(end_ns, played.plan.episode, played.outcome, len(steps), played.return_, last))
+    last_ns = max(event.t_ns for event in events)
+    return [*events, SessionEnded(last_ns, "complete", "", len(log.episodes))]
+
+
+def write_log(log: SessionLog, data: Path) -> Path:
+    """Record a session as it would have been played, and give its finished log. Nothing is fsynced."""
+    recorder = McapRecorder(data, log.plan, started_ns=1_767_603_600_000_000_000, sync=lambda fd: None)
+    recorder.write(events_of(log))
+    path = recorder.close()
+    assert path is not None
+    return path

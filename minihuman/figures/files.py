@@ -21,5 +21,6 @@ def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
     png, pdf = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".pdf")
     with our_style():
         FigureCanvasAgg(figure).print_figure(str(png), metadata=_METADATA["png"], dpi=300)
+        figure.set_layout_engine("none")  # the places worked out for the PNG are the PDF's
         FigureCanvasPdf(figure).print_figure(str(pdf), metadata=_METADATA["pdf"])
     return png, pdf

@@ -11,12 +11,10 @@ from minihuman.figures.files import save
 from minihuman.figures.learning import learning_figure
 from minihuman.figures.occupancy import occupancy_figure
 from minihuman.figures.overview import overview_figure
-from minihuman.figures.paths import paths_figure
+from minihuman.figures.paths import session_paths
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.marks import select
 from minihuman.opened import Skipped, opened
-
-_PANELS = 10  # episodes of one world in one path figure
 
 
 def draw_all(
@@ -52,10 +50,7 @@ def draw_all(
 def draw_session(log: SessionLog, out: Path) -> Iterator[Path]:
     """Draw one session: its overview, and its paths with a group of columns for each block."""
     yield from save(overview_figure(log), out / "overview")
-    blocks: dict[str, list[Episode]] = defaultdict(list)
-    for episode in log.episodes:
-        blocks[f"{episode.plan.block_name}"].append(episode)
-    yield from save(paths_figure([(name, theirs[:_PANELS]) for name, theirs in blocks.items()]), out / "paths")
+    yield from save(session_paths(log), out / "paths")
 
 
 def draw_study(logs: Iterable[SessionLog], out: Path) -> Iterator[Path]:

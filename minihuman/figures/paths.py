@@ -1,6 +1,7 @@
 """Paths over the floor plan: one numbered panel an episode, time running along the line's colour."""
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,13 +26,14 @@ from minihuman.figures.style import (
     our_style,
     outcome_name,
 )
-from minihuman.log.episode import Episode
+from minihuman.log.episode import Episode, SessionLog
 from minihuman.measures.path import turns_in_place
 from minihuman.worlds.pose import Map
 
 _SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so that ways there and back both show
 _RING_FROM_RAD = math.pi / 4  # a smaller turn is a bend of the line, which shows without a ring
 _FULL_CIRCLE = 2 * math.pi
+_PANELS = 10  # episodes of one block in a session's figure
 _KEY_CM = 1.15  # height of the strip that explains colours and marks
 
 
@@ -160,6 +162,14 @@ def paths_figure(
                 episode_panel(ax, episode)
         _draw_key(below)
     return figure
+
+
+def session_paths(log: SessionLog) -> Figure:
+    """One session's path figure: a titled group of columns for each block, its first ten episodes in it."""
+    blocks: dict[str, list[Episode]] = defaultdict(list)
+    for episode in log.episodes:
+        blocks[episode.plan.block_name].append(episode)
+    return paths_figure([(name, theirs[:_PANELS]) for name, theirs in blocks.items()])
 
 
 def _draw_key(part: SubFigure) -> None:

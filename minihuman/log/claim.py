@@ -17,18 +17,19 @@ def create(where: SegmentPath) -> int:
     """Make a segment's live file, locked, and return its file descriptor.
 
     Raises:
-        LogError: if the live file or, for a first segment, the finished log exists.
-        OSError: if the folder cannot be written.
+        LogError: if the live file or, for a first segment, the finished log exists, or the folder cannot be written.
     """
-    where.part.parent.mkdir(parents=True, exist_ok=True)
     while True:
         try:
+            where.part.parent.mkdir(parents=True, exist_ok=True)
             fd = os.open(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, 0o644)
         except FileExistsError:
             raise LogError(
                 f"{where.part} already exists: that session runs elsewhere or was cut off; "
                 f"end it, or run: minihuman recover {where.part}"
             ) from None
+        except OSError as error:
+            raise LogError(f"{where.part} cannot be made: {error.strerror}; choose another --data") from error
         fcntl.flock(fd, fcntl.LOCK_EX)
         if _is_at(fd, where.part):
             break

@@ -76,12 +76,15 @@ def recover(part: Path) -> Finished:
     """Finish a cut-off log; it is marked as not clean.
 
     Raises:
-        LogError: if a running session still writes it, it is gone, or its session's log is damaged.
-        OSError: if the disk is full; the live file stays.
+        LogError: if a running session still writes it, it is gone, its session's log is damaged, or the disk is full;
+            the live file stays.
     """
     where = SegmentPath.of_part(part)
     with taken(part):
-        return finish(where, clean=False)
+        try:
+            return finish(where, clean=False)
+        except OSError as error:
+            raise LogError(f"{part} could not be finished and stays as it is: {error.strerror}") from error
 
 
 def leftovers(folder: Path) -> list[Path]:

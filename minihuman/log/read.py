@@ -20,8 +20,7 @@ def read_events(path: Path) -> Iterator[ev.Event]:
     A live or cut-off log (``.mcap.part``) yields what is whole; a finished one must be whole.
 
     Raises:
-        LogError: if the file is no session log, of another schema version, or damaged.
-        OSError: if it cannot be opened.
+        LogError: if the file cannot be opened, is no session log, of another schema version, or damaged.
     """
     return Reading(path).events()
 
@@ -31,7 +30,6 @@ def open_log(path: Path) -> SessionLog:
 
     Raises:
         LogError: if there is no session log, it is of another schema version, damaged, or holds no plan.
-        OSError: if a file cannot be opened.
     """
     files = _files(path)
     readings = [Reading(file) for file in files]

@@ -31,8 +31,7 @@ class Reading:
         """Yield every message in file order.
 
         Raises:
-            LogError: if the file is no session log, of another schema version, or damaged.
-            OSError: if it cannot be opened.
+            LogError: if the file cannot be opened, is no session log, of another schema version, or damaged.
         """
         scan = Scan(self.path)
         for record in scan:

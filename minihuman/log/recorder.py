@@ -35,8 +35,7 @@ class McapRecorder(Recorder):
         backlog: how many writes may wait for the disk before the recorder gives up.
 
     Raises:
-        LogError: if the session's log exists already or is being written.
-        OSError: if the folder cannot be written.
+        LogError: if the session's log exists already or is being written, or the folder cannot be written.
     """
 
     def __init__(

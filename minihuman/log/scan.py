@@ -21,6 +21,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from minihuman.errors import LogError
 
 _HEAD = struct.Struct("<BQ")  # opcode, length
+_CRC = struct.Struct("<I")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _NOT_NEEDED = frozenset({Opcode.HEADER, Opcode.MESSAGE_INDEX})
 
@@ -39,8 +40,7 @@ class Scan:
     """Reads a file's records in file order. Iterate once; then ``finished`` and ``stopped`` tell how it ended.
 
     Raises:
-        LogError: on iteration, if the file is no MCAP file.
-        OSError: if it cannot be read.
+        LogError: on iteration, if the file cannot be opened or is no MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,15 +48,17 @@ class Scan:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.finished = False  # it has its summary and its end
+        self._crc = 0  # of all that was read
         self.stopped = ""  # why the scan ended before the end of the file; "" if it did not
 
     def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
-        with self.path.open("rb") as file:
+        with self._open() as file:
             size = os.fstat(file.fileno()).st_size
             start = file.read(len(MAGIC))
             if start != MAGIC[: len(start)]:
                 raise LogError(f"{self.path} is not a session log (it does not start like an MCAP file)")
             at = len(start)
+            self._crc = zlib.crc32(start)
             while at < size:
                 try:
                     records, at_next = self._next(file, at, size)
@@ -68,6 +70,12 @@ class Scan:
                     return
                 at = at_next
 
+    def _open(self) -> BinaryIO:
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise LogError(f"{self.path} cannot be opened: {error.strerror}") from error
+
     def _next(self, file: BinaryIO, at: int, size: int) -> tuple[list[LogMessage | Metadata | Attachment], int]:
         """Read the record at a byte: what it holds, and where the next one starts."""
         head = file.read(_HEAD.size)
@@ -78,10 +86,11 @@ class Scan:
         if end > size:
             self.stopped = f"cut off at byte {at}"
             return [], end
-        if opcode == Opcode.DATA_END:
-            self._read_end(file)
-            return [], end
         content = file.read(length)
+        if opcode == Opcode.DATA_END:
+            self._end(content, file)
+            return [], end
+        self._crc = zlib.crc32(content, zlib.crc32(head, self._crc))
         if opcode == Opcode.CHUNK:
             return list(self._messages(_chunk_bytes(Chunk.read(_stream(content))))), end
         if opcode == Opcode.METADATA:
@@ -92,12 +101,15 @@ class Scan:
             self.stopped = f"damaged at byte {at}: no record starts with {opcode}"
         return [], end
 
-    def _read_end(self, file: BinaryIO) -> None:
+    def _end(self, content: bytes, file: BinaryIO) -> None:
+        (crc,) = _CRC.unpack(content)
         file.seek(-len(MAGIC), os.SEEK_END)
-        if file.read() == MAGIC:
-            self.finished = True
-        else:
+        if crc not in (0, self._crc):  # 0: its writer kept none
+            self.stopped = "damaged: its checksum is wrong"
+        elif file.read() != MAGIC:
             self.stopped = "cut off within its index"
+        else:
+            self.finished = True
 
     def _messages(self, data: bytes) -> Iterator[LogMessage]:
         at, size = 0, len(data)

@@ -17,7 +17,7 @@ from minihuman.log.paths import LOG_SUFFIX, PART_SUFFIX, sessions_in
 from minihuman.log.summary import Summary, summarise
 
 FILE_NAME = "sessions.sqlite"
-_COLUMNS = tuple(field.name for field in fields(Summary))
+_COLUMNS = tuple(f'"{field.name}"' for field in fields(Summary))
 _TABLE = f"sessions_v1 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
 
 
@@ -90,5 +90,5 @@ def _fingerprint(files: list[Path]) -> str:
 def _summary_or_problem(files: list[Path]) -> tuple[object, ...]:
     try:
         return ("", *astuple(summarise(files)))
-    except (LogError, OSError) as error:
+    except LogError as error:
         return (str(error), *(None for _ in _COLUMNS))

@@ -35,8 +35,7 @@ def summarise(files: Sequence[Path]) -> Summary:
     """Sum up a session's log and segments, in order.
 
     Raises:
-        LogError: if one is no session log, of another schema version or damaged, or holds no plan.
-        OSError: if one cannot be opened.
+        LogError: if one cannot be opened, is no session log, of another schema version or damaged, or holds no plan.
     """
     readings = [Reading(file) for file in files]
     plan: ev.SessionStarted | None = None

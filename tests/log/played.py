@@ -48,9 +48,9 @@ def played_events(plan: SessionPlan, *, steps: int, seed: int = 0) -> list[Event
     return events
 
 
-def record(data: Path, plan: SessionPlan, events: Sequence[Event]) -> Path:
+def record(data: Path, plan: SessionPlan, events: Sequence[Event], *, started_ns: int = STARTED_NS) -> Path:
     """Write a whole session and finish it."""
-    recorder = McapRecorder(data, plan, started_ns=STARTED_NS)
+    recorder = McapRecorder(data, plan, started_ns=started_ns)
     for event in events:
         recorder.write([event])
     log = recorder.close()

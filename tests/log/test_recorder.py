@@ -67,6 +67,12 @@ def test_a_name_that_is_no_folder_name_is_refused(tmp_path: Path, name: str) -> 
         McapRecorder(tmp_path, session_plan(participant=name), started_ns=STARTED_NS)
 
 
+def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("a file")
+    with pytest.raises(LogError, match=r"cannot be made: Not a directory; choose another --data"):
+        McapRecorder(tmp_path / "data", PLAN, started_ns=STARTED_NS)
+
+
 def test_writing_never_waits_for_the_disk(tmp_path: Path) -> None:
     disk = threading.Event()
     recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=lambda _fd: _stall(disk))
