@@ -198,12 +198,15 @@ def unit_cube() -> list[F64]:
 
 
 def halved(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A texture at half its size, each texel the mean of those it covers; an odd last row or column is left out."""
+    """A texture at half its size, each texel the mean of those it covers; an odd last row or column is left out.
+
+    Both means, of neighbours right and up, round upwards, as OpenGL's software driver has it.
+    """
     height, width = pixels.shape[:2]
     rows = pixels[: height - height % 2] if height > 1 else np.repeat(pixels, 2, axis=0)
     both = rows[:, : width - width % 2] if width > 1 else np.repeat(rows, 2, axis=1)
-    total = both[0::2, 0::2] + both[1::2, 0::2] + both[0::2, 1::2] + both[1::2, 1::2]
-    return (total + 2) // 4
+    across = (both[:, 0::2] + both[:, 1::2] + 1) >> 1
+    return (across[0::2] + across[1::2] + 1) >> 1
 
 
 def _append(textures: Textures, pixels: NDArray[np.uint8]) -> Textures:
