@@ -1,6 +1,7 @@
 """The columns of every table: name, type, unit and meaning. The data dictionary is written from here."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 import pyarrow as pa
@@ -144,6 +145,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 
 
+@cache
 def schema(table: str) -> pa.Schema:
     """The table's Arrow schema, each field with its unit and meaning as metadata."""
     return pa.schema(

@@ -11,7 +11,7 @@ import pyarrow as pa
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.marks import tags_of
 from minihuman.measures.adaptation import slope_per_episode
-from minihuman.measures.keys import KeyUse, key_uses, visible_effect
+from minihuman.measures.keys import KeyUse, key_uses, refused_presses, visible_effect
 from minihuman.measures.path import path_efficiency, path_length, turns_in_place
 from minihuman.measures.shortest import Shortest
 from minihuman.measures.timing import pauses, playing_s, reaction_ms
@@ -172,7 +172,7 @@ def _episode(episode: Episode, attempt: int, log: SessionLog, tags: frozenset[st
         "path_efficiency": _told(path_efficiency(episode)),
         "turns_in_place": len(turns_in_place(episode)),
         "in_vain": int((~visible_effect(episode)).sum()),
-        "refused": sum(use.refused for use in key_uses([episode])),
+        "refused": refused_presses(episode),
         "tags": " ".join(sorted(tags)),
     }
 

@@ -1,9 +1,11 @@
 """Tables to files, a few sessions at a time, so that ten thousand sessions take no more memory than ten."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
+from typing import Any, Literal
 
 import pyarrow as pa
 import pyarrow.csv
@@ -12,23 +14,28 @@ import pyarrow.parquet
 from minihuman.report.columns import TABLES, dictionary, schema
 from minihuman.report.tables import Rows
 
+Kind = Literal["parquet", "csv"]
 _ROWS = 50_000  # held back per table, so that a Parquet file is not one row group a session
 
 
-class TableWriter:
-    """Writes every table as Parquet and CSV into a folder, and what the columns mean as ``dictionary.json``."""
+_WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {
+    "parquet": partial(pa.parquet.ParquetWriter, compression="zstd"),
+    "csv": pa.csv.CSVWriter,
+}
 
-    def __init__(self, folder: Path) -> None:
+
+class TableWriter:
+    """Writes every table into a folder, as Parquet, CSV or both, and what the columns mean as ``dictionary.json``."""
+
+    def __init__(self, folder: Path, *, kinds: Sequence[Kind] = ("parquet", "csv")) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self.paths = tuple(folder / f"{name}.{kind}" for name in TABLES for kind in ("parquet", "csv"))
+        self.paths = tuple(folder / f"{name}.{kind}" for name in TABLES for kind in kinds)
         self.dictionary = folder / "dictionary.json"
         self.dictionary.write_text(json.dumps(dictionary(), indent=1) + "\n")
         self._waiting: dict[str, list[pa.Table]] = {name: [] for name in TABLES}
-        self._parquet = {
-            name: pa.parquet.ParquetWriter(folder / f"{name}.parquet", schema(name), compression="zstd")
-            for name in TABLES
+        self._writers = {
+            name: [_WRITERS[kind](folder / f"{name}.{kind}", schema(name)) for kind in kinds] for name in TABLES
         }
-        self._csv = {name: pa.csv.CSVWriter(folder / f"{name}.csv", schema(name)) for name in TABLES}
 
     def write(self, rows: Rows) -> None:
         """Take one session's rows."""
@@ -41,8 +48,8 @@ class TableWriter:
         """Write what is held back and finish the files."""
         for name in TABLES:
             self._flush(name)
-            self._parquet[name].close()
-            self._csv[name].close()
+            for writer in self._writers[name]:
+                writer.close()
 
     def __enter__(self) -> "TableWriter":
         return self
@@ -55,8 +62,8 @@ class TableWriter:
     def _flush(self, name: str) -> None:
         if self._waiting[name]:
             table = pa.concat_tables(self._waiting[name])
-            self._parquet[name].write_table(table)
-            self._csv[name].write_table(table)
+            for writer in self._writers[name]:
+                writer.write_table(table)
             self._waiting[name] = []
 
 
