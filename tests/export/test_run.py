@@ -9,6 +9,8 @@ from minihuman.log.read import open_log
 from minihuman.marks import Mark, add_mark
 from tests.export.study import recorded
 
+EVERYTHING = Filters()
+
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
@@ -20,7 +22,7 @@ def log(study):
     return next(study.glob("sub-01/*/*.mcap"))
 
 
-def written(study, out, filters=Filters(), format_name="parquet"):
+def written(study, out, filters=EVERYTHING, format_name="parquet"):
     return export(format_name, study, out, filters)[0]
 
 
