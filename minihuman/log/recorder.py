@@ -114,17 +114,17 @@ class McapRecorder(Recorder):
             os.close(self._fd)
 
     def _run(self) -> None:
-        closing = False
+        closing = broken = False
         while not closing:
             batches = [self._queue.get()]
             while not self._queue.empty():
                 batches.append(self._queue.get())
             closing = batches[-1] is _CLOSE
-            if self._failure is None:
+            if not broken:
                 try:
                     self._live.append([event for batch in batches for event in batch])
                 except Exception as error:  # handed to the session at its next write
-                    self._failure = error
+                    broken, self._failure = True, error
             for _ in batches:
                 self._queue.task_done()
 

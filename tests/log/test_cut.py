@@ -46,7 +46,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
 
 def test_a_file_cut_anywhere_in_its_tail_keeps_every_complete_step(live: Live, tmp_path: Path) -> None:
     size = len(live.bytes)
-    for cut in range(size - TAIL_BYTES, size + 1, count(97, 1)):
+    for cut in range(size - TAIL_BYTES, size + 1, count(193, 1)):
         kept = _recovered(live.bytes[:cut], tmp_path)
         assert _steps(kept) == live.steps_within(cut), cut
 
@@ -79,13 +79,13 @@ def test_a_garbage_tail_costs_no_step(live: Live, tmp_path: Path, tail: bytes) -
 
 def test_random_tails_cost_no_step(live: Live, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
-    for length in rng.integers(1, 3000, count(20, 500)):
+    for length in rng.integers(1, 3000, count(10, 500)):
         assert _recovered(live.bytes + rng.bytes(int(length)), tmp_path) == EVENTS
 
 
 def test_a_flipped_bit_costs_only_what_follows_it(live: Live, tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
-    for at in rng.integers(len(live.bytes) - TAIL_BYTES, len(live.bytes), count(20, 500)):
+    for at in rng.integers(len(live.bytes) - TAIL_BYTES, len(live.bytes), count(10, 500)):
         flipped = bytearray(live.bytes)
         flipped[at] ^= 1 << int(rng.integers(8))
         kept = _recovered(bytes(flipped), tmp_path)

@@ -5,6 +5,7 @@ import os
 import platform
 import re
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ from mcap.records import Attachment, Metadata
 
 from minihuman.log.recorder import McapRecorder
 from minihuman.log.scan import LogMessage, Scan
+from minihuman.study.events import SessionStarted
+from minihuman.windows.machine import machine_facts
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
 
@@ -38,7 +41,9 @@ def test_a_log_says_nothing_of_the_person_or_machine_that_wrote_it(
         monkeypatch.setattr(module, name, lambda: "host-7f3a")
     plan = session_plan()
     recorder = McapRecorder(tmp_path, plan, started_ns=STARTED_NS)
-    recorder.write(session_events(plan))
+    start, *rest = session_events(plan)
+    assert isinstance(start, SessionStarted)
+    recorder.write([replace(start, facts={"player": "human", **machine_facts()}), *rest])
     recorder.drain()
     live = recorder.where.part.read_bytes()
     log = recorder.close()

@@ -1,6 +1,7 @@
 """A study at a glance: a row a session, up to date, each log read once, the unreadable ones named."""
 
 import sqlite3
+import tracemalloc
 from contextlib import closing
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from minihuman.log.recorder import McapRecorder
 from minihuman.log.study_folder import FILE_NAME, sessions
 from minihuman.log.summary import Summary
 from minihuman.study.events import SessionEnded
+from tests.counts import count
 from tests.log.played import record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -150,6 +152,23 @@ def test_the_table_is_read_by_sqlite(tmp_path: Path) -> None:
     list(sessions(tmp_path))
     with sqlite3.connect(tmp_path / FILE_NAME) as table:
         assert table.execute("SELECT participant, steps FROM sessions_v1").fetchall() == [("sub-01", 10)]
+
+
+@pytest.mark.long
+def test_a_study_of_ten_thousand_sessions_takes_no_more_memory_than_a_small_one(tmp_path: Path) -> None:
+    log = _record(tmp_path / "one", "sub-01", episodes=1)
+    study = tmp_path / "study"
+    for number in range(count(40, 10_000)):
+        path = study / f"sub-{number:05d}" / "ses-01" / f"sub-{number:05d}_ses-01.mcap"
+        path.parent.mkdir(parents=True)
+        path.hardlink_to(log)
+    tracemalloc.start()
+    try:
+        assert sum(row.summary is not None for row in sessions(study)) == count(40, 10_000)
+        _, peak_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak_bytes < 8 * 2**20
 
 
 def test_a_folder_that_does_not_exist_is_said(tmp_path: Path) -> None:
