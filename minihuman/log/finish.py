@@ -1,7 +1,8 @@
 """A live log made into the session's log: read as far as it is whole, rewritten with index and checksums, renamed.
 
 The same for a session that ended well (``finish``) and for one that was cut off (``recover``). Every message of the
-live file, and of the session's earlier segments, is in the result unchanged; only then is the live file removed.
+live file, and of the session's earlier segments, is in the result unchanged; only then is the live file removed, or,
+if it could not be read to its end, put aside.
 """
 
 import itertools
@@ -53,8 +54,9 @@ def finish(where: SegmentPath, *, clean: bool) -> Finished:
         OSError: if the disk is full; the live file stays.
     """
     starts = segment_starts(where.part)
-    if not starts:
-        return _put_aside(where.part)
+    if not starts:  # nothing was played yet, or the file's start is gone
+        aside = _put_aside(where.part, "unreadable")
+        return Finished(aside, False, steps=0, episodes=0, end_reason=CUT_OFF, stopped="it holds no session plan")
     earlier = segment_starts(where.log) if where.log.exists() else {}
     new = starts.items() - earlier.items()
     if new and where.segment in earlier:
@@ -67,8 +69,11 @@ def finish(where: SegmentPath, *, clean: bool) -> Finished:
             sync_folder(where.log.parent)
     finally:
         temporary.unlink(missing_ok=True)
-    where.part.unlink()
-    sync_folder(where.part.parent)
+    if result.stopped:
+        _put_aside(where.part, "as-found")  # what could not be read may yet be of use to somebody
+    else:
+        where.part.unlink()
+        sync_folder(where.part.parent)
     return result
 
 
@@ -172,12 +177,12 @@ class _Copy:
         return self._channels[key]
 
 
-def _put_aside(part: Path) -> Finished:
-    """Rename a live file that holds no plan: nothing was played yet, or its start is gone."""
+def _put_aside(part: Path, why: str) -> Path:
+    """Keep a live file as it is, under a name that nothing else has."""
     for number in itertools.count(1):
-        aside = part.with_name(f"{part.name}.unreadable-{number}")
+        aside = part.with_name(f"{part.name}.{why}-{number}")
         if not aside.exists():
             break
     part.rename(aside)
     sync_folder(part.parent)
-    return Finished(aside, readable=False, steps=0, episodes=0, end_reason=CUT_OFF, stopped="it holds no session plan")
+    return aside

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from minihuman.log.finish import recover
-from minihuman.log.paths import SegmentPath
 from minihuman.log.read import open_log, read_events
 from minihuman.log.recorder import McapRecorder
 from minihuman.study.events import Event, Stepped
@@ -77,6 +76,14 @@ def test_a_garbage_tail_costs_no_step(live: Live, tmp_path: Path, tail: bytes) -
     assert _recovered(live.bytes + tail, tmp_path) == EVENTS
 
 
+def test_a_file_that_cannot_be_read_to_its_end_is_kept_as_it_was_found(live: Live, tmp_path: Path) -> None:
+    found = live.bytes + b"\xff" * 100
+    part = _part(found, tmp_path)
+    assert recover(part).stopped == f"cut off at byte {len(live.bytes)}"
+    assert part.with_name(f"{part.name}.as-found-1").read_bytes() == found
+    assert not part.exists()
+
+
 def test_random_tails_cost_no_step(live: Live, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     for length in rng.integers(1, 3000, count(10, 500)):
@@ -105,7 +112,8 @@ def test_a_chunk_that_is_taken_for_something_else_is_missed(live: Live, tmp_path
 
 def _part(content: bytes, folder: Path) -> Path:
     part = folder / "sub-07_ses-01.mcap.part"
-    SegmentPath.of_part(part).log.unlink(missing_ok=True)
+    for old in folder.iterdir():
+        old.unlink()
     part.write_bytes(content)
     return part
 
