@@ -1,6 +1,7 @@
 """The window in pygame-ce (SDL 2). Keys are known by position (scancode), whatever the layout."""
 
 import os
+import sys
 import time
 
 import numpy as np
@@ -15,6 +16,7 @@ from minihuman.windows.keys import from_scancode, to_scancode
 from minihuman.windows.port import Clock
 
 _NS_PER_MS = 1_000_000
+_SAY_WHERE = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
 _NO_DISPLAY = ("offscreen", "dummy")  # what SDL falls back to by itself
 _EVENTS = (
     pygame.KEYDOWN,
@@ -44,6 +46,8 @@ class PygameWindow(BlockingWindow):
         # preference, it takes 17 ms where OpenGL is done in software.
         os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
         try:
+            if sys.platform == "linux" and not any(map(os.environ.get, _SAY_WHERE)):
+                raise pygame.error("none of DISPLAY, WAYLAND_DISPLAY and SDL_VIDEODRIVER is set")
             pygame.display.init()  # never pygame.init(): it opens the sound device
             driver = pygame.display.get_driver()
             if driver in _NO_DISPLAY and os.environ.get("SDL_VIDEODRIVER") != driver:
