@@ -34,7 +34,7 @@ class PygameWindow(BlockingWindow):
     Args:
         clock: stamps inputs and flips.
         fullscreen: take the whole screen; ``size_px`` is then the screen's.
-        size_px: width and height of a window.
+        size_px: width and height of a window; smaller on a screen that is smaller.
 
     Raises:
         WindowError: if there is no display.
@@ -53,7 +53,7 @@ class PygameWindow(BlockingWindow):
             if driver in _NO_DISPLAY and os.environ.get("SDL_VIDEODRIVER") != driver:
                 raise pygame.error("SDL found no screen")
             pygame.display.set_caption(TITLE)
-            self._surface = self._open((0, 0) if fullscreen else size_px, fullscreen=fullscreen)
+            self._surface = self._open(size_px, fullscreen=fullscreen)
         except pygame.error as error:
             pygame.display.quit()
             raise WindowError(
@@ -70,6 +70,8 @@ class PygameWindow(BlockingWindow):
     @staticmethod
     def _open(size_px: Size, *, fullscreen: bool) -> pygame.Surface:
         """Open with vsync where the display has a refresh rate and the driver grants it, else without."""
+        screen_px = pygame.display.get_desktop_sizes()[0]
+        size_px = screen_px if fullscreen else (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
         flags = pygame.FULLSCREEN if fullscreen else 0
         if any(pygame.display.get_desktop_refresh_rates()):
             try:
