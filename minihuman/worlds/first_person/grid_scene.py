@@ -29,9 +29,14 @@ class Seen:
     place: Place
 
 
+def walled(state: State) -> NDArray[np.bool_]:
+    """Which cells are wall, [x, z]."""
+    return np.array([[cells.kind_of(code) == cells.WALL for code in column] for column in state.cells.tolist()])
+
+
 def rooms(state: State) -> tuple[SceneRoom, ...]:
     """The whole grid as one room, with the walls as surfaces in it; a run of walls is one surface."""
-    wall = cells.kind_of(state.cells) == cells.WALL
+    wall = walled(state)
     width, height = wall.shape
     x0, x1, z0, z1 = -0.5, width - 0.5, -0.5, height - 0.5
     outline = np.array(((x1, z1), (x1, z0), (x0, z0), (x0, z1)))
@@ -87,7 +92,7 @@ def _in_cell(state: State, code: int, x: int, z: int, palette: Palette) -> list[
 def _door(state: State, code: int, x: int, z: int, palette: Palette) -> list[Seen]:
     """A leaf across the way, or turned aside where the door is open; a locked one has a bar across."""
     colour = _rgb(code, palette)
-    yaw = 0.0 if x > 0 and cells.kind_of(state.cells[x - 1, z]) == cells.WALL else np.pi / 2
+    yaw = 0.0 if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL else np.pi / 2
     leaf = BoxLook((1.0, 0.95 * WALL_HEIGHT_M, _DOOR_M), colour)
     match cells.state_of(code):
         case cells.OPEN:

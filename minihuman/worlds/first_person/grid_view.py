@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
-from minihuman.worlds.first_person.grid_scene import Seen, carried, rooms, things
+from minihuman.worlds.first_person.grid_scene import Seen, carried, rooms, things, walled
 from minihuman.worlds.first_person.library import library
 from minihuman.worlds.first_person.render.draw import render
 from minihuman.worlds.first_person.render.layout import lay_out
 from minihuman.worlds.first_person.render.scene import Camera, Look, Scene, SceneRoom
 from minihuman.worlds.grid import cells
 from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.state import State
 from minihuman.worlds.pose import Map, Pose
 
 _EYE_M = 0.6  # above the floor
@@ -45,8 +46,7 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         spaces["image"] = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
         self.observation_space = gymnasium.spaces.Dict(spaces)
         self._before: Pose | None = None  # where the last step began; None after a reset or restore
-        self._walls: tuple[bytes, tuple[SceneRoom, ...]] = (b"", ())
-        self._laid_out: tuple[list[Look], Scene] | None = None
+        self._drawn = _Drawn()
 
     @property
     def mission(self) -> str:
@@ -69,7 +69,7 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         self._before = before
         return self._seen(observation), reward, terminated, truncated, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """What the agent sees, 800 x 600; None without a render mode."""
         return None if self.render_mode is None else self.picture(size_px=(800, 600))
 
@@ -118,30 +118,40 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         return self._draw(pose, size_px, palette)
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_walls": (b"", ()), "_laid_out": None}
+        return vars(self) | {"_drawn": _Drawn()}
 
     def _seen(self, observation: dict[str, Any]) -> dict[str, Any]:
         return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
 
     def _draw(self, pose: Pose, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
-        state = self.grid.state
         back_x, back_z = _BACK_M * math.cos(pose.yaw_rad), _BACK_M * math.sin(pose.yaw_rad)
         eye = (pose.x - back_x, _EYE_M, pose.z + back_z)
-        seen = things(state, palette)
-        if state.carrying != cells.EMPTY:
-            seen += carried(state.carrying, eye, pose.yaw_rad, palette)
-        return render(self._scene(seen), Camera(eye, pose.yaw_rad, fov_y_deg=_FOV_Y_DEG), *size_px)
+        scene = self._drawn.scene(self.grid.state, eye, pose.yaw_rad, palette)
+        return render(scene, Camera(eye, pose.yaw_rad, fov_y_deg=_FOV_Y_DEG), *size_px)
 
-    def _scene(self, seen: list[Seen]) -> Scene:
-        """The scene of these things: the last one with its things moved, where they look the same."""
-        walls = (cells.kind_of(self.grid.state.cells) == cells.WALL).tobytes()
-        if walls != self._walls[0]:
-            self._walls, self._laid_out = (walls, rooms(self.grid.state)), None
+
+class _Drawn:
+    """What was laid out for the last picture, to be used again as far as nothing has changed."""
+
+    def __init__(self) -> None:
+        self._rooms: tuple[bytes, tuple[SceneRoom, ...]] = (b"", ())
+        self._things: tuple[bytes, Palette, list[Seen]] = (b"", "classic", [])
+        self._scene: tuple[list[Look], Scene] | None = None
+
+    def scene(self, state: State, eye: tuple[float, float, float], yaw_rad: float, palette: Palette) -> Scene:
+        """The scene of a state, with what is carried before the eye."""
+        if (state.cells.tobytes(), palette) != self._things[:2]:
+            self._things = state.cells.tobytes(), palette, things(state, palette)
+            walls = walled(state).tobytes()
+            if walls != self._rooms[0]:
+                self._rooms, self._scene = (walls, rooms(state)), None
+        seen = self._things[2]
+        if state.carrying != cells.EMPTY:
+            seen = seen + carried(state.carrying, eye, yaw_rad, palette)
         looks = [thing.look for thing in seen]
-        places = np.array([thing.place for thing in seen], dtype=np.float64).reshape(-1, 4)
-        if self._laid_out is None or self._laid_out[0] != looks:
-            self._laid_out = looks, lay_out(self._walls[1], looks, library=library(None))
-        return self._laid_out[1].at(places)
+        if self._scene is None or self._scene[0] != looks:
+            self._scene = looks, lay_out(self._rooms[1], looks, library=library(None))
+        return self._scene[1].at(np.array([thing.place for thing in seen], dtype=np.float64).reshape(-1, 4))
 
 
 def first_person(grid: GridEngine, view: str, **options: Any) -> GridFromInside:
