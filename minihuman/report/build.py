@@ -24,6 +24,10 @@ _CURVES = (
     ("success", "success (share)", (0.0, 1.0)),
     ("playing_s", "playing time (s)", (0.0, math.inf)),
 )
+_EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
+    "participant", "group", "session", "block", "episode", "attempt", "episode_in_block", "left_out",
+    *(measure for measure, _, _ in _CURVES),
+]  # fmt: skip
 
 
 class _Study:
@@ -83,9 +87,8 @@ def build(
     tables = write_tables(study.rows(read_study(source, reading, processes=processes)), out / "tables")
     if study.plan is None or study.example is None:
         raise ReportError(f"{source} holds no session log that can be read; {len(study.skipped)} were skipped")
-    episodes, blocks, participants = (
-        pd.read_parquet(out / "tables" / f"{name}.parquet") for name in ("episodes", "blocks", "participants")
-    )
+    episodes = pd.read_parquet(out / "tables" / "episodes.parquet", columns=_EPISODE_COLUMNS)
+    blocks, participants = (pd.read_parquet(out / "tables" / f"{name}.parquet") for name in ("blocks", "participants"))
     found = results(episodes, blocks, participants)
     figures = [*_curves(episodes, found, out / "figures"), _paths(study.example, out / "figures")]
     facts = Page(
