@@ -17,9 +17,9 @@ from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.claim import is_live, sync_folder, taken
 from minihuman.log.decode import decode
-from minihuman.log.live import END_METADATA, LIBRARY, SEGMENT_METADATA
+from minihuman.log.live import END_METADATA, LIBRARY
 from minihuman.log.paths import PART_SUFFIX, SegmentPath
-from minihuman.log.reading import CUT_OFF
+from minihuman.log.reading import CUT_OFF, segment_starts
 from minihuman.log.scan import LogMessage, Scan
 from minihuman.study.events import SessionEnded
 
@@ -90,18 +90,6 @@ def recover(part: Path) -> Finished:
 def leftovers(folder: Path) -> list[Path]:
     """List the cut-off logs anywhere below a folder, those still being written left out."""
     return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_live(part)]
-
-
-def segment_starts(path: Path) -> dict[int, str]:
-    """Read which segments a file holds as far as their plan, and the wall clock at which each started."""
-    starts: dict[int, str] = {}
-    facts: dict[str, str] = {}
-    for record in Scan(path):
-        if isinstance(record, Metadata) and record.name == SEGMENT_METADATA:
-            facts = record.metadata
-        elif isinstance(record, LogMessage) and record.channel.topic == topics.PLAN and facts:
-            starts[int(facts["segment"])] = facts["started_unix_ns"]
-    return starts
 
 
 def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -> Finished:

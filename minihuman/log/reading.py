@@ -10,7 +10,7 @@ from minihuman.log.decode import decode
 from minihuman.log.live import END_METADATA, SEGMENT_METADATA
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.scan import LogMessage, Scan
-from minihuman.log.topics import SCHEMA_VERSION
+from minihuman.log.topics import PLAN, SCHEMA_VERSION
 from minihuman.study.events import Event
 
 CUT_OFF = "cut_off"  # the end reason of a segment that never got to say one
@@ -83,3 +83,15 @@ class Reading:
 def all_clean(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
     """Say whether every segment that started also ended by itself."""
     return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
+
+
+def segment_starts(path: Path) -> dict[int, str]:
+    """Read which segments a file holds as far as their plan, and the wall clock at which each started."""
+    starts: dict[int, str] = {}
+    facts: dict[str, str] = {}
+    for record in Scan(path):
+        if isinstance(record, Metadata) and record.name == SEGMENT_METADATA:
+            facts = record.metadata
+        elif isinstance(record, LogMessage) and record.channel.topic == PLAN and facts:
+            starts[int(facts["segment"])] = facts["started_unix_ns"]
+    return starts

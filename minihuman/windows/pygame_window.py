@@ -11,7 +11,7 @@ from minihuman.errors import WindowError
 from minihuman.study.inputs import Input, Stop
 from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
 from minihuman.windows.compose import Size
-from minihuman.windows.keys import from_scancode
+from minihuman.windows.keys import from_scancode, to_scancode
 from minihuman.windows.port import Clock
 
 _NS_PER_MS = 1_000_000
@@ -110,6 +110,11 @@ class PygameWindow(BlockingWindow):
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
         return []
+
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into SDL's queue; from any thread."""
+        for kind in (pygame.KEYDOWN, pygame.KEYUP):
+            pygame.event.post(pygame.event.Event(kind, scancode=to_scancode(key), key=pygame.K_UNKNOWN))
 
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified."""

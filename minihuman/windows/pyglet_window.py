@@ -76,6 +76,13 @@ class PygletWindow(BlockingWindow):
         self._inputs.append(Stop(self._clock(), "window_closed"))
         return True  # handled: pyglet is not to close it itself
 
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into pyglet's queue; from any thread."""
+        import pyglet
+
+        for down in (True, False):
+            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "")
+
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified."""
         import pyglet

@@ -5,7 +5,7 @@ from typing import Any
 from minihuman.worlds.entry import Entry
 
 _MAKE = "minihuman.worlds.grid.env:make"
-_MAKE_MANY = "minihuman.worlds.grid.batch:make"
+_MAKE_MANY = "minihuman.worlds.grid.batch:GridBatch"
 
 
 def _world(name: str, family: str, summary: str, **options: Any) -> Entry:

@@ -68,7 +68,7 @@ def lets_pass(code: int) -> bool:
 def lets_see(code: int) -> bool:
     """Whether the agent can see what is behind this."""
     kind = code & 15
-    return not (kind == WALL or (kind == DOOR and code >> 7 & 3 != OPEN))
+    return (kind != WALL) & ((kind != DOOR) | (code >> 7 & 3 == OPEN))
 
 
 @njit(cache=True)

@@ -92,10 +92,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self.mission_space = mission if isinstance(mission, MissionSpace) else MissionSpace(mission)
         self.mission = self.mission_space.first()
         self.action_space = spaces.Discrete(actions)
-        self._image_shape = (agent_view_size, agent_view_size, 3)
+        self.image_shape = (agent_view_size, agent_view_size, 3)
         self.observation_space = spaces.Dict(
             {
-                "image": spaces.Box(0, 255, self._image_shape, np.uint8),
+                "image": spaces.Box(0, 255, self.image_shape, np.uint8),
                 "direction": spaces.Discrete(4),
                 "mission": self.mission_space,
             }
@@ -140,7 +140,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
-        image = np.empty(self._image_shape, np.uint8)
+        image = np.empty(self.image_shape, np.uint8)
         if self._draws:
             read_words(self.np_random, self._words)
         status, direction, reward = step(self._row, index(action), self._words, image)
@@ -158,7 +158,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
 
     def observation(self) -> dict[str, Any]:
         """What the agent observes now."""
-        image = np.empty(self._image_shape, np.uint8)
+        image = np.empty(self.image_shape, np.uint8)
         see(self._row, image)
         return {"image": image, "direction": self.state.direction, "mission": self.mission}
 
@@ -166,9 +166,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         """The whole world from above, ``tile_size`` pixels a cell; None without a render mode."""
         if self.render_mode is None:
             return None
-        return draw(
-            self._row, view="full", view_size=self._image_shape[0], tile_px=self.tile_size, palette=self.palette
-        )
+        return draw(self._row, view="full", view_size=self.image_shape[0], tile_px=self.tile_size, palette=self.palette)
 
     def pose(self) -> Pose:
         """The agent's cell (column, 0, row) and direction."""
@@ -207,7 +205,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
         """The largest picture with whole-numbered tiles that fits, uint8[H, W, 3]."""
-        size = self._image_shape[0]
+        size = self.image_shape[0]
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
         return draw(self._row, view=view, view_size=size, tile_px=tile_px, palette=palette)

@@ -3,9 +3,9 @@
 from typing import Any
 
 from minihuman.worlds.grid.chance import read_words, write_words
+from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.families import recipe
 from minihuman.worlds.grid.state import FAILED, MISSION
-from minihuman.worlds.grid.engine import GridEngine
 
 SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette"})
 

@@ -102,7 +102,7 @@ def multi_room(
     maxNumRooms: int,
     maxRoomSize: int = 10,
     width: int = 25,
-    height: int = 25,  # noqa: N803
+    height: int = 25,
 ) -> Recipe:
     """A chain of rooms with closed doors between them."""
     numbers = (minNumRooms, maxNumRooms, maxRoomSize)

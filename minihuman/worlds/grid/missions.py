@@ -37,6 +37,8 @@ class MissionSpace(spaces.Space[str]):
 
     def sentence(self, numbers: Sequence[int]) -> str:
         """The sentence with these choices; numbers beyond the template's places are not looked at."""
+        if not self.choices:
+            return self.template
         return self.template.format(*(words[number] for words, number in zip(self.choices, numbers, strict=False)))
 
     @property

@@ -25,7 +25,9 @@ class Texture:
         if self.pixels.dtype != np.uint8 or self.pixels.shape != (height, width, 3):
             raise WorldError(f"a texture is uint8[h, w, 3], not {self.pixels.dtype}{list(self.pixels.shape)}")
         if not 1 <= max(height, width) < 2**MOST_LEVELS:
-            raise WorldError(f"a texture of {width}x{height} texels is too large; {2**MOST_LEVELS - 1} a side is the most")
+            raise WorldError(
+                f"a texture of {width}x{height} texels is too large; {2**MOST_LEVELS - 1} a side is the most"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,9 +78,7 @@ class Library:
         self._sizes_m: list[tuple[float, float]] = []
         self._mesh_ranges: dict[str, tuple[int, int]] = {}
         self._mesh_heights: dict[str, float] = {}
-        self.textures = Textures(
-            np.zeros(0, np.uint32), np.zeros((0, MOST_LEVELS, 3), np.int64), np.zeros(0, np.int64)
-        )
+        self.textures = Textures(np.zeros(0, np.uint32), np.zeros((0, MOST_LEVELS, 3), np.int64), np.zeros(0, np.int64))
         sides = unit_cube()
         self.faces = pack(sides, [np.zeros((4, 2))] * len(sides))
         self._mesh_ranges[CUBE] = 0, len(sides)
@@ -198,12 +198,15 @@ def unit_cube() -> list[F64]:
 
 
 def halved(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A texture at half its size, each texel the mean of those it covers; an odd last row or column is left out."""
+    """A texture at half its size, each texel the mean of those it covers; an odd last row or column is left out.
+
+    Both means, of neighbours right and up, round upwards, as OpenGL's software driver has it.
+    """
     height, width = pixels.shape[:2]
     rows = pixels[: height - height % 2] if height > 1 else np.repeat(pixels, 2, axis=0)
     both = rows[:, : width - width % 2] if width > 1 else np.repeat(rows, 2, axis=1)
-    total = both[0::2, 0::2] + both[1::2, 0::2] + both[0::2, 1::2] + both[1::2, 1::2]
-    return (total + 2) // 4
+    across = (both[:, 0::2] + both[:, 1::2] + 1) >> 1
+    return (across[0::2] + across[1::2] + 1) >> 1
 
 
 def _append(textures: Textures, pixels: NDArray[np.uint8]) -> Textures:

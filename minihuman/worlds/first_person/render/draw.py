@@ -38,7 +38,14 @@ def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArr
     view = _perspective(camera, width, height)
     layout, drawn = scene.layout, _room_to_draw(scene.layout, width, height)
     kernel.draw(
-        layout.faces, layout.rooms, layout.library, layout.things, _turned(scene.places), view, _light(scene.light), drawn
+        layout.faces,
+        layout.rooms,
+        layout.library,
+        layout.things,
+        _turned(scene.places),
+        view,
+        _light(scene.light),
+        drawn,
     )
     out = np.empty((height, width), np.float32)
     kernel.distances(drawn, view, out)

@@ -31,25 +31,38 @@ QUERY_HALF_M = 0.1  # a thing counts as seen where a cube of twice this on its p
 @njit(cache=True, nogil=True)
 def draw_rooms(
     faces: Faces, rooms: Rooms, view: F64, light: F64, windows: F64, order: NDArray[np.int32], drawn: Drawn
-) -> tuple[int, int]:
-    """Draw every room in sight; how many face numbers are taken, and how many rooms are listed in ``order``."""
+) -> tuple[int, int, bool]:
+    """Draw every room in sight; how many face numbers are taken, and what ``visit`` says."""
     here = np.zeros(PLACEMENT_SIZE)
     here[COS] = 1.0
     here[SCALE:] = 1.0
     picture = np.array([0.0, 0.0, float(drawn.owner.shape[1]), float(drawn.owner.shape[0] // 4)])
-    seen = visit(rooms, view, drawn.corners, picture, windows, order)
+    seen, everything = visit(rooms, view, drawn.corners, picture, windows, order)
     number = 0
     for i in range(seen):
         room = order[i]
         for face in range(rooms.first_face[room], rooms.first_face[room + 1]):
             if draw_face(faces, face, view, here, light, windows[room], drawn, number) > 0:
                 number += 1
-    return number, seen
+    return number, seen, everything
 
 
 @njit(cache=True, nogil=True)
-def window_of(x: float, z: float, reach: float, rooms: Rooms, windows: F64, order: NDArray[np.int32], seen: int, out: F64) -> bool:
+def window_of(
+    x: float,
+    z: float,
+    reach: float,
+    rooms: Rooms,
+    windows: F64,
+    order: NDArray[np.int32],
+    seen: int,
+    everything: bool,
+    out: F64,
+) -> bool:
     """The windows of all rooms that a thing stands in or reaches into, as one; False if none of them is in sight."""
+    if everything:
+        out[:] = windows[order[0]]
+        return True
     out[0] = out[1] = 1e9
     out[2] = out[3] = -1e9
     for i in range(seen):
@@ -73,6 +86,7 @@ def draw_things(
     windows: F64,
     order: NDArray[np.int32],
     seen: int,
+    everything: bool,
     drawn: Drawn,
     number: int,
 ) -> int:
@@ -90,7 +104,7 @@ def draw_things(
         )
         if view[PARALLEL] == 0.0 and ahead < -things.reach[thing, 1]:
             continue
-        if not window_of(x, z, things.reach[thing, 0], rooms, windows, order, seen, window):
+        if not window_of(x, z, things.reach[thing, 0], rooms, windows, order, seen, everything, window):
             continue
         placement[PLACE : PLACE + 3] = places[thing, :3]
         placement[COS] = places[thing, 3]
@@ -113,8 +127,8 @@ def draw(
     count = rooms.first_face.shape[0] - 1
     windows = np.empty((count, 4))
     order = np.empty(count, np.int32)
-    number, seen = draw_rooms(faces, rooms, view, light, windows, order, drawn)
-    draw_things(library, things, places, rooms, view, light, windows, order, seen, drawn, number)
+    number, seen, everything = draw_rooms(faces, rooms, view, light, windows, order, drawn)
+    draw_things(library, things, places, rooms, view, light, windows, order, seen, everything, drawn, number)
 
 
 @njit(cache=True, nogil=True)
@@ -141,14 +155,14 @@ def picture(
 def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
     """How far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
     for y in range(out.shape[0]):
-        row = 4 * y
+        row = 4 * y + 3  # the first sample in OpenGL's order, whose pictures are upside down
         py = (64.0 * row + 32.0) / 256.0
         for x in range(out.shape[1]):
             face = drawn.owner[row, x]
             far = view[FAR]
             if face >= 0:
                 plane = drawn.planes[face]
-                near = plane[0] * (x + SAMPLE_X[0] / 256.0) + plane[1] * py + plane[2]
+                near = plane[0] * (x + SAMPLE_X[3] / 256.0) + plane[1] * py + plane[2]
                 far = min(1.0 / max(near, 1e-9), far)
             out[y, x] = far
 
@@ -169,7 +183,7 @@ def in_sight(
     count = rooms.first_face.shape[0] - 1
     windows = np.empty((count, 4))
     order = np.empty(count, np.int32)
-    number, listed = draw_rooms(faces, rooms, view, light, windows, order, drawn)
+    number, listed, everything = draw_rooms(faces, rooms, view, light, windows, order, drawn)
     placement = np.ones(PLACEMENT_SIZE)
     placement[SCALE : SCALE + 3] = 2.0 * QUERY_HALF_M
     placement[COS] = 1.0
@@ -179,7 +193,7 @@ def in_sight(
         seen[thing] = False
         if not np.isfinite(places[thing, 0]):
             continue
-        if not window_of(places[thing, 0], places[thing, 2], 1.0, rooms, windows, order, listed, window):
+        if not window_of(places[thing, 0], places[thing, 2], 1.0, rooms, windows, order, listed, everything, window):
             continue
         placement[PLACE : PLACE + 3] = places[thing, :3]
         for face in range(6):

@@ -66,7 +66,11 @@ def draw_face(
     if parallel:
         ex, ey, ez, ew = -view[FORWARD], -view[FORWARD + 1], -view[FORWARD + 2], 0.0
     else:
-        ex, ey, ez = view[EYE] - placement[PLACE], view[EYE + 1] - placement[PLACE + 1], view[EYE + 2] - placement[PLACE + 2]
+        ex, ey, ez = (
+            view[EYE] - placement[PLACE],
+            view[EYE + 1] - placement[PLACE + 1],
+            view[EYE + 2] - placement[PLACE + 2],
+        )
         ew = 1.0
     mx = (co * ex - si * ez) / sx
     mz = (si * ex + co * ez) / sz
@@ -130,9 +134,7 @@ def draw_face(
 
 
 @njit(cache=True, nogil=True)
-def vary(
-    faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int
-) -> bool:
+def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int) -> bool:
     """Work out how nearness, texture and light vary over the picture; False where the face is seen edge-on.
 
     Whatever varies evenly over a flat face varies, divided by distance, evenly over the picture. Three corners, not yet

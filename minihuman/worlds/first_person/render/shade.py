@@ -11,7 +11,7 @@ from minihuman.worlds.first_person.render.tables import F64, Drawn, Textures
 
 LANES = 0x000000FF00FF00FF  # red in bits 0 to 7, blue from 16, green from 32
 HALVES = 0x0000008000800080
-SHARPNESS = 3.5 / (2.0 * 1.4142135623730951)  # where the driver starts to blend two sizes of a texture
+SHARPNESS = 3.5 / (2.0 * 1.4142135623730951)
 
 
 @njit(cache=True, nogil=True)
@@ -71,6 +71,24 @@ def trilinear(textures: Textures, texture: int, u: float, v: float, footprint: f
 
 
 @njit(cache=True, nogil=True)
+def footprint(textures: Textures, planes: F64, face: int, texture: int, x: int, y: int, least: float) -> float:
+    """How many texels the texture moves from a pixel to the next, right or down, at the pixel's block of four."""
+    px = (x & -2) + 0.5
+    py = (y | 1) + 0.5
+    inverse = planes[face, 3] * px + planes[face, 4] * py + planes[face, 5]
+    w = 1.0 / max(inverse, least)
+    u = (planes[face, 6] * px + planes[face, 7] * py + planes[face, 8]) * w
+    v = (planes[face, 9] * px + planes[face, 10] * py + planes[face, 11]) * w
+    right = 1.0 / max(inverse + planes[face, 3], least)
+    up = 1.0 / max(inverse - planes[face, 4], least)
+    wide = textures.levels[texture, 0, 1]
+    high = textures.levels[texture, 0, 2]
+    along_x = max(abs(planes[face, 6] - u * planes[face, 3]) * wide, abs(planes[face, 9] - v * planes[face, 3]) * high)
+    along_y = max(abs(planes[face, 7] - u * planes[face, 4]) * wide, abs(planes[face, 10] - v * planes[face, 4]) * high)
+    return max(along_x * right, along_y * up)
+
+
+@njit(cache=True, nogil=True)
 def shade(drawn: Drawn, textures: Textures, face: int, x: int, y: int, least: float, colour: F64) -> None:
     """The colour (0 to 255 a channel) of a face at the middle of a pixel, into ``colour``."""
     planes = drawn.planes
@@ -83,11 +101,7 @@ def shade(drawn: Drawn, textures: Textures, face: int, x: int, y: int, least: fl
     if texture >= 0:
         u = (planes[face, 6] * px + planes[face, 7] * py + planes[face, 8]) * w
         v = (planes[face, 9] * px + planes[face, 10] * py + planes[face, 11]) * w
-        along_u = max(abs(planes[face, 6] - u * planes[face, 3]), abs(planes[face, 7] - u * planes[face, 4]))
-        along_v = max(abs(planes[face, 9] - v * planes[face, 3]), abs(planes[face, 10] - v * planes[face, 4]))
-        levels = textures.levels
-        footprint = max(along_u * levels[texture, 0, 1], along_v * levels[texture, 0, 2]) * w
-        lanes = trilinear(textures, texture, u, v, footprint)
+        lanes = trilinear(textures, texture, u, v, footprint(textures, planes, face, texture, x, y, least))
         red = lanes & 0xFFFF
         blue = (lanes >> 16) & 0xFFFF
         green = lanes >> 32

@@ -68,11 +68,11 @@ def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, re
 
 
 @njit(cache=True, nogil=True)
-def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, order: I32) -> int:
-    """List the rooms to draw, nearest first, in ``order``; the window of each goes into ``windows``; how many there are.
+def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, order: I32) -> tuple[int, bool]:
+    """List the rooms to draw, nearest first, in ``order``; the window of each goes into ``windows``.
 
     ``picture`` is the window of the whole picture. A window may be larger than needed, never smaller. From above, from
-    outside every room, and where a room without a roof is in sight, all rooms are listed.
+    outside every room, and where a room without a roof is in sight, all rooms are listed. Returns how many are, and whether it is all of them.
     """
     count = rooms.first_face.shape[0] - 1
     seen = 0
@@ -119,4 +119,4 @@ def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, ord
             windows[room] = picture
             order[room] = room
         seen = count
-    return seen
+    return seen, everything

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from minihuman.worlds.grid.cells import CLOSED, DOOR, EMPTY, LOCKED, WALL, kind_of
 from minihuman.worlds.grid.chance import Words, integer
 from minihuman.worlds.grid.layouts.objects import draw_colour
-from minihuman.worlds.grid.place import FOR_EVER, has_room, place_agent, stand, wall_rect
-from minihuman.worlds.grid.state import FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, make, put
+from minihuman.worlds.grid.place import place_agent, stand, wall_rect
+from minihuman.worlds.grid.state import FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at, make, put
 from minihuman.worlds.grid.tasks import front
 
 Plan = NDArray[np.int64]  # (rooms, 13)
@@ -23,6 +23,7 @@ RIGHT, DOWN, LEFT, UP = range(4)
 
 PLACE_TRIES = 1001
 CONNECT_TRIES = 5001
+AGENT_TRIES = 100_000  # Minigrid never gives up; a room that needs more cannot hold the agent
 
 
 @njit(cache=True)
@@ -102,16 +103,13 @@ def add_object(row: Row, words: Words, columns: int, size: int, room: int, code:
 def place_in_room(row: Row, words: Words, columns: int, size: int, room: int) -> None:
     """Put the agent into a drawn free cell of a room, not facing anything but a wall."""
     x, y = room % columns * (size - 1), room // columns * (size - 1)
-    tries = 0
-    while row[FAILED] == 0:
+    for _ in range(AGENT_TRIES):
         place_agent(row, words, x, y, size, size)
         ahead_x, ahead_y = front(row)
-        kind = kind_of(row[HEADER + ahead_x * row[HEIGHT] + ahead_y])
-        if kind in (EMPTY, WALL):
+        kind = kind_of(cell_at(row, ahead_x, ahead_y))
+        if row[FAILED] or kind == EMPTY or kind == WALL:
             return
-        tries += 1
-        if tries > FOR_EVER or not has_room(row, x, y, size, size):
-            row[FAILED] = 1
+    row[FAILED] = 1
 
 
 @njit(cache=True)
