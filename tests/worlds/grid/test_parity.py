@@ -104,7 +104,14 @@ def test_the_same_seed_and_actions_give_the_same_episodes(name, policy):
 @pytest.mark.filterwarnings("ignore:.*out of date")
 def test_the_long_chains_are_really_played(capsys):
     seen = Counter()
-    for name in ("ObstructedMaze-1Dlhb-v0", "BlockedUnlockPickup-v0", "KeyCorridorS3R2-v0", "PutNear-6x6-N2-v0"):
+    for name in (
+        "ObstructedMaze-1Dlhb-v0",
+        "BlockedUnlockPickup-v0",
+        "KeyCorridorS3R2-v0",
+        "PutNear-6x6-N2-v0",
+        "Playground-v0",
+        "GoToObject-8x8-N2-v0",
+    ):
         play(f"MiniGrid-{name}", as_planned(np.random.default_rng(2)), 400, seen)
     with capsys.disabled():
         print("\neffects compared:", ", ".join(f"{what} x{times}" for what, times in sorted(seen.items())))
