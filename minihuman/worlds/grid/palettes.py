@@ -18,8 +18,8 @@ OBJECT_COLOURS: Mapping[Palette, tuple[RGB, ...]] = MappingProxyType(
 )
 LAVA_COLOURS: Mapping[Palette, RGB] = MappingProxyType({"classic": (240, 120, 36), "colour-safe": (230, 130, 20)})
 AGENT_COLOURS: Mapping[Palette, RGB] = MappingProxyType({"classic": (255, 74, 62), "colour-safe": (255, 255, 255)})
-FLOOR: RGB = (27, 29, 35)
-GRID_LINE: RGB = (44, 47, 55)
+FLOOR: RGB = (36, 39, 46)
+GRID_LINE: RGB = (54, 58, 67)
 UNSEEN: RGB = (10, 10, 13)
 WALL: RGB = (96, 101, 112)
 
