@@ -104,7 +104,9 @@ def _read_lines(path: Path) -> _Lines:
                 material = name
             case ["f", *corners]:
                 if len(corners) != 3:
-                    raise WorldError(f"{path}:{number}: a face has {len(corners)} corners; export the mesh as triangles")
+                    raise WorldError(
+                        f"{path}:{number}: a face has {len(corners)} corners; export the mesh as triangles"
+                    )
                 lines.faces.append([_corner(corner, lines, path, number) for corner in corners])
                 lines.materials.append(material)
     return lines

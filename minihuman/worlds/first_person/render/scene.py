@@ -147,7 +147,9 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.places.shape != (self.layout.thing_count, 4):
-            raise WorldError(f"{self.layout.thing_count} things need as many places (x, y, z, yaw), not {self.places.shape}")
+            raise WorldError(
+                f"{self.layout.thing_count} things need as many places (x, y, z, yaw), not {self.places.shape}"
+            )
 
     def at(self, places: NDArray[np.float64]) -> "Scene":
         """The same scene with its things elsewhere; what was laid out is shared."""
