@@ -18,4 +18,6 @@ def register() -> None:
                 entry_point=entry.entry_point,
                 vector_entry_point=entry.vector_entry_point,
                 kwargs=entry.kwargs,
+                order_enforce=not entry.guards_itself,
+                disable_env_checker=entry.guards_itself,
             )

@@ -13,6 +13,7 @@ class Entry:
     kwargs: dict[str, Any] = field(default_factory=dict)
     vector_entry_point: str | None = None
     summary: str = ""
+    guards_itself: bool = False  # it refuses misuse by itself: Gymnasium's two checking wrappers are left out
 
     @property
     def id(self) -> str:

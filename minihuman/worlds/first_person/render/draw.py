@@ -37,7 +37,7 @@ def render(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.
 
 
 def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
-    """How far away things are along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
+    """How far things are along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
     view = _perspective(camera, width, height)
     drawn, _ = _cover(scene, view, width, height)
     out = np.empty((height, width), np.float32)

@@ -58,8 +58,8 @@ def span(
 ) -> None:
     """The colours (0 to 255) of a face at the middles of pixels ``start`` to ``end`` of row ``y``, into ``colours``.
 
-    How large a version of the texture is looked up is decided once for each block of two by two pixels, from how far the
-    texture moves across the block: where it moves by two texels, half the size will do.
+    How large a version of the texture is looked up is decided once for each block of two by two pixels, from how far
+    the texture moves across the block: where it moves by two texels, half the size will do.
     """
     p = planes[face]
     py = y + 0.5

@@ -1,0 +1,32 @@
+"""A participant sits down: their plan, a window and a log on disk around one session."""
+
+from pathlib import Path
+
+from minihuman.log.recorder import McapRecorder
+from minihuman.study.plan import SessionPlan
+from minihuman.study.session import Session
+from minihuman.windows.machine import SessionClock, machine_facts
+from minihuman.windows.port import Window
+from minihuman.windows.run import run_session
+from minihuman.worlds.adapt import World
+
+
+def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> Path | None:
+    """Run a session in an open window and return its log.
+
+    Raises:
+        LogError: if the log exists already or cannot be written.
+        OSError: if the data folder cannot be written.
+    """
+    facts = {"player": "human", **machine_facts(), **window.facts()}
+    recorder = McapRecorder(data, plan, started_ns=clock.started_unix_ns)
+    session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
+    return run_session(session, window, recorder, clock)
+
+
+def _four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:
+    """The largest 4:3 picture in a room: everyone sees the same angle of a first-person world, on any display."""
+    if room_px is None:
+        return None
+    width = min(room_px[0], room_px[1] * 4 // 3)
+    return width, width * 3 // 4

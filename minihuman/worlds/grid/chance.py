@@ -1,0 +1,123 @@
+"""Chance inside kernels: NumPy's PCG64 stream, number for number.
+
+Layouts must draw what ``Generator.integers`` would draw, from compiled code and for many worlds at once, so the
+generator is six uint64 words here: state (high, low), increment (high, low), and the buffered half of the last draw
+(present or not, value). The algorithms are M. O'Neill's PCG XSL-RR 128/64 and D. Lemire's bounded integers
+(https://arxiv.org/abs/1805.10941), as NumPy's documentation names them. No product here overflows 64 bits, so the
+plain Python reading of this file is exact too.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+
+Words = NDArray[np.uint64]  # (6,)
+
+_LOW = np.uint64(0xFFFFFFFF)
+_32 = np.uint64(32)
+_0 = np.uint64(0)
+_1 = np.uint64(1)
+_58 = np.uint64(58)
+_63 = np.uint64(63)
+_64 = np.uint64(64)
+# the multiplier 0x2360ED051FC65DA44385DF649FCCF645 in 32-bit limbs, lowest first
+_M0, _M1, _M2, _M3 = np.uint64(0x9FCCF645), np.uint64(0x4385DF64), np.uint64(0x1FC65DA4), np.uint64(0x2360ED05)
+_MASK64 = (1 << 64) - 1
+
+
+def read_words(generator: np.random.Generator, words: Words) -> None:
+    """Copy a NumPy generator's state into words.
+
+    Raises:
+        WorldError: if the generator is not a PCG64, which is what Gymnasium's ``np_random`` always is.
+    """
+    state = generator.bit_generator.state
+    if state["bit_generator"] != "PCG64":
+        raise WorldError(
+            f"np_random is a {state['bit_generator']}; grid worlds draw from a PCG64, as numpy.random.default_rng gives"
+        )
+    value, increment = state["state"]["state"], state["state"]["inc"]
+    words[0], words[1] = value >> 64, value & _MASK64
+    words[2], words[3] = increment >> 64, increment & _MASK64
+    words[4], words[5] = state["has_uint32"], state["uinteger"]
+
+
+def write_words(words: Words, generator: np.random.Generator) -> None:
+    """Bring a NumPy generator to where the words are."""
+    high, low, increment_high, increment_low, has_half, half = words.tolist()
+    generator.bit_generator.state = {
+        "bit_generator": "PCG64",
+        "state": {"state": high << 64 | low, "inc": increment_high << 64 | increment_low},
+        "has_uint32": has_half,
+        "uinteger": half,
+    }
+
+
+@njit(cache=True)
+def next64(words: Words) -> np.uint64:
+    """The stream's next 64 bits."""
+    a0, a1 = words[1] & _LOW, words[1] >> _32
+    a2, a3 = words[0] & _LOW, words[0] >> _32
+    # state * multiplier + increment, limb by limb; each partial sum stays below 2**64
+    t = a0 * _M0
+    r0 = (t & _LOW) + (words[3] & _LOW)
+    carry = (t >> _32) + (r0 >> _32)
+    t, u = a1 * _M0, a0 * _M1
+    r1 = (t & _LOW) + (u & _LOW) + (words[3] >> _32) + carry
+    carry = (t >> _32) + (u >> _32) + (r1 >> _32)
+    t, u, v = a2 * _M0, a1 * _M1, a0 * _M2
+    r2 = (t & _LOW) + (u & _LOW) + (v & _LOW) + (words[2] & _LOW) + carry
+    carry = (t >> _32) + (u >> _32) + (v >> _32) + (r2 >> _32)
+    r3 = (
+        (a3 * _M0 & _LOW) + (a2 * _M1 & _LOW) + (a1 * _M2 & _LOW) + (a0 * _M3 & _LOW) + (words[2] >> _32) + carry
+    ) & _LOW
+    low = r1 << _32 | r0 & _LOW
+    high = r3 << _32 | r2 & _LOW
+    words[0], words[1] = high, low
+    mixed = high ^ low
+    turn = high >> _58
+    return mixed >> turn | mixed << ((_64 - turn) & _63)
+
+
+@njit(cache=True)
+def next32(words: Words) -> np.uint64:
+    """The stream's next 32 bits; the other half of the 64 is kept for the next call."""
+    if words[4] != _0:
+        words[4] = _0
+        return words[5]
+    whole = next64(words)
+    words[4] = _1
+    words[5] = whole >> _32
+    return whole & _LOW
+
+
+@njit(cache=True)
+def integer(words: Words, low: int, high: int) -> int:
+    """A whole number in [low, high), as ``Generator.integers(low, high)`` draws it. At most 2**32 - 1 apart."""
+    if high - low <= 1:
+        return low
+    span = np.uint64(high - low)
+    scaled = next32(words) * span
+    left = scaled & _LOW
+    if left < span:
+        threshold = (_LOW - span + _1) % span
+        while left < threshold:
+            scaled = next32(words) * span
+            left = scaled & _LOW
+    return low + np.int64(scaled >> _32)
+
+
+@njit(cache=True)
+def shuffle(words: Words, values: NDArray[np.int64]) -> None:
+    """Shuffle in place, as ``Generator.shuffle`` shuffles a list: masked draws, drawn again while too large."""
+    for i in range(len(values) - 1, 0, -1):
+        mask = np.uint64(1)
+        while mask < np.uint64(i):
+            mask = mask << _1 | _1
+        j = next32(words) & mask
+        while j > np.uint64(i):
+            j = next32(words) & mask
+        other = np.int64(j)
+        values[i], values[other] = values[other], values[i]

@@ -1,0 +1,214 @@
+"""GridEngine: what every grid world is. Holds one row of state; what an action does is in ``rules``."""
+
+import abc
+from dataclasses import dataclass
+from operator import index
+from typing import Any, ClassVar, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.grid.chance import Words, read_words, write_words
+from minihuman.worlds.grid.floor_plan import floor_plan
+from minihuman.worlds.grid.missions import MissionSpace
+from minihuman.worlds.grid.pictures import draw
+from minihuman.worlds.grid.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, step
+from minihuman.worlds.grid.state import (
+    ACTIONS,
+    FAILED,
+    HEIGHT,
+    MAX_STEPS,
+    PHASE,
+    PLAYING,
+    SEE_THROUGH,
+    WIDTH,
+    Row,
+    State,
+    X,
+    clear,
+    row_length,
+)
+from minihuman.worlds.grid.view import LARGEST_VIEW, see
+from minihuman.worlds.hashing import hash64
+from minihuman.worlds.pose import Map, Pose
+
+YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Saved:
+    """An exact copy of a grid world in mid-episode, its random stream included."""
+
+    row: Row
+    words: Words
+    mission: str
+    kept: dict[str, Any]
+
+
+class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
+    """A grid world without a layout: `GridEnv` has those of the catalogue, `GridWorld` is for your own.
+
+    Args:
+        width: Columns, 3 or more, outer walls included.
+        height: Rows, likewise.
+        max_steps: Steps after which an episode is truncated; success earns ``1 - 0.9 * step / max_steps``.
+        mission: What to do, in words, or the space of all missions an episode may have.
+        see_through_walls: Walls hide nothing.
+        agent_view_size: Cells on a side of the agent's view, odd, 3 to 61.
+        actions: How many of the seven actions there are.
+        render_mode: None or "rgb_array"; `render` then draws the whole world.
+        tile_size: Pixels on a side of a cell that `render` draws.
+        palette: The colours of pictures: "classic", or "colour-safe" for colour-blind eyes.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
+    kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
+
+    def __init__(
+        self,
+        *,
+        width: int,
+        height: int,
+        max_steps: int,
+        mission: str | MissionSpace = "",
+        see_through_walls: bool = False,
+        agent_view_size: int = 7,
+        actions: int = 7,
+        render_mode: Literal["rgb_array"] | None = None,
+        tile_size: int = 32,
+        palette: Palette = "classic",
+    ) -> None:
+        if width < 3 or height < 3:
+            raise WorldError(f"a grid of {width} x {height} has no room inside its walls; 3 x 3 is the smallest")
+        if max_steps < 1:
+            raise WorldError(f"max_steps is {max_steps!r}; an episode has 1 step or more")
+        if agent_view_size % 2 == 0 or not 3 <= agent_view_size <= LARGEST_VIEW:
+            raise WorldError(f"agent_view_size is {agent_view_size!r}; it is odd, 3 to {LARGEST_VIEW}")
+        self.action_names = ACTION_NAMES[:actions]
+        self.mission_space = mission if isinstance(mission, MissionSpace) else MissionSpace(mission)
+        self.mission = self.mission_space.first()
+        self.action_space = spaces.Discrete(actions)
+        self.image_shape = (agent_view_size, agent_view_size, 3)
+        self.observation_space = spaces.Dict(
+            {
+                "image": spaces.Box(0, 255, self.image_shape, np.uint8),
+                "direction": spaces.Discrete(4),
+                "mission": self.mission_space,
+            }
+        )
+        self.render_mode = render_mode
+        self.tile_size = tile_size
+        self.palette: Palette = palette
+        self._row = np.zeros(row_length(width, height), np.int32)
+        self._row[[WIDTH, HEIGHT, MAX_STEPS, SEE_THROUGH, ACTIONS]] = (
+            width,
+            height,
+            max_steps,
+            see_through_walls,
+            actions,
+        )
+        self._words: Words = np.zeros(6, np.uint64)
+        self._draws = False  # whether a step draws random numbers
+        clear(self._row)
+
+    @abc.abstractmethod
+    def _lay_out(self) -> None:
+        """Fill the cleared row, drawing from ``np_random``, and set the mission."""
+
+    @property
+    def state(self) -> State:
+        """The state, readable by name."""
+        return State(self._row)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Lay out a new episode: observation and an empty info."""
+        super().reset(seed=seed)
+        clear(self._row)
+        self._lay_out()
+        if self._row[FAILED]:
+            raise WorldError(f"{self} with seed {seed!r} found no free place for something it lays out")
+        if self._row[X] < 0:
+            raise WorldError(f"{self} placed no agent; a layout places one")
+        self._row[PHASE] = PLAYING
+        return self.observation(), {}
+
+    def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
+        image = np.empty(self.image_shape, np.uint8)
+        if self._draws:
+            read_words(self.np_random, self._words)
+        status, direction, reward = step(self._row, index(action), self._words, image)
+        if status < 0:
+            raise self._refusal(status, action)
+        if self._draws:
+            write_words(self._words, self.np_random)
+        observation = {"image": image, "direction": direction, "mission": self.mission}
+        return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
+
+    def _refusal(self, status: int, action: int) -> WorldError:
+        if status == NO_SUCH_ACTION:
+            return WorldError(f"action {action!r} is none of {self}'s; they are 0 to {self._row[ACTIONS] - 1}")
+        return WorldError(f"{self} is not in an episode; call reset() before step(), and again after an end")
+
+    def observation(self) -> dict[str, Any]:
+        """What the agent observes now."""
+        image = np.empty(self.image_shape, np.uint8)
+        see(self._row, image)
+        return {"image": image, "direction": self.state.direction, "mission": self.mission}
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """The whole world from above, ``tile_size`` pixels a cell; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return draw(self._row, view="full", view_size=self.image_shape[0], tile_px=self.tile_size, palette=self.palette)
+
+    def pose(self) -> Pose:
+        """The agent's cell (column, 0, row) and direction."""
+        x, y = self.state.position
+        return Pose(float(x), 0.0, float(y), YAWS_RAD[self.state.direction])
+
+    def map(self) -> Map:
+        """The floor plan with doors, objects and goal where they are now."""
+        return floor_plan(self.state, self.palette)
+
+    def state_hash(self) -> int:
+        """A uint64 over layout, agent, task, mission and random stream."""
+        saved = self.save()
+        return hash64([saved.row, saved.words, saved.mission, saved.kept])
+
+    def save(self) -> Saved:
+        """An exact copy of the state in mid-episode."""
+        read_words(self.np_random, self._words)
+        kept = {name: getattr(self, name) for name in self.kept}
+        return Saved(self._row.copy(), self._words.copy(), self.mission, kept)
+
+    def restore(self, saved: Saved) -> None:
+        """Go back to a saved state; it may be restored again, here or in another world of the same size."""
+        if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
+            raise WorldError(
+                f"the saved state is {saved.row[WIDTH]} x {saved.row[HEIGHT]} cells and {self} is "
+                f"{self._row[WIDTH]} x {self._row[HEIGHT]}; restore it into a world of its own kind"
+            )
+        self._row[:] = saved.row
+        write_words(saved.words, self.np_random)
+        self.mission = saved.mission
+        for name in self.kept:
+            setattr(self, name, saved.kept[name])
+
+    def picture(
+        self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The largest picture with whole-numbered tiles that fits, uint8[H, W, 3]."""
+        size = self.image_shape[0]
+        columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
+        tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
+        return draw(self._row, view=view, view_size=size, tile_px=tile_px, palette=palette)
+
+    def __str__(self) -> str:
+        return type(self).__name__ if self.spec is None else self.spec.id

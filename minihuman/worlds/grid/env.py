@@ -1,0 +1,57 @@
+"""GridEnv: a world of the catalogue, laid out by its family's compiled layout."""
+
+from typing import Any
+
+from minihuman.worlds.grid.chance import read_words, write_words
+from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.families import recipe
+from minihuman.worlds.grid.state import FAILED, MISSION
+
+SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette"})
+
+
+class GridEnv(GridEngine):
+    """A world of a family: ``GridEnv("four_rooms", max_steps=50)``.
+
+    Args:
+        family: One of ``families.FAMILIES``.
+        max_steps: Instead of the family's own.
+        see_through_walls: Instead of the family's own.
+        options: `GridEngine`'s settings, and what the family's function takes (``size=9``).
+    """
+
+    def __init__(
+        self,
+        family: str,
+        *,
+        max_steps: int | None = None,
+        see_through_walls: bool | None = None,
+        **options: Any,
+    ) -> None:
+        settings = {name: options.pop(name) for name in SETTINGS & options.keys()}
+        self.recipe = recipe(family, **options)
+        super().__init__(
+            width=self.recipe.width,
+            height=self.recipe.height,
+            max_steps=self.recipe.max_steps if max_steps is None else max_steps,
+            mission=self.recipe.mission,
+            see_through_walls=self.recipe.see_through_walls if see_through_walls is None else see_through_walls,
+            actions=self.recipe.actions,
+            **settings,
+        )
+        self._draws = self.recipe.draws
+
+    def _lay_out(self) -> None:
+        read_words(self.np_random, self._words)
+        self.recipe.lay_out(self._row, self._words)
+        write_words(self._words, self.np_random)
+        self.mission = self.mission_space.sentence(self._row[MISSION:FAILED].tolist())
+
+
+def make(family: str, *, view: str = "grid", **options: Any) -> Any:
+    """A catalogue world for ``gymnasium.make``; ``view="first_person"`` shows it from inside, in 3D."""
+    if view == "grid":
+        return GridEnv(family, **options)
+    from minihuman.worlds.first_person.grid_view import first_person
+
+    return first_person(GridEnv(family, **options), view)

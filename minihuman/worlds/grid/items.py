@@ -1,0 +1,75 @@
+"""Items: what a layout written in Python puts into cells. ``goal()``, ``door("red", locked=True)``, ``key("red")``."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.cells import COLOURS, DOOR_STATES, KINDS
+
+Colour = Literal["red", "green", "blue", "purple", "yellow", "grey"]
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A kind of thing in a colour. Putting it into a grid makes the thing; one item can be put many times."""
+
+    kind: str
+    colour: str
+    state: str = "open"  # doors: open, closed or locked
+    contains: "Item | None" = None  # boxes
+
+    def __post_init__(self) -> None:
+        """Refuse what there is not."""
+        if self.kind not in KINDS[2:10]:
+            raise WorldError(f"{self.kind!r} is no kind of item; there are {', '.join(KINDS[2:10])}")
+        if self.colour not in COLOURS:
+            raise WorldError(f"{self.colour!r} is no colour; there are {', '.join(COLOURS)}")
+        if self.state not in DOOR_STATES:
+            raise WorldError(f"{self.state!r} is no state of a door; there are {', '.join(DOOR_STATES)}")
+        if self.contains is not None and (self.kind != "box" or self.contains.kind not in ("key", "ball", "box")):
+            raise WorldError(f"a {self.kind} cannot contain a {self.contains.kind}; a box holds a key, ball or box")
+
+    @property
+    def has_identity(self) -> bool:
+        """Whether each one put is an object of its own: doors, keys, balls, boxes."""
+        return self.kind in ("door", "key", "ball", "box")
+
+
+def wall(colour: Colour = "grey") -> Item:
+    """A wall: nothing passes, nothing is seen behind it."""
+    return Item("wall", colour)
+
+
+def floor(colour: Colour = "blue") -> Item:
+    """A coloured floor to walk on."""
+    return Item("floor", colour)
+
+
+def lava() -> Item:
+    """Lava: stepping in ends the episode."""
+    return Item("lava", "red")
+
+
+def goal(colour: Colour = "green") -> Item:
+    """The goal: stepping on it ends the episode with success."""
+    return Item("goal", colour)
+
+
+def door(colour: Colour, *, locked: bool = False, is_open: bool = False) -> Item:
+    """A door; a locked one opens to the key of its colour."""
+    return Item("door", colour, "locked" if locked else "open" if is_open else "closed")
+
+
+def key(colour: Colour = "blue") -> Item:
+    """A key to carry."""
+    return Item("key", colour)
+
+
+def ball(colour: Colour = "blue") -> Item:
+    """A ball to carry."""
+    return Item("ball", colour)
+
+
+def box(colour: Colour, contains: Item | None = None) -> Item:
+    """A box to carry, or to open ("toggle"), which leaves what it contains."""
+    return Item("box", colour, contains=contains)

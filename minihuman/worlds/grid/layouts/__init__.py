@@ -1,0 +1,1 @@
+"""Layouts: where things stand at an episode's start. One function a family, compiled, drawing as Minigrid draws."""

@@ -1,0 +1,174 @@
+"""Pictures: a whole grid or the agent's view, tile by tile, in one compiled pass over an atlas of drawn tiles."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.grid.cells import (
+    BALL,
+    BOX,
+    COLOURS,
+    DOOR,
+    DOOR_STATES,
+    EMPTY,
+    FLOOR,
+    GOAL,
+    KEY,
+    RED_LAVA,
+    WALL,
+    pack,
+)
+from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at
+from minihuman.worlds.grid.tiles import agent, thing, tile, unseen
+from minihuman.worlds.grid.view import see
+
+LOOKS = 512  # kind, colour and state make nine bits
+LIT = 0.13  # how much lighter a cell is that the agent sees
+CARRIED = 0.5  # the size of a carried object's picture, in tiles
+Pixels = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Atlas:
+    """Every tile at one size in one palette. ``number[look]`` is a tile's place in the arrays; 0 is "unseen"."""
+
+    number: NDArray[np.int64]  # (512,)
+    tiles: Pixels  # (2, tiles, px, px, 3) as they are, and lit
+    agents: Pixels  # (4, px, px, 4) by direction, colour and opacity
+    carried: Pixels  # (tiles, half px, half px, 4) objects alone
+
+
+@lru_cache(maxsize=16)
+def atlas(tile_px: int, palette: Palette) -> Atlas:
+    """Draw every tile of a size once."""
+    looks = [EMPTY, RED_LAVA]
+    for colour in range(len(COLOURS)):
+        looks += [pack(kind, colour, 0, 0) for kind in (WALL, FLOOR, KEY, BALL, BOX, GOAL)]
+        looks += [pack(DOOR, colour, state, 0) for state in range(len(DOOR_STATES))]
+    number = np.zeros(LOOKS, np.int64)
+    number[looks] = np.arange(1, len(looks) + 1)
+    plain = np.stack([unseen(tile_px).rgb] + [tile(look, tile_px, palette).rgb for look in looks])
+    lit = plain + (255 - plain) * LIT
+    small = max(1, round(tile_px * CARRIED))
+    carried = np.zeros((len(looks) + 1, small, small, 4), np.uint8)
+    for look in looks:
+        canvas = thing(look, small, palette)
+        carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
+    agents = [agent(direction, tile_px, palette) for direction in range(4)]
+    return Atlas(
+        number,
+        np.stack([plain, lit]).round().astype(np.uint8),
+        np.stack([np.dstack([canvas.rgb, 255 * canvas.alpha]) for canvas in agents]).round().astype(np.uint8),
+        carried,
+    )
+
+
+def draw(row: Row, *, view: View, view_size: int, tile_px: int, palette: Palette, lit: bool = True) -> Pixels:
+    """A picture, uint8[rows * tile_px, columns * tile_px, 3].
+
+    Args:
+        row: The state.
+        view: "partial": what the agent sees, looking up; "full": everything, what it sees ``lit``.
+        view_size: Cells on a side of the agent's view.
+        tile_px: Pixels on a side of a tile.
+        palette: The colours.
+        lit: In the full view, make the cells lighter that the agent sees.
+    """
+    drawn = atlas(tile_px, palette)
+    if view == "partial":
+        out = np.empty((view_size * tile_px, view_size * tile_px, 3), np.uint8)
+        draw_view(row, view_size, drawn.number, drawn.tiles, drawn.agents, drawn.carried, out)
+    else:
+        out = np.empty((row[HEIGHT] * tile_px, row[WIDTH] * tile_px, 3), np.uint8)
+        draw_world(row, view_size if lit else 0, drawn.number, drawn.tiles, drawn.agents, drawn.carried, out)
+    return out
+
+
+@njit(cache=True)
+def draw_view(
+    row: Row, view_size: int, number: NDArray[np.int64], tiles: Pixels, agents: Pixels, carried: Pixels, out: Pixels
+) -> None:
+    """Draw what the agent sees."""
+    image = np.empty((view_size, view_size, 3), np.uint8)
+    see(row, image)
+    px = tiles.shape[2]
+    middle, bottom = view_size // 2, view_size - 1
+    for i in range(view_size):
+        for j in range(view_size):
+            look = image[i, j, 0] | np.int64(image[i, j, 1]) << 4 | np.int64(image[i, j, 2]) << 7
+            if i == middle and j == bottom:
+                look = cell_at(row, row[X], row[Y]) & (LOOKS - 1)
+            lay_tile(tiles, 0, number[look], i * px, j * px, out)
+    put_agent(row, agents, 3, carried, number, middle * px, bottom * px, out)
+
+
+@njit(cache=True)
+def draw_world(
+    row: Row, view_size: int, number: NDArray[np.int64], tiles: Pixels, agents: Pixels, carried: Pixels, out: Pixels
+) -> None:
+    """Draw the whole grid; a ``view_size`` of 0 lights no cell."""
+    width, height = row[WIDTH], row[HEIGHT]
+    lit = np.zeros((width, height), np.int64)
+    if view_size > 0:
+        image = np.empty((view_size, view_size, 3), np.uint8)
+        see(row, image)
+        direction = row[DIRECTION]
+        forward_x = (1 - direction) * (1 - direction % 2)
+        forward_y = (2 - direction) * (direction % 2)
+        for i in range(view_size):
+            for j in range(view_size):
+                ahead, aside = view_size - 1 - j, i - view_size // 2
+                x = row[X] + forward_x * ahead - forward_y * aside
+                y = row[Y] + forward_y * ahead + forward_x * aside
+                if image[i, j, 0] != 0 and 0 <= x < width and 0 <= y < height:
+                    lit[x, y] = 1
+    px = tiles.shape[2]
+    for x in range(width):
+        for y in range(height):
+            look = row[HEADER + x * height + y] & (LOOKS - 1)
+            lay_tile(tiles, lit[x, y], number[look], x * px, y * px, out)
+    put_agent(row, agents, row[DIRECTION], carried, number, row[X] * px, row[Y] * px, out)
+
+
+@njit(cache=True)
+def lay_tile(tiles: Pixels, lit: int, tile: int, left: int, top: int, out: Pixels) -> None:
+    """Copy a tile into a picture."""
+    for v in range(tiles.shape[2]):
+        for u in range(tiles.shape[3]):
+            for part in range(3):
+                out[top + v, left + u, part] = tiles[lit, tile, v, u, part]
+
+
+@njit(cache=True)
+def put_agent(
+    row: Row,
+    agents: Pixels,
+    direction: int,
+    carried: Pixels,
+    number: NDArray[np.int64],
+    left: int,
+    top: int,
+    out: Pixels,
+) -> None:
+    """Lay the agent over its tile, and what it carries, small, over its middle."""
+    lay_over(agents, direction, left, top, out)
+    if row[CARRYING] != EMPTY:
+        inset = (agents.shape[1] - carried.shape[1]) // 2
+        lay_over(carried, number[row[CARRYING] & (LOOKS - 1)], left + inset, top + inset, out)
+
+
+@njit(cache=True)
+def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
+    """Blend a figure with transparency into a picture."""
+    for v in range(figures.shape[1]):
+        for u in range(figures.shape[2]):
+            alpha = np.int64(figures[figure, v, u, 3])
+            if alpha > 0:
+                for part in range(3):
+                    under = np.int64(out[top + v, left + u, part])
+                    over = np.int64(figures[figure, v, u, part])
+                    out[top + v, left + u, part] = (over * alpha + under * (255 - alpha) + 127) // 255

@@ -1,0 +1,53 @@
+"""GridWorld: the class to write your own grid world with. `docs/grid-worlds.md` writes one in fifteen lines."""
+
+import abc
+from operator import index
+from typing import Any, ClassVar
+
+from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.layout import Layout
+from minihuman.worlds.grid.rules import TERMINATED, TRUNCATED, act
+from minihuman.worlds.grid.state import OVER, PHASE
+
+
+class GridWorld(GridEngine, abc.ABC):
+    """A grid world laid out in plain Python; what an action does and what the agent sees is compiled.
+
+    A subclass writes `layout`, and `judge` if goal, lava and the tasks of ``tasks`` are not what its episodes are about.
+    """
+
+    _judges: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Note whether the subclass judges its steps itself."""
+        super().__init_subclass__(**kwargs)
+        cls._judges = cls.judge is not GridWorld.judge
+
+    @abc.abstractmethod
+    def layout(self, grid: Layout) -> None:
+        """Lay out an episode on an empty grid. It places the agent."""
+
+    def judge(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
+        """Reward and end of a step that was made, given what goal, lava and task say.
+
+        It may change the world (through ``self.state``); the observation is taken afterwards.
+        """
+        return reward, terminated
+
+    def _lay_out(self) -> None:
+        grid = Layout(self._row, self.np_random, self.mission_space.first())
+        self.layout(grid)
+        self.mission = grid.mission
+
+    def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
+        if not self._judges:
+            return super().step(action)
+        action = index(action)
+        status, reward = act(self._row, action, self._words)
+        if status < 0:
+            raise self._refusal(status, action)
+        reward, terminated = self.judge(action, reward, status & TERMINATED != 0)
+        if terminated:
+            self._row[PHASE] = OVER
+        return self.observation(), float(reward), bool(terminated), status & TRUNCATED != 0, {}

@@ -1,0 +1,77 @@
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import minihuman  # noqa: F401
+from minihuman.errors import WorldError
+
+WORLDS = ("FourRooms-v0", "DoorKey-5x5-v0", "Dynamic-Obstacles-6x6-v0", "Fetch-5x5-N2-v0", "KeyCorridorS3R1-v0")
+N = 5
+
+
+def make_both(name, mode):
+    one = f"minihuman/MiniGrid-{name}"
+    alone = SyncVectorEnv([lambda: gymnasium.make(one, max_steps=40)] * N, autoreset_mode=mode)
+    batch = gymnasium.make_vec(
+        one, num_envs=N, vectorization_mode="vector_entry_point", autoreset_mode=mode, max_steps=40
+    )
+    return batch, alone
+
+
+def assert_same(ours, theirs):
+    np.testing.assert_array_equal(ours["image"], theirs["image"])
+    np.testing.assert_array_equal(ours["direction"], theirs["direction"])
+    assert ours["mission"] == theirs["mission"]
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("name", WORLDS)
+def test_each_world_of_a_batch_is_the_world_it_is_alone(name, mode):
+    batch, alone = make_both(name, mode)
+    assert_same(batch.reset(seed=7)[0], alone.reset(seed=7)[0])
+    batch.action_space.seed(1)
+    for _ in range(150):
+        actions = batch.action_space.sample()
+        ours, theirs = batch.step(actions), alone.step(actions)
+        assert_same(ours[0], theirs[0])
+        for part in (1, 2, 3):
+            np.testing.assert_array_equal(ours[part], theirs[part])
+        assert set(ours[4]) == set(theirs[4])
+        for i, final in enumerate(theirs[4].get("final_obs", ())):
+            assert (final is None) == (ours[4]["final_obs"][i] is None)
+            if final is not None:
+                assert_same(ours[4]["final_obs"][i], final)
+
+
+def test_without_autoreset_ended_worlds_are_reset_by_mask():
+    batch, _ = make_both("FourRooms-v0", AutoresetMode.DISABLED)
+    batch.reset(seed=0)
+    for _ in range(40):
+        _, _, _, truncated, _ = batch.step(np.zeros(N, int))
+    assert truncated.all()
+    with pytest.raises(WorldError, match="world 0 is not in an episode"):
+        batch.step(np.zeros(N, int))
+    mask = np.array([True, True, True, True, False])
+    batch.reset(options={"reset_mask": mask})
+    with pytest.raises(WorldError, match="world 4 is not in an episode"):
+        batch.step(np.zeros(N, int))
+
+
+@pytest.mark.parametrize(
+    ("actions", "complaint"),
+    [(np.zeros(4, int), "5 whole numbers"), (np.zeros(5), "float64"), (np.array([0, 1, 7, 0, 0]), "of world 2")],
+)
+def test_wrong_actions_are_refused_and_no_world_moves(actions, complaint):
+    batch, _ = make_both("FourRooms-v0", AutoresetMode.NEXT_STEP)
+    batch.reset(seed=0)
+    before = [state.row.copy() for state in batch.states]
+    with pytest.raises(WorldError, match=complaint):
+        batch.step(actions)
+    np.testing.assert_array_equal(before, [state.row for state in batch.states])
+
+
+def test_a_batch_is_not_stepped_before_its_reset():
+    batch, _ = make_both("FourRooms-v0", AutoresetMode.NEXT_STEP)
+    with pytest.raises(WorldError, match="call reset"):
+        batch.step(np.zeros(N, int))
