@@ -1,11 +1,14 @@
-"""Textures and meshes, read once a process for every world that draws with them. They are never written to."""
+"""Textures and meshes, read once a process for every world that draws with them."""
 
 import importlib.util
+import threading
 from functools import cache
 from pathlib import Path
 
 from minihuman.worlds.first_person.render.assets import Library
 from minihuman.worlds.first_person.render.folder import FolderAssets
+
+library_lock = threading.Lock()  # hold it while a scene is laid out: that may read another texture into the library
 
 
 @cache
