@@ -28,7 +28,7 @@ from minihuman.worlds.first_person.render.visit import visit
 QUERY_HALF_M = 0.1  # a thing counts as seen where a cube of twice this on its place is
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw_rooms(
     faces: Faces, rooms: Rooms, view: F64, light: F64, windows: F64, order: NDArray[np.int32], drawn: Drawn
 ) -> tuple[int, int, bool]:
@@ -47,7 +47,7 @@ def draw_rooms(
     return number, seen, everything
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def window_of(
     x: float,
     z: float,
@@ -75,7 +75,7 @@ def window_of(
     return out[0] < out[2] and out[1] < out[3]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw_things(
     library: Faces,
     things: Things,
@@ -118,7 +118,7 @@ def draw_things(
     return number
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw(
     faces: Faces, rooms: Rooms, library: Faces, things: Things, places: F64, view: F64, light: F64, drawn: Drawn
 ) -> None:
@@ -131,7 +131,7 @@ def draw(
     draw_things(library, things, places, rooms, view, light, windows, order, seen, everything, drawn, number)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def picture(
     faces: Faces,
     rooms: Rooms,
@@ -148,10 +148,20 @@ def picture(
     """Draw and colour."""
     draw(faces, rooms, library, things, places, view, light, drawn)
     least = 0.5 if view[PARALLEL] == 1.0 else 0.5 / view[FAR]
-    resolve(drawn, textures, sky, least, out)
+    resolve(
+        drawn.owner,
+        drawn.planes,
+        drawn.kind,
+        textures.texels,
+        textures.levels,
+        textures.level_count,
+        sky,
+        least,
+        out,
+    )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
     """How far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
     for y in range(out.shape[0]):
@@ -167,7 +177,7 @@ def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
             out[y, x] = far
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def in_sight(
     faces: Faces,
     rooms: Rooms,

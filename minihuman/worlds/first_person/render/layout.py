@@ -131,9 +131,9 @@ def _things(looks: Sequence[Look], library: Library) -> tuple[Faces, Things]:
                 reaches.append((around, float(np.hypot(around, size[1]))))
             case MeshLook(mesh, height_m):
                 ranges.append(library.mesh_faces(mesh))
-                scale = height_m / library.mesh_height(mesh)
+                scale, normal_scale = library.mesh_scale(mesh, height_m)
                 scales.append((scale,) * 3)
-                normal_scales.append(1.0 / scale)
+                normal_scales.append(normal_scale)
                 tints.append((1.0, 1.0, 1.0))
                 around, reach = library.mesh_reach(mesh)
                 reaches.append((around * scale, reach * scale))
