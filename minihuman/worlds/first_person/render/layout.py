@@ -51,7 +51,20 @@ def lay_out(
     """
     if not rooms:
         raise WorldError("a scene without rooms has nothing to show; give it one")
-    faces, room_table = _rooms(rooms, library)
+    return furnish(_rooms(rooms, library), looks, library=library, places=places, light=light, sky=sky)
+
+
+def furnish(
+    tables: tuple[Faces, Rooms],
+    looks: Sequence[Look] = (),
+    *,
+    library: Library,
+    places: F64 | None = None,
+    light: Light | None = None,
+    sky: Rgb = (0.25, 0.82, 1.0),
+) -> Scene:
+    """Make a scene of rooms that are tables already."""
+    faces, room_table = tables
     frames, things = _things(looks, library)
     layout = Layout(
         faces,
