@@ -15,6 +15,8 @@ from Xlib.display import Display
 from Xlib.ext import xtest
 from Xlib.protocol import event
 
+from minihuman.study.keys import KEY_NAMES
+
 Size = tuple[int, int]
 
 SCREEN_PX: Size = (1366, 768)
@@ -102,6 +104,7 @@ class Typist:
         self._root = self._display.screen().root
         self.sent: list[tuple[str, bool]] = []  # key, down
         self._released_s: dict[str, float] = {}
+        self._places = {key: self.keycode(key) for key in KEY_NAMES}
 
     def press(self, key: str) -> None:
         time.sleep(max(0.0, self._released_s.get(key, 0.0) + _DEBOUNCE_S - time.monotonic()))
@@ -123,6 +126,17 @@ class Typist:
         xtest.fake_input(self._display, kind, keycode)
         self._display.sync()
         self.sent.append((key, kind == X.KeyPress))
+
+    def tap_place(self, key: str) -> None:
+        """Tap the key that is in this place on a US keyboard, whatever the layout says now."""
+        for kind in (X.KeyPress, X.KeyRelease):
+            xtest.fake_input(self._display, kind, self._places[key])
+        self._display.sync()
+
+    def set_layout(self, layout: str) -> None:
+        """Change the keyboard's layout, for everybody."""
+        subprocess.run(["setxkbmap", "-display", self._display.get_display_name(), layout], check=True)
+        self._display.sync()
 
     def keycode(self, key: str) -> int:
         """The server's number for a key on a US keyboard; 0 if there is none."""
