@@ -58,7 +58,7 @@ def _at(one: Input, t_ns: int) -> Input:
     return one
 
 
-@settings(max_examples=count(150, 20_000), deadline=None)
+@settings(max_examples=count(150, 5_000), deadline=None)
 @given(st.sampled_from(PLANS), st.lists(inputs, max_size=80), st.none() | stops)
 def test_any_inputs_give_a_well_formed_log_and_the_same_one_again(plan, happened, stop):
     happened = [*happened, *([stop] if stop else [])]
@@ -68,7 +68,7 @@ def test_any_inputs_give_a_well_formed_log_and_the_same_one_again(plan, happened
     assert told(plan, happened)[0] == events
 
 
-@settings(max_examples=count(50, 5_000), deadline=None)
+@settings(max_examples=count(50, 2_000), deadline=None)
 @given(st.sampled_from(PLANS), st.lists(inputs, max_size=60))
 def test_every_key_down_and_up_before_the_end_is_logged_once(plan, happened):
     session = Session(plan, World, {})
