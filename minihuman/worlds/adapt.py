@@ -20,8 +20,6 @@ from minihuman.worlds.minigrid_like import MinigridLike, is_minigrid_like
 from minihuman.worlds.miniworld_like import MiniworldLike, is_miniworld_like
 from minihuman.worlds.pose import Map, Pose
 
-NOOP_NAMES = frozenset({"noop", "no_op", "idle", "stay", "wait"})
-
 
 @dataclass(frozen=True, slots=True)
 class Observed:
@@ -60,7 +58,6 @@ class World:
             raise WorldError(f"{world_id}: its actions are {space}; a session needs Discrete actions, one a key")
         self._first_action = int(space.start)
         self.action_names = _action_names(self._env.unwrapped, int(space.n), self._first_action)
-        self.noop = next((name for name in self.action_names if name.lower() in NOOP_NAMES), None)
         self._known: NativeWorld | None = None
         self._observation: Any = None
         self._steps = 0

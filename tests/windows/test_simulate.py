@@ -45,6 +45,39 @@ def test_the_same_seed_gives_the_same_log_but_for_the_wall_clock(tmp_path):
     assert isinstance(one[0][0], SessionStarted)
 
 
+@pytest.mark.parametrize(
+    ("world", "actions"),
+    [
+        ("minigrid:MiniGrid-DoorKey-8x8-v0", ["left", "right", "forward", "pickup", "toggle"]),
+        ("CartPole-v1", ["0", "1"]),
+        ("tests.worlds.corridor:tests/LimitedCorridor-v0", ["back", "forward"]),
+    ],
+)
+def test_a_third_partys_world_is_played_logged_and_verified(tmp_path, world, actions):
+    study = decode(
+        f"""
+[study]
+name = "theirs"
+version = "1"
+seed = 2
+[[groups]]
+name = "all"
+blocks = ["only"]
+[[blocks]]
+name = "only"
+world = "{world}"
+episodes = 2
+actions = {actions}
+max_steps = 40
+""".encode()
+    )
+    [log] = [open_log(path) for path in simulate(study, tmp_path, participants=1, seed=1, player="random")]
+    assert log.end_reason == "complete"
+    assert len(log.episodes) == 2
+    assert all(len(played.actions) > 0 for played in log.episodes)
+    assert verify(log).difference == ""
+
+
 def test_an_unknown_player_costs_no_slot(tmp_path):
     with pytest.raises(PlayerError):
         next(simulate(GRID, tmp_path, participants=1, seed=1, player="nobody"))
