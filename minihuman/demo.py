@@ -5,13 +5,11 @@ from contextlib import closing
 from pathlib import Path
 
 from minihuman.errors import WindowError
-from minihuman.figures.gallery import draw_session
 from minihuman.log.episode import SessionLog
 from minihuman.log.next_session import next_session
 from minihuman.log.protocol_file import read_protocol
 from minihuman.log.read import open_log
 from minihuman.log.verify import verify
-from minihuman.replay.recording import save_recording
 from minihuman.shipped import shipped_protocol
 from minihuman.study.protocol import Protocol
 from minihuman.windows.choose import AUTO, open_window
@@ -62,6 +60,9 @@ def _play(protocol: Protocol, data: Path, *, window: str, fullscreen: bool, say:
 
 
 def _drawn(log: SessionLog) -> Iterator[tuple[str, Path]]:
+    from minihuman.figures.gallery import draw_session  # matplotlib and rerun take seconds: after the session,
+    from minihuman.replay.recording import save_recording  # not before its window opens
+
     folder = log.path.parent
     for figure in draw_session(log, folder / "figures"):
         if figure.suffix == ".png":

@@ -20,7 +20,7 @@ from minihuman.study.keys import KEY_NAMES
 Size = tuple[int, int]
 
 SCREEN_PX: Size = (1366, 768)
-_PATIENCE_S = 20.0
+_PATIENCE_S = 60.0
 _DEBOUNCE_S = 0.004  # a keyboard's own; SDL takes a key that comes back within 2 ms for auto-repeat
 
 # Our key names to the keysyms of a US keyboard, where they are not the name itself.
@@ -144,8 +144,12 @@ class Typist:
         return int(self._display.keysym_to_keycode(keysym))
 
     def focus(self, title: str) -> None:
-        """Give the keyboard to the window of that title, as soon as it is there."""
+        """Give the keyboard to the window of that title, as soon as it shows something: before, it hears nothing."""
         window = self._window(title)
+        deadline_s = time.monotonic() + _PATIENCE_S
+        while not any(self.stripes(title, (0.5,))):
+            assert time.monotonic() < deadline_s, f"window {title!r} stayed black for {_PATIENCE_S:.0f} s"
+            time.sleep(0.02)
         self._display.set_input_focus(window, X.RevertToParent, X.CurrentTime)
         self._display.sync()
 

@@ -37,19 +37,20 @@ def compose(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
 def picture_size_px(size_px: Size) -> Size:
     """The room for a world's picture in a window: the largest width and height it may have to be shown as it is.
 
-    No wider than 4:3, the shape of what agents see: on a wide screen a person would see more of a 3D world than they.
+    It is 4:3, the shape of what agents see: on a wide screen a person would see more of a 3D world than they do.
     """
     width, height = size_px
     room_height = height - round(height * _TOP) - round(height * _BOTTOM)
-    return min(width - 2 * round(height * _MARGIN), room_height * 4 // 3), room_height
+    wide = min(width - 2 * round(height * _MARGIN), room_height * 4 // 3)
+    return wide, wide * 3 // 4
 
 
 def _play(screen: PlayScreen, size_px: Size) -> NDArray[np.uint8]:
     frame = _surroundings(screen.mission, screen.progress, screen.legend, size_px).copy()
-    room_width, room_height = picture_size_px(size_px)
-    picture = _fit(screen.picture, room_width, room_height)
+    picture = _fit(screen.picture, *picture_size_px(size_px))
     height, width = picture.shape[:2]
-    top = round(size_px[1] * _TOP) + (room_height - height) // 2
+    top, bottom = round(size_px[1] * _TOP), size_px[1] - round(size_px[1] * _BOTTOM)
+    top += (bottom - top - height) // 2
     left = (size_px[0] - width) // 2
     frame[top : top + height, left : left + width] = picture
     return frame

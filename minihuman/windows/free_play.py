@@ -1,9 +1,9 @@
 """Free play: a world under a person's keys, shown on the screen, without protocol and without log."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from minihuman.study.inputs import Input, KeyDown, Stop
+from minihuman.study.inputs import KeyDown, Stop
 from minihuman.study.keys import DIGITS
 from minihuman.study.screens import PlayScreen, Screen, TextScreen
 from minihuman.windows.port import Clock, Window
@@ -64,17 +64,20 @@ def free_play(play: FreePlay, window: Window, clock: Clock) -> int:
     """
     world = World(play.world)
     keys = usual_keys(world.action_names)
+    presses = _presses(window, clock)
     begun = 0
     try:
         while True:
             begun += 1
-            if not _episode(play, world, keys, window, clock, play.seed + begun - 1):
+            if not _episode(play, world, keys, window, presses, play.seed + begun - 1):
                 return begun
     finally:
         world.close()
 
 
-def _episode(play: FreePlay, world: World, keys: Mapping[str, str], window: Window, clock: Clock, seed: int) -> bool:
+def _episode(
+    play: FreePlay, world: World, keys: Mapping[str, str], window: Window, presses: Iterator[str], seed: int
+) -> bool:
     """One layout; whether another is wanted."""
     mission = world.reset(seed).mission
     steps, reward = 0, 0.0
@@ -82,14 +85,14 @@ def _episode(play: FreePlay, world: World, keys: Mapping[str, str], window: Wind
         said = f"Seed {seed}, step {steps}.   Backspace: another layout   Escape: leave"
         picture = world.frame(play.view, window.picture_px or (640, 480), play.palette)
         window.show(PlayScreen(picture, mission, said, tuple(keys.items()), step=steps))
-        key = _next_key(window, clock, {*keys, _ANEW})
+        key = _next_key(presses, {*keys, _ANEW})
         if key in (None, _ANEW):
             return key == _ANEW
         happened = world.step(world.action_names.index(keys[key]))
         steps, reward = steps + 1, reward + happened.reward
         if happened.terminated or happened.truncated:
             window.show(_over(happened, steps, reward))
-            return _next_key(window, clock, {"enter", "kp_enter", _ANEW}) is not None
+            return _next_key(presses, {"enter", "kp_enter", _ANEW}) is not None
 
 
 def _over(last: Transition, steps: int, reward: float) -> Screen:
@@ -98,16 +101,17 @@ def _over(last: Transition, steps: int, reward: float) -> Screen:
     return TextScreen(title, f"{steps} steps, reward {reward:.2f}", "Enter: another layout    Escape: leave")
 
 
-def _next_key(window: Window, clock: Clock, wanted: set[str]) -> str | None:
-    """The next press of a wanted key; held keys repeat. None when the person leaves."""
+def _next_key(presses: Iterator[str], wanted: set[str]) -> str | None:
+    """The next press of a wanted key; None when the person leaves."""
+    return next((key for key in presses if key in wanted), None)
+
+
+def _presses(window: Window, clock: Clock) -> Iterator[str]:
+    """Every key pressed, repeats of held ones too, until Escape or the window's cross."""
     while True:
         for happened in window.wait(clock() + _AIR_NS):
-            key = _pressed(happened)
-            if key == "escape" or isinstance(happened, Stop):
-                return None
-            if key in wanted:
-                return key
-
-
-def _pressed(happened: Input) -> str:
-    return happened.key if isinstance(happened, KeyDown) else ""
+            match happened:
+                case Stop() | KeyDown(key="escape"):
+                    return
+                case KeyDown(key=key):
+                    yield key

@@ -108,7 +108,7 @@ class RealDesk(Desk):
 class Desks:
     """Real desks by kind of window, each set up once, on a display of its own."""
 
-    KINDS = ("pygame", "pyglet", "other pyglet")
+    KINDS = ("pygame", "pyglet", "other pyglet") if OTHER_PYGLET in os.environ else ("pygame", "pyglet")
 
     def __init__(self) -> None:
         self._open: dict[str, RealDesk] = {}
@@ -116,10 +116,8 @@ class Desks:
 
     def ready(self, kind: str) -> RealDesk:
         """The desk with that window, with the keyboard in it and nothing left to hear."""
-        folder = os.environ.get(OTHER_PYGLET, "")
-        if kind == "other pyglet" and not folder:
-            pytest.skip(f"only one pyglet major is installed; {OTHER_PYGLET} names a folder with the other")
         if kind not in self._open:
+            folder = os.environ.get(OTHER_PYGLET, "")
             display = self._to_close.enter_context(xvfb())
             desk = RealDesk("pyglet", display, folder) if kind == "other pyglet" else RealDesk(kind, display)
             self._to_close.callback(desk.end)
@@ -148,6 +146,15 @@ def real_desk(request: pytest.FixtureRequest, desks: Desks) -> RealDesk:
 @pytest.fixture(params=("scripted", *Desks.KINDS))
 def desk(request: pytest.FixtureRequest, desks: Desks) -> Desk:
     return ScriptedDesk() if request.param == "scripted" else desks.ready(request.param)
+
+
+@pytest.mark.skipif(
+    OTHER_PYGLET not in os.environ,
+    reason=f"one pyglet major is installed; {OTHER_PYGLET} names a folder with the other, for every test here",
+)
+def test_both_majors_of_pyglet_take_part(desks: Desks) -> None:
+    versions = {desks.ready(kind).window.facts()["window_version"][:8] for kind in ("pyglet", "other pyglet")}
+    assert versions == {"pyglet 1", "pyglet 2"}
 
 
 def strokes_of(inputs: Iterable[Input]) -> list[tuple[str, bool]]:

@@ -44,6 +44,14 @@ def test_keys_without_an_action_do_nothing() -> None:
     assert len(window.screens) == 1
 
 
+def test_keys_that_arrive_together_are_all_played() -> None:
+    clock = VirtualClock()
+    strokes = [KeyDown(5, "up"), KeyUp(5, "up"), KeyDown(5, "right"), KeyUp(5, "right"), KeyDown(5, "escape")]
+    window = ScriptedWindow(strokes, clock)
+    free_play(FreePlay(WORLD), window, clock)
+    assert [screen.step for screen in window.screens if isinstance(screen, PlayScreen)] == [0, 1, 2]
+
+
 def test_closing_the_window_ends_it() -> None:
     clock = VirtualClock()
     window = ScriptedWindow([Stop(5, "window_closed")], clock)
