@@ -5,6 +5,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from minihuman.errors import LearnError
 from minihuman.export.choose import Filters
 from minihuman.learn.clone import Cloned, Cloning, clone, split
@@ -50,6 +52,7 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     Raises:
         LearnError: if a file is there already, or nothing can be cloned; nothing is written then.
     """
+    torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
     files = {kind: out.with_name(out.name + kind) for kind in ("", ".md", ".json")}
     if there := [path for path in files.values() if path.exists()]:
         raise LearnError(f"{there[0]} is there already; choose another --out")

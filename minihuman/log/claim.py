@@ -41,7 +41,8 @@ def create(where: SegmentPath) -> int:
         raise LogError(
             f"{where.log} already exists and holds segment {where.segment}; choose another --session or move it"
         )
-    sync_folder(where.part.parent)
+    for folder in where.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
+        sync_folder(folder)
     return fd
 
 

@@ -98,15 +98,13 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -
         writer.start(profile=topics.PROFILE, library=LIBRARY)
         copy = _Copy(writer)
         if with_log:
-            log = Scan(where.log)
-            copy.all_of(log)
-            if not log.finished:
-                raise LogError(f"{where.log} is {log.stopped}; move it away to recover {where.part} by itself")
+            copy.all_of(Scan(where.log))
         part = Scan(where.part)
         copy.all_of(part)
         end_reason = copy.end_reason or CUT_OFF
         facts = {"segment": where.segment, "reason": end_reason, "clean": clean, "steps": copy.counts[topics.STEP]}
         facts |= {"stopped": part.stopped}
+        writer.flush()
         writer.add_metadata(END_METADATA, {name: str(value).lower() for name, value in facts.items()})
         writer.finish()
         file.flush()
@@ -141,6 +139,7 @@ class _Copy:
                 case LogMessage():
                     self._message(record, scan)
                 case Metadata():
+                    self._writer.flush()  # else it would come before the messages that it follows
                     self._writer.add_metadata(record.name, record.metadata)
                 case Attachment() if (record.name, record.data) not in self._attachments:
                     self._attachments.add((record.name, record.data))

@@ -24,7 +24,7 @@ class Reading:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.starts: list[dict[str, str]] = []  # one a segment: version, wall clock, study
+        self.starts: list[dict[str, str]] = []  # one a segment whose plan is there: version, wall clock, study
         self.ends: list[dict[str, str]] = []  # one a finished segment: reason, clean
 
     def messages(self) -> Iterator[LogMessage]:
@@ -34,14 +34,17 @@ class Reading:
             LogError: if the file cannot be opened, is no session log, of another schema version, or damaged.
         """
         scan = Scan(self.path)
+        start: dict[str, str] = {}
         for record in scan:
             match record:
                 case LogMessage():
-                    if not self.starts:
+                    if not start:
                         raise LogError(f"{self.path} is not a minihuman log: nothing in it says which version it has")
+                    if record.channel.topic == PLAN:
+                        self.starts.append(start)
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
-                    self.starts.append(self._checked(record.metadata))
+                    start = self._checked(record.metadata)
                 case Metadata() if record.name == END_METADATA:
                     self.ends.append(record.metadata)
         if not scan.finished and not self.path.name.endswith(PART_SUFFIX):
@@ -86,12 +89,12 @@ def all_clean(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) 
 
 
 def segment_starts(path: Path) -> dict[int, str]:
-    """Read which segments a file holds as far as their plan, and the wall clock at which each started."""
-    starts: dict[int, str] = {}
-    facts: dict[str, str] = {}
-    for record in Scan(path):
-        if isinstance(record, Metadata) and record.name == SEGMENT_METADATA:
-            facts = record.metadata
-        elif isinstance(record, LogMessage) and record.channel.topic == PLAN and facts:
-            starts[int(facts["segment"])] = facts["started_unix_ns"]
-    return starts
+    """Read which segments a file holds, and the wall clock at which each started.
+
+    Raises:
+        LogError: as ``Reading.messages``.
+    """
+    reading = Reading(path)
+    for _ in reading.messages():
+        pass
+    return {int(facts["segment"]): facts["started_unix_ns"] for facts in reading.starts}

@@ -87,8 +87,11 @@ def _sessions_below(study: Path) -> Iterator[tuple[Path, list[Path]]]:
 def _fingerprint(files: list[Path]) -> str:
     found = []
     for file in files:
-        facts = file.stat()
-        found.append(f"{file.name} {facts.st_size} {facts.st_mtime_ns}")
+        try:
+            facts = file.stat()
+            found.append(f"{file.name} {facts.st_size} {facts.st_mtime_ns}")
+        except FileNotFoundError:  # finished just now; the next listing finds it under its new name
+            found.append(f"{file.name} gone")
     return "\n".join(found)
 
 

@@ -16,12 +16,14 @@ from minihuman.windows.blocking import TITLE
 from tests.windows.session_typist import type_session
 from tests.xserver import Typist, xvfb
 
+SMALL_SCREEN_PX = (640, 480)  # the window shrinks to it; a first-person picture costs by the pixel
+PATIENCE_S = 300
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
 
 
 @pytest.fixture
 def typist_and_display() -> Iterator[tuple[Typist, str]]:
-    with xvfb() as display:
+    with xvfb(SMALL_SCREEN_PX) as display:
         typist = Typist(display)
         yield typist, display
         typist.close()
@@ -54,7 +56,7 @@ def test_a_whole_demo_session_keeps_every_stroke_and_verifies(
     station = start(window, display, tmp_path)
     typist.focus(TITLE)
     type_session(typist, plan)
-    said, complained = station.communicate(timeout=120)
+    said, complained = station.communicate(timeout=PATIENCE_S)
     assert station.returncode == 0, complained
 
     log = open_log(Path(said.splitlines()[-1]))
@@ -66,10 +68,8 @@ def test_a_whole_demo_session_keeps_every_stroke_and_verifies(
     stamps = [key.t_ns for key in log.keys]
     assert stamps == sorted(stamps)
     assert verify(log).difference == ""
-    assert log.facts["window"] == window
+    assert (log.facts["window"], log.facts["window_size_px"]) == (window, "640x480")
     assert log.facts["key_identity"].startswith("position")
-    for episode in log.episodes:
-        assert [frame.step for frame in episode.frames][-1] == len(episode.actions)
 
 
 def test_closing_the_window_mid_episode_says_abandoned(typist_and_display: tuple[Typist, str], tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_closing_the_window_mid_episode_says_abandoned(typist_and_display: tuple
     typist.focus(TITLE)
     typist.tap(*plan.key_pool, "enter", "enter", *plan.episodes[0].key_map.keys)
     typist.ask_to_close(TITLE)
-    said, complained = station.communicate(timeout=60)
+    said, complained = station.communicate(timeout=PATIENCE_S)
     assert station.returncode == 0, complained
     log = open_log(Path(said.splitlines()[-1]))
     assert (log.end_reason, log.clean) == ("window_closed", True)

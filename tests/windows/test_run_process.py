@@ -49,7 +49,9 @@ def test_a_signal_leaves_a_finished_log_that_says_abandoned(tmp_path, number):
 
 def test_an_exception_inside_a_world_leaves_a_finished_log(tmp_path):
     with started(tmp_path, "crash") as station:
-        assert station.wait(timeout=60) == 0
+        assert station.wait(timeout=60) != 0
+        said = station.stderr.read().decode()
+    assert "the world failed (RuntimeError: the corridor has collapsed); everything before that is in" in said
     log = the_log(tmp_path)
     assert log.clean
     assert log.end_reason == "world_error"

@@ -89,6 +89,8 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     ) -> None:
         if max_steps is not None and max_steps < 1:
             raise WorldError(f"max_steps is {max_steps}; an episode has 1 step or more, or None for no end")
+        if min(obs_width, obs_height) < 1:
+            raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
         if view not in ("agent", "top"):
             raise WorldError(f"view is {view!r}; render() draws the 'agent' view or the 'top' view")
         if render_mode not in (None, "rgb_array"):

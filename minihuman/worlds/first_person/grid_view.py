@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person.grid_scene import Seen, carried, rooms, things, walled
-from minihuman.worlds.first_person.library import library
+from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render
 from minihuman.worlds.first_person.render.layout import lay_out
 from minihuman.worlds.first_person.render.scene import Camera, Look, Scene, SceneRoom
@@ -150,7 +150,8 @@ class _Drawn:
             seen = seen + carried(state.carrying, eye, yaw_rad, palette)
         looks = [thing.look for thing in seen]
         if self._scene is None or self._scene[0] != looks:
-            self._scene = looks, lay_out(self._rooms[1], looks, library=library(None))
+            with library_lock:
+                self._scene = looks, lay_out(self._rooms[1], looks, library=library(None))
         return self._scene[1].at(np.array([thing.place for thing in seen], dtype=np.float64).reshape(-1, 4))
 
 

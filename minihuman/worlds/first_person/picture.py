@@ -1,7 +1,6 @@
 """The pictures of a stage: what the agent sees, how far away it is, the world from above. Drawing changes no state."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -12,11 +11,12 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette, View
 from minihuman.worlds.first_person.entities import Entity, Position
 from minihuman.worlds.first_person.floor import FloorPlan
-from minihuman.worlds.first_person.library import library
+from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render, render_depth, render_top, visible_things
-from minihuman.worlds.first_person.render.layout import lay_out
-from minihuman.worlds.first_person.render.scene import Camera, Scene, SceneRoom
-from minihuman.worlds.first_person.scenery import light, look, places, scene_rooms
+from minihuman.worlds.first_person.render.layout import furnish
+from minihuman.worlds.first_person.render.scene import Camera, Scene
+from minihuman.worlds.first_person.render.tables import Faces, Rooms
+from minihuman.worlds.first_person.scenery import light, look, places, room_tables
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.pose import Pose
 
@@ -35,7 +35,7 @@ class Pictures:
         self.size_px = size_px  # of an observation: width, height
         self.assets = assets  # folder of textures and meshes; None: our own
         self._floor: FloorPlan | None = None
-        self._rooms: Sequence[SceneRoom] = ()
+        self._rooms: tuple[Faces, Rooms]  # the floor's
         self._staged: dict[Palette, tuple[Stage, list[Entity], Scene]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -81,21 +81,24 @@ class Pictures:
     def scene(self, stage: Stage, palette: Palette = "classic") -> Scene:
         """The scene now: laid out anew for a new stage or a new thing, otherwise with its things moved."""
         if self._floor is not stage.floor:
-            self._floor, self._rooms, self._staged = stage.floor, scene_rooms(stage.floor), {}
+            with library_lock:
+                rooms = room_tables(stage.floor, library(self.assets))
+            self._floor, self._rooms, self._staged = stage.floor, rooms, {}
         kept = self._staged.get(palette)
         things = [entity for entity in stage.entities if entity is not stage.agent]
         if kept is not None and kept[0] is stage and set(map(id, things)) <= set(map(id, kept[1])):
             things, scene = kept[1], kept[2].at(places(stage, kept[1]))
         else:
             looks = [look(thing, palette) for thing in things]
-            scene = lay_out(
-                self._rooms,
-                looks,
-                library=library(self.assets),
-                places=places(stage, things),
-                light=light(stage),
-                sky=stage.sky_colour,
-            )
+            with library_lock:
+                scene = furnish(
+                    self._rooms,
+                    looks,
+                    library=library(self.assets),
+                    places=places(stage, things),
+                    light=light(stage),
+                    sky=stage.sky_colour,
+                )
         self._staged[palette] = stage, things, scene
         return scene
 

@@ -23,12 +23,12 @@ from minihuman.worlds.grid.cells import (
     pack,
 )
 from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at
-from minihuman.worlds.grid.tiles import agent, thing, tile, unseen
+from minihuman.worlds.grid.tiles import agent, in_hand, tile, unseen
 from minihuman.worlds.grid.view import see
 
 LOOKS = 512  # kind, colour and state make nine bits
 LIT = 0.13  # how much lighter a cell is that the agent sees
-CARRIED = 0.5  # the size of a carried object's picture, in tiles
+CARRIED = 0.56  # the size of a carried object's picture, in tiles
 Pixels = NDArray[np.uint8]
 
 
@@ -56,7 +56,7 @@ def atlas(tile_px: int, palette: Palette) -> Atlas:
     small = max(1, round(tile_px * CARRIED))
     carried = np.zeros((len(looks) + 1, small, small, 4), np.uint8)
     for look in looks:
-        canvas = thing(look, small, palette)
+        canvas = in_hand(look, small, palette)
         carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
     agents = [agent(direction, tile_px, palette) for direction in range(4)]
     return Atlas(

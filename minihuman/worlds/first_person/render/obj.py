@@ -55,6 +55,7 @@ def read_obj(path: Path) -> Mesh:
         np.where(placed, places[index[:, :, 1]], 0.0).astype(np.float64),
         np.array([material.colour for material in chosen], np.float64),
         tuple(None if material.texture is None else str(material.texture) for material in chosen),
+        light_scales=True,
     )
 
 
