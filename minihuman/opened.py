@@ -6,9 +6,8 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.log.episode import SessionLog
+from minihuman.log.paths import sessions_in
 from minihuman.log.read import open_log
-
-_ENDINGS = (".mcap", ".mcap.part")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +21,7 @@ class Skipped:
 def log_files(source: Path) -> list[Path]:
     """List what ``open_log`` takes: the log itself, or every session below a folder, in order of path.
 
-    A session that lies in a folder of its own is named by its folder, so that its segments are read together.
+    A session in several segments is named by its folder, so that they are read together.
 
     Raises:
         LogError: if there is no such file or folder.
@@ -31,11 +30,9 @@ def log_files(source: Path) -> list[Path]:
         return [source]
     if not source.is_dir():
         raise LogError(f"{source} does not exist; name a session log, or a folder of them")
-    found: dict[Path, list[Path]] = {}
-    for path in sorted(source.rglob("*.mcap*")):
-        if path.name.endswith(_ENDINGS) and path.is_file():
-            found.setdefault(path.parent, []).append(path)
-    return [path for folder, files in found.items() for path in ([folder] if _one_session(files) else files)]
+    folders = sorted({path.parent for path in source.rglob("*.mcap*")})
+    sessions = [(folder, files) for folder in folders for files in sessions_in(folder).values()]
+    return [files[0] if len(files) == 1 else folder for folder, files in sessions]
 
 
 def opened(source: Path) -> Iterator[SessionLog | Skipped]:
@@ -54,7 +51,3 @@ def open_or_skip(path: Path) -> SessionLog | Skipped:
         return open_log(path)
     except (LogError, OSError) as error:
         return Skipped(path, str(error))
-
-
-def _one_session(files: list[Path]) -> bool:
-    return len({path.name.partition(".")[0].partition("_seg-")[0] for path in files}) == 1

@@ -18,10 +18,3 @@ def slope_per_episode(values: Sequence[float], *, first: int = FIRST) -> float:
     if there.sum() < 2:
         return math.nan
     return float(np.polyfit(np.flatnonzero(there), early[there], 1)[0])
-
-
-def gain(values: Sequence[float], *, first: int = FIRST) -> float:
-    """Mean of the episodes after the first ones minus the very first episode's value; NaN where either is missing."""
-    late = np.asarray(values[first:], float)
-    late = late[~np.isnan(late)]
-    return float(late.mean() - values[0]) if late.size else math.nan

@@ -51,7 +51,7 @@ def read_study(source: Path, reading: Reading, *, processes: int | None = None) 
     if workers == 1:
         yield from map(read, paths)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("forkserver")) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         yield from _in_order(pool, read, paths, ahead=4 * workers)
 
 

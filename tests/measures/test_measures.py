@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from minihuman.measures.adaptation import gain, slope_per_episode
+from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import key_uses, visible_effect
 from minihuman.measures.path import net_displacement, path_efficiency, path_length, turned_rad, turns_in_place
 from minihuman.measures.timing import pauses, playing_s, reaction_ms
@@ -105,8 +105,6 @@ def test_adaptation_is_the_slope_of_the_first_episodes():
     assert slope_per_episode([0.1, 0.3, 0.5, 0.7, 0.9, -9, -9]) == pytest.approx(0.2)
     assert slope_per_episode([0.1, math.nan, 0.5]) == pytest.approx(0.2)
     assert math.isnan(slope_per_episode([0.5]))
-    assert gain([0.2, 0, 0, 0, 0, 0.6, 1.0]) == pytest.approx(0.6)
-    assert math.isnan(gain([0.2] * 5))
 
 
 def test_a_world_without_poses_has_no_path_but_its_times():

@@ -57,7 +57,7 @@ def estimates(seed):
 
 @pytest.mark.long
 def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
-    studies = [estimates(seed) for seed in range(count(4, 400))]
+    studies = [estimates(seed) for seed in range(count(2, 400))]
     covered = {
         "effect of the group": [one.interval[0] <= -EFFECT <= one.interval[1] for one, *_ in studies],
         "effect in the model": [_covers(model, EFFECT) for _, model, *_ in studies],
@@ -75,7 +75,7 @@ def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
 @pytest.mark.long
 def test_without_an_effect_p_is_small_as_rarely_as_it_should_be():
     small = []
-    for seed in range(count(12, 2_000)):
+    for seed in range(count(5, 2_000)):
         rng = np.random.default_rng([7, seed])
         rows = pd.DataFrame({"group": ["a", "b"] * 6, "reward": rng.normal(0.7, 0.1, 12)})
         small.append(_p(rows) < 0.05)

@@ -178,4 +178,4 @@ def test_ten_thousand_sessions_take_no_more_memory_than_a_few(log, tmp_path):
         write_tables(stream(), tmp_path / str(sessions))
         return max(held)
 
-    assert highest(count(300, 10_000)) < 1.2 * highest(100)
+    assert highest(count(160, 10_000)) < 1.2 * highest(80)
