@@ -12,7 +12,7 @@ from minihuman.worlds.pose import Map, Thing
 
 def floor_plan(state: State, palette: Palette = "classic") -> Map:
     """The map of a state: wall outlines, and every thing that lies in a cell now."""
-    kinds = kind_of(state.cells)
+    kinds = state.kinds
     solid = np.pad(kinds == WALL, 1)
     upright = _runs(solid[1:, 1:-1] != solid[:-1, 1:-1])
     level = _runs((solid[1:-1, 1:] != solid[1:-1, :-1]).T)
