@@ -17,6 +17,10 @@ class AllocationError(MinihumanError, ValueError):
     """A participant's place in the study cannot be taken."""
 
 
+class PlayerError(MinihumanError, ValueError):
+    """A simulated player does not exist, has no such parameter, or cannot play this world."""
+
+
 class LogError(MinihumanError, ValueError):
     """A log cannot be written, read or understood."""
 
@@ -31,3 +35,7 @@ class ExportError(MinihumanError, ValueError):
 
 class LearnError(MinihumanError, ValueError):
     """An agent's study, policy file or dataset does not fit what was asked."""
+
+
+class ReportError(MinihumanError, ValueError):
+    """A study's report cannot be made from these logs."""

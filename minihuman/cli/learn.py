@@ -1,7 +1,149 @@
 """Commands that train agents (extra `learn`): learn transfer, learn clone."""
 
+import sys
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
 import typer
+
+from minihuman.errors import LearnError
+
+learn = typer.Typer(help="Train agents: the transfer study, and policies that imitate people.", no_args_is_help=True)
+
+Out = Annotated[Path, typer.Option(help="The study's folder; an unfinished study there goes on.")]
+
+
+class ProtocolChoice(StrEnum):
+    """The two protocols of the transfer study."""
+
+    intended = "as-intended"
+    published = "as-published"
+
+
+class EngineChoice(StrEnum):
+    """Where jobs run."""
+
+    local = "local"
+    ray = "ray"
 
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
+    app.add_typer(learn, name="learn")
+
+
+@learn.command()
+def transfer(
+    out: Out,
+    protocol: Annotated[ProtocolChoice, typer.Option(help="What the table meant, or what the code did.")] = (
+        ProtocolChoice.intended
+    ),
+    runs: Annotated[int, typer.Option(help="Independent runs of every cell.")] = 10,
+    steps: Annotated[int, typer.Option(help="Steps of the baseline and of each transfer.")] = 200_000,
+    source_steps: Annotated[
+        int | None, typer.Option(help="Steps of the source; by default the protocol's own.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="The study's seed; every job derives its own.")] = 1,
+    only: Annotated[str | None, typer.Option(help="Some transfers only, as in M,ACM.")] = None,
+    quick: Annotated[bool, typer.Option(help="Far fewer steps; says so in every output.")] = False,
+    workers: Annotated[int | None, typer.Option(help="Processes at a time; by default one a core.")] = None,
+    engine: Annotated[EngineChoice, typer.Option(help="A local pool, or a Ray cluster.")] = EngineChoice.local,
+    address: Annotated[str | None, typer.Option(help="The Ray cluster's address; without it a local one.")] = None,
+    device: Annotated[str, typer.Option(help="auto takes a GPU where there is one; cpu is repeatable.")] = "auto",
+    beside: Annotated[Path | None, typer.Option(help="CSV of published improvements to set beside ours.")] = None,
+) -> None:
+    """Train source, baseline and transfers, and table what transferring weights is worth.
+
+    Example: minihuman learn transfer --protocol as-intended --runs 3 --out results/transfer
+    """
+    _need_torch()
+    from minihuman.learn.cells import TRANSFERS, Study
+    from minihuman.learn.cells import quick as quickly
+    from minihuman.learn.engines import open_engine
+    from minihuman.learn.report import Run, read_published, write_report
+    from minihuman.learn.run_study import run_study
+
+    study = Study(
+        protocol=protocol.value,
+        runs=runs,
+        steps=steps,
+        source_steps=source_steps,
+        seed=seed,
+        transfers=TRANSFERS if only is None else tuple(only.upper().split(",")),
+    )
+    study = quickly(study) if quick else study
+    published = None if beside is None else read_published(beside)
+    started = time.monotonic()
+    results = run_study(study, out, lambda: open_engine(engine.value, workers=workers, address=address), device=device)
+    run = Run(command=_command(), engine=engine.value, wall_s=time.monotonic() - started)
+    print(write_report(study, results, out, run, beside=published))
+
+
+class SightChoice(StrEnum):
+    """What a clone sees."""
+
+    view = "view"
+    whole = "whole"
+
+
+@learn.command()
+def clone(
+    source: Annotated[Path, typer.Argument(metavar="STUDY", help="A study's folder of logs, or one log.")],
+    world: Annotated[str, typer.Option(help="The world whose episodes to learn from.")],
+    out: Annotated[Path, typer.Option(help="The policy file; its card goes beside it.")],
+    sight: Annotated[SightChoice, typer.Option(help="The agent's view, or a grid whole.")] = SightChoice.view,
+    missions: Annotated[bool, typer.Option(help="The mission is part of what is seen.")] = False,
+    sizes: Annotated[str, typer.Option(help="Numbers of demonstrations to try, as in 5,10,25.")] = "",
+    mirrored: Annotated[bool, typer.Option(help="Learn every step left for right too.")] = False,
+    outcome: Annotated[list[str], typer.Option(help="Only episodes that ended so; may be repeated.")] = ["goal"],  # noqa: B006
+    block: Annotated[list[str], typer.Option(help="Only this block; may be repeated.")] = [],  # noqa: B006
+    without_tag: Annotated[list[str], typer.Option(help="No episode marked so; may be repeated.")] = [],  # noqa: B006
+    episodes: Annotated[int, typer.Option(min=1, help="Held-out episodes to judge it by.")] = 200,
+    finetune: Annotated[int, typer.Option(min=0, help="Steps of PPO from the clone and from nothing.")] = 0,
+    finetune_runs: Annotated[int, typer.Option(min=1, help="Runs of each.")] = 1,
+    success: Annotated[float, typer.Option(help="The success rate that PPO is timed to.")] = 0.9,
+    seed: Annotated[int, typer.Option(help="Split, training and held-out episodes derive from it.")] = 1,
+) -> None:
+    """Train a policy to do what people did in one world, and say how well it does.
+
+    Example: minihuman learn clone sessions/my-study --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt
+    """
+    _need_torch()
+    from minihuman.export.choose import Filters
+    from minihuman.learn.clone import Cloning
+    from minihuman.learn.clone_study import CloneStudy, clone_study
+
+    study = CloneStudy(
+        world=world,
+        sight=sight.value,
+        missions=missions,
+        sizes=_numbers(sizes),
+        evaluation_episodes=episodes,
+        finetune_steps=finetune,
+        finetune_runs=finetune_runs,
+        success=success,
+        filters=Filters(outcome=tuple(outcome), block=tuple(block), without_tag=tuple(without_tag)),
+        cloning=Cloning(mirrored=mirrored, seed=seed),
+    )
+    print(clone_study(source, out, study, command=_command()), end="")
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(",") if part)
+    except ValueError:
+        raise LearnError(f"--sizes is {text!r}; it is whole numbers with commas, as in 5,10,25") from None
+
+
+def _command() -> str:
+    return " ".join(["minihuman", *sys.argv[1:]])
+
+
+def _need_torch() -> None:
+    try:
+        import stable_baselines3  # noqa: F401
+        import torch  # noqa: F401
+    except ImportError:
+        raise LearnError('training needs PyTorch; install it with pip install "minihuman[learn]"') from None

@@ -1,7 +1,63 @@
 """Commands about logs: info, verify, recover."""
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
 
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
+    app.command()(info)
+    app.command()(verify)
+    app.command()(recover)
+
+
+def info(
+    log: Annotated[Path, typer.Argument(help="A session log, live file or session folder.")],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
+) -> None:
+    """Say what is in a session's log.
+
+    Example: minihuman info sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
+    """
+    from minihuman.log.describe import as_json, as_lines
+    from minihuman.log.read import open_log
+
+    session = open_log(log)
+    print(as_json(session) if json else "\n".join(as_lines(session)))
+
+
+def verify(
+    logs: Annotated[list[Path], typer.Argument(help="Session logs.")],
+) -> None:
+    """Play logs again from seeds and actions and compare every hash; exit 1 if any number differs.
+
+    Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
+    """
+    from minihuman.log.read import open_log
+    from minihuman.log.verify import verify as play_again
+
+    differ = False
+    for log in logs:
+        result = play_again(open_log(log))
+        differ = differ or bool(result.difference)
+        print(f"{log}: {result.difference or f'{result.episodes} episodes, {result.steps} steps, all as logged'}")
+    raise typer.Exit(1 if differ else 0)
+
+
+def recover(
+    parts: Annotated[list[Path], typer.Argument(help="Cut-off logs (*.mcap.part), or folders to look for them in.")],
+) -> None:
+    """Finish cut-off logs; says how many steps were kept.
+
+    Example: minihuman recover sessions/fourrooms-transfer
+    """
+    from minihuman.log.finish import leftovers
+    from minihuman.log.finish import recover as finish_cut_off
+
+    found = [part for given in parts for part in (leftovers(given) if given.is_dir() else [given])]
+    for part in found:
+        print(finish_cut_off(part).line())
+    if not found:
+        print("no cut-off logs")

@@ -1,7 +1,97 @@
-"""Commands that show data: replay, plot, report, mark."""
+"""Commands that show data: replay, plot, mark, report."""
+
+import tempfile
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
 
 import typer
+
+Logs = Annotated[list[Path], typer.Argument(help="Session logs, or their folders.", metavar="LOG...")]
+Without = Annotated[list[str] | None, typer.Option(help="Leave out episodes marked with this tag; may be repeated.")]
+Only = Annotated[list[str] | None, typer.Option(help="Keep only episodes marked with this tag; may be repeated.")]
 
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
+    for command in (replay, plot, mark, report):
+        app.command()(command)
+
+
+def replay(
+    logs: Logs,
+    save: Annotated[Path | None, typer.Option(help="Write the recording here and open nothing.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="Show it in the browser, served on 127.0.0.1 only.")] = False,
+    view: Annotated[bool, typer.Option(help="Draw what the participant saw, checked against the log.")] = False,
+    without: Without = None,
+    only: Only = None,
+) -> None:
+    """Replay sessions in rerun: paths, keys, rewards and events on common timelines.
+
+    Example: minihuman replay sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --save replay.rrd
+    """
+    from minihuman.log.read import open_log
+    from minihuman.marks import select
+    from minihuman.replay.recording import save_recording
+    from minihuman.replay.viewer import show
+
+    sessions = [select(open_log(path), only=only or (), without=without or ()) for path in logs]
+    if save is not None:
+        typer.echo(save_recording(sessions, save, with_view=view))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        show(save_recording(sessions, Path(folder) / "replay.rrd", with_view=view), web=web)
+
+
+def plot(
+    source: Annotated[Path, typer.Argument(help="A session log, or a folder of them.", metavar="SRC")],
+    out: Annotated[Path, typer.Option(help="Folder for the figures.")],
+    without: Without = None,
+    only: Only = None,
+) -> None:
+    """Draw each session's paths and overview and, for a folder, occupancy and learning curves, as PNG and PDF.
+
+    Example: minihuman plot sessions/demo --out figures
+    """
+    from minihuman.figures.gallery import draw_all
+
+    for path in draw_all(source, out, only=only or (), without=without or (), say=_warn):
+        typer.echo(path)
+
+
+def mark(
+    log: Annotated[Path, typer.Argument(help="A session log.", metavar="LOG")],
+    tag: Annotated[str, typer.Option(help='One word, such as "exclude".')],
+    episode: Annotated[int | None, typer.Option(help="Number as in the figures; the whole session if absent.")] = None,
+    note: Annotated[str, typer.Option(help="Why.")] = "",
+    take_back: Annotated[bool, typer.Option("--take-back", help="Undo an earlier mark of this tag.")] = False,
+) -> None:
+    """Mark an episode, or a whole session, in a file beside the log; the log itself stays as it is.
+
+    Example: minihuman mark sub-01_ses-01.mcap --episode 3 --tag exclude --note "the phone rang"
+    """
+    from minihuman.log.read import open_log
+    from minihuman.marks import Mark, add_mark
+
+    at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    typer.echo(add_mark(open_log(log), Mark(tag, at, episode=episode, note=note, taken_back=take_back)))
+
+
+def report(
+    study: Annotated[Path, typer.Argument(help="A study's folder.", metavar="STUDY")],
+    out: Annotated[Path, typer.Option(help="Folder for the page, the tables and the figures.")],
+    without: Without = None,
+    only: Only = None,
+) -> None:
+    """Write a study's tables, statistics and figures, and one page that holds them all.
+
+    Example: minihuman report sessions/fourrooms-transfer --out report
+    """
+    from minihuman.report.build import build
+
+    for path in build(study, out, only=only or (), without=without or (), say=_warn):
+        typer.echo(path)
+
+
+def _warn(line: str) -> None:
+    typer.echo(line, err=True)

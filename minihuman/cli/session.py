@@ -1,7 +1,112 @@
 """Commands that run sessions: run, simulate, check, status."""
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
+
+ProtocolFile = Annotated[Path, typer.Argument(help="A protocol's TOML file.")]
+DataFolder = Annotated[Path, typer.Option(help="Where sessions are kept.")]
 
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
+    app.command()(run)
+    app.command()(simulate)
+    app.command()(check)
+    app.command()(status)
+
+
+def run(
+    protocol: ProtocolFile,
+    participant: Annotated[str | None, typer.Option(help="A code such as sub-07; else the next free slot.")] = None,
+    group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
+    session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
+    data: DataFolder = Path("sessions"),
+    window: Annotated[str, typer.Option(help="auto, pygame, pyglet, or one of your own.")] = "auto",
+    fullscreen: Annotated[bool, typer.Option("--fullscreen/--windowed", help="The whole screen or a window.")] = True,
+) -> None:
+    """Run a participant's session, or the rest of one that was cut short.
+
+    Example: minihuman run protocols/fourrooms-transfer.toml --participant sub-07
+    """
+    from minihuman.log.next_session import next_session
+    from minihuman.log.protocol_file import read_protocol
+    from minihuman.study.rehearse import rehearse
+    from minihuman.windows.choose import open_window
+    from minihuman.windows.machine import SessionClock
+    from minihuman.windows.sitting import sit
+
+    study = read_protocol(protocol)
+    rehearse(study, str(protocol))
+    clock = SessionClock()
+    opened = open_window(window, clock, fullscreen=fullscreen)
+    try:  # the window first: a station without a display must not use up a slot
+        plan = next_session(study, data, participant=participant, group=group, session=session)
+        print(
+            f"{plan.participant.id}, group {plan.participant.group}, from episode {plan.first_episode + 1}", flush=True
+        )
+        print(sit(plan, opened, clock, data))
+    finally:
+        opened.close()
+
+
+def simulate(
+    protocol: ProtocolFile,
+    participants: Annotated[int, typer.Option(min=1, help="How many, in the next free slots.")] = 10,
+    data: DataFolder = Path("sessions"),
+    seed: Annotated[int, typer.Option(min=0, help="Every choice of the players derives from it.")] = 0,
+    player: Annotated[str, typer.Option(help="human-like, optimal, random; human-like:lapse=0.1 sets one up.")] = (
+        "human-like"
+    ),
+) -> None:
+    """Let simulated participants play a study: the same session, no window, no waiting.
+
+    Example: minihuman simulate protocols/fourrooms-transfer.toml --participants 10 --data /tmp/trial
+    """
+    from minihuman.log.protocol_file import read_protocol
+    from minihuman.study.rehearse import rehearse
+    from minihuman.windows.simulate import simulate as play
+
+    study = read_protocol(protocol)
+    rehearse(study, str(protocol))
+    for path in play(study, data, participants=participants, seed=seed, player=player):
+        print(path, flush=True)
+
+
+def check(
+    protocol: ProtocolFile,
+    participant: Annotated[str, typer.Option(help="Whose plan to print.")] = "sub-01",
+    group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
+    session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
+    json: Annotated[bool, typer.Option("--json", help="Print the whole plan as JSON.")] = False,
+) -> None:
+    """Check a protocol and its worlds, and print everything that a participant will play.
+
+    Example: minihuman check protocols/fourrooms-transfer.toml --participant sub-07
+    """
+    import msgspec
+
+    from minihuman.log.protocol_file import read_protocol
+    from minihuman.study.dry_run import lines
+    from minihuman.study.expand import enrol, expand, participant_index
+    from minihuman.study.rehearse import rehearse
+
+    study = read_protocol(protocol)
+    rehearse(study, str(protocol))
+    who = enrol(study, participant_index(participant), group)
+    plan = expand(study, who, session=session, overridden=group is not None)
+    print(msgspec.json.encode(plan).decode() if json else "\n".join(lines(plan)))
+
+
+def status(
+    study_dir: Annotated[Path, typer.Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
+) -> None:
+    """Say who has taken part, how far each session came, and which were cut off.
+
+    Example: minihuman status sessions/fourrooms-transfer
+    """
+    from minihuman.log.status import status_lines
+
+    for line in status_lines(study_dir):
+        print(line)

@@ -1,1 +1,1 @@
-"""Agents: the transfer study and learning from people (extra `learn`); nothing else imports this."""
+"""Agents (extra ``learn``): the transfer study, and demonstrations that train a policy. Nothing else imports this."""

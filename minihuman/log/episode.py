@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 
 from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Noted, Outcome, Paused, Resumed
 from minihuman.study.plan import EpisodePlan, SessionPlan
+from minihuman.worlds.pose import Pose
+
+
+def pose_row(pose: Pose | None) -> tuple[float, float, float, float]:
+    """A pose as a row of ``Episode.poses``: NaN where the world could not tell."""
+    return (np.nan,) * 4 if pose is None else (pose.x, pose.y, pose.z, pose.yaw_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +36,7 @@ class Episode:
     keys: tuple[KeyPressed, ...]  # every press and release while it ran
     frames: tuple[FrameShown, ...]
     outcome: Outcome | None  # None: the log was cut off inside this episode
+    segment: int = 1  # of the session: one more after each resume; t_ns starts again at 0
 
     def __post_init__(self) -> None:
         """Refuse lengths that do not belong together."""

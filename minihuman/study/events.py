@@ -19,6 +19,7 @@ Verdict = Literal[
     "not_playing",  # the session was not taking actions (paused, feedback, ...)
     "release",  # a key came up
 ]
+PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question"]
 EndReason = Literal[
     "complete", "aborted", "quit", "window_closed", "signal", "disk_full", "world_error", "internal_error"
 ]
@@ -117,7 +118,7 @@ class Paused:
     """Play stopped; time in a pause is not playing time."""
 
     t_ns: int
-    reason: Literal["participant", "focus_lost", "quit_question", "abort_question"]
+    reason: PauseReason
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,8 @@ A name says where a key is, not what it types: "1" is the digit row's first key 
 DIGITS = tuple("1234567890")
 LETTERS = tuple("abcdefghijklmnopqrstuvwxyz")
 ARROWS = ("up", "down", "left", "right")
-KEYPAD = tuple(f"kp_{digit}" for digit in DIGITS) + (
+KEYPAD = (
+    *(f"kp_{digit}" for digit in DIGITS),
     "kp_enter",
     "kp_plus",
     "kp_minus",
@@ -54,5 +55,5 @@ MODIFIERS = (
 
 KEY_NAMES = frozenset(DIGITS + LETTERS + ARROWS + KEYPAD + FUNCTION + EDITING + PUNCTUATION + MODIFIERS)
 RESERVED = frozenset(
-    {"escape", "enter", "f9", "f12"}
-)  # the session's own: quit question, go on, and the abort chord f9+f12
+    {"escape", "enter", "f8", "f9", "f12"}
+)  # the session's own: quit question, go on, pause, and the abort chord f9+f12

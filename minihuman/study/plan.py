@@ -22,9 +22,9 @@ class Participant(msgspec.Struct, frozen=True):
 class KeyMap(msgspec.Struct, frozen=True):
     """Physical key to action name, the keys left over, and the seed that drew it."""
 
-    keys: dict[str, str]  # physical key name (study/keys.py) -> action name
-    spare_keys: tuple[str, ...]  # the pool's other keys
-    spare: Spare  # what a spare key does: nothing, or a step with the world's no-op ("distractor")
+    keys: dict[str, str]  # physical key name (study/keys.py) -> action name, distractors included
+    spare_keys: tuple[str, ...]  # the pool's other keys, which do nothing
+    spare: Spare  # how spare keys were dealt with: left without an action, or given the block's distractors
     seed: int
 
 

@@ -27,6 +27,11 @@ class Window(abc.ABC):
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified. No names of people or machines."""
 
+    @property
+    def picture_px(self) -> tuple[int, int] | None:
+        """Room for a world's picture, width and height; None: nobody looks, so none need be drawn."""
+        return None
+
     @abc.abstractmethod
     def close(self) -> None:
         """Give the display back. A second call does nothing."""

@@ -1,0 +1,51 @@
+"""The card: a README that says what an export holds, where it came from and what was left out."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from minihuman import __version__
+from minihuman.export.port import Chosen, Written
+
+
+@dataclass(slots=True)
+class Card:
+    """Counts what passes on its way to an exporter."""
+
+    format: str
+    filters: str
+    counts: dict[str, Counter[str]] = field(default_factory=dict)
+    skipped: list[str] = field(default_factory=list)  # "path: reason"
+
+    def count(self, chosen: Chosen) -> None:
+        """Take an episode into the counts."""
+        facts = chosen.facts
+        for name in ("study", "participant", "group", "player", "block", "world", "outcome", "protocol_sha256"):
+            self.counts.setdefault(name, Counter())[str(facts[name])] += 1
+
+    def write(self, out: Path, written: Written) -> Path:
+        """Write the card into the export's folder."""
+        path = out / "README.md"
+        path.write_text(self._text(out, written))
+        return path
+
+    def _text(self, out: Path, written: Written) -> str:
+        lines = [
+            f"# {self.format} export",
+            "",
+            f"{written.episodes} episodes, {written.steps} steps, written by minihuman {__version__}.",
+            "Observations, where the format holds them, were replayed from seed and actions, and each equals the hash",
+            "taken when it was played.",
+            "",
+            f"Filters: {self.filters or 'none'}.",
+            "",
+            "| file or folder |",
+            "|---|",
+            *(f"| `{path.relative_to(out)}` |" for path in written.paths),
+        ]
+        for name, counter in self.counts.items():
+            lines += ["", f"| {name} | episodes |", "|---|---|"]
+            lines += [f"| {value} | {count} |" for value, count in sorted(counter.items())]
+        if self.skipped:
+            lines += ["", "Left out, with the reason:", "", *(f"- {line}" for line in self.skipped)]
+        return "\n".join(lines) + "\n"

@@ -1,0 +1,74 @@
+"""What every exporter is: one function in one file, found through the entry-point group ``minihuman.exporters``."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from minihuman.errors import ExportError
+from minihuman.log.episode import Episode, SessionLog
+
+GROUP = "minihuman.exporters"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chosen:
+    """One episode that passed the filters, and the session it belongs to."""
+
+    log: SessionLog
+    episode: Episode
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What travels with every exported episode: who, under which rule, with which keys, and how it ended."""
+        plan = self.episode.plan
+        return {
+            "study": self.log.plan.study,
+            "participant": self.log.plan.participant.id,
+            "group": self.log.plan.participant.group,
+            "session": self.log.plan.session,
+            "player": self.log.player,
+            "block": plan.block_name,
+            "episode": plan.episode,
+            "world": plan.world,
+            "seed": plan.seed,
+            "outcome": self.episode.outcome or "cut_off",
+            "mission": self.episode.start.mission,
+            "key_map": dict(plan.key_map.keys),
+            "action_names": list(self.episode.start.action_names),
+            "protocol_sha256": self.log.plan.protocol_sha256,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What an exporter wrote: its data files and folders, and how much is in them."""
+
+    paths: tuple[Path, ...]
+    episodes: int
+    steps: int
+
+
+Exporter = Callable[[Iterator[Chosen], Path], Written]
+
+
+def exporters() -> dict[str, str]:
+    """The names of the exporters installed, with where each one is."""
+    return {entry.name: entry.value for entry in entry_points(group=GROUP)}
+
+
+def find_exporter(name: str) -> Exporter:
+    """The exporter of that name.
+
+    Raises:
+        ExportError: if there is none, or what it needs is not installed.
+    """
+    found: Sequence[Any] = [entry for entry in entry_points(group=GROUP) if entry.name == name]
+    if not found:
+        raise ExportError(f"no export format {name!r}; there are {', '.join(sorted(exporters()))}")
+    try:
+        exporter: Exporter = found[0].load()
+    except ModuleNotFoundError as error:
+        raise ExportError(f"export to {name} needs {error.name}; pip install 'minihuman[export]'") from error
+    return exporter

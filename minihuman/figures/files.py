@@ -1,0 +1,26 @@
+"""Figures to files: the same data gives the same bytes, with no dates and no program versions inside."""
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.figure import Figure
+
+from minihuman.figures.style import our_style
+
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
+}
+
+
+def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
+    """Write ``stem``.png at 300 dots an inch and ``stem``.pdf, making the folder; the PNG comes first."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    png, pdf = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".pdf")
+    with our_style():
+        FigureCanvasAgg(figure).print_figure(str(png), metadata=_METADATA["png"], dpi=300)
+        figure.set_layout_engine("none")  # the places worked out for the PNG are the PDF's
+        FigureCanvasPdf(figure).print_figure(str(pdf), metadata=_METADATA["pdf"])
+    return png, pdf

@@ -1,0 +1,72 @@
+"""Learning curves: a measure over the episodes, one line a group, with the confidence band of its mean."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from scipy import stats
+
+from minihuman.figures.style import SERIES, blank, our_style
+
+_DASHES = ("-", "--", ":", "-.")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def mean_and_band(
+    values: NDArray[np.float64], *, level: float = 0.95
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Mean over participants and Student's t interval of that mean, each (episodes,), from (participants, episodes).
+
+    NaN stands for a missing episode. With fewer than two participants in an episode the interval there is NaN.
+    """
+    there = (~np.isnan(values)).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.nansum(values, axis=0) / there
+        spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (there - 1)) / np.sqrt(there)
+        half = np.where(there > 1, stats.t.ppf(0.5 + level / 2, np.maximum(there - 1, 1)) * spread, np.nan)
+    return mean, mean - half, mean + half
+
+
+def draw_learning(
+    ax: Axes,
+    curves: Mapping[str, NDArray[np.float64]],
+    *,
+    measure: str,
+    level: float = 0.95,
+    limits: tuple[float, float] | None = None,
+) -> Axes:
+    """Draw each group's mean over its participants against the episode in the block, counted from 1.
+
+    ``curves`` maps a group to (participants, episodes). Bands are cut at ``limits``, which the measure cannot leave.
+    """
+    for place, (group, values) in enumerate(curves.items()):
+        colour = SERIES[place % len(SERIES)]
+        mean, low, high = mean_and_band(values, level=level)
+        if limits is not None:
+            low, high = np.clip(low, *limits), np.clip(high, *limits)
+        numbers = np.arange(1, values.shape[1] + 1)
+        ax.plot(
+            numbers, mean, _DASHES[place % len(_DASHES)], marker=_MARKERS[place % len(_MARKERS)], ms=3.2, color=colour,
+            label=f"{group} (n = {len(values)})",
+        )  # fmt: skip
+        ax.fill_between(numbers, low, high, color=colour, alpha=0.18, lw=0, gid=f"band: {group}")
+    ax.set(xlabel="episode in the block", ylabel=measure)
+    if limits is not None and np.isfinite(limits).all():
+        margin = 0.03 * (limits[1] - limits[0])
+        ax.set_ylim(limits[0] - margin, limits[1] + margin)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(curves)))
+    return ax
+
+
+def learning_figure(
+    curves: Mapping[str, NDArray[np.float64]], *, measure: str, limits: tuple[float, float] | None = None
+) -> Figure:
+    """One measure's learning curves for one column of a page."""
+    with our_style():
+        figure = blank(height_cm=6.2)
+        draw_learning(figure.subplots(), curves, measure=measure, limits=limits)
+    return figure

@@ -1,0 +1,94 @@
+"""Where people were: the share of steps spent in each place, over many episodes of one world."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from minihuman.figures.style import TIME_COLOURS, WALL, blank, our_style
+from minihuman.log.episode import Episode
+
+_BIN = {"cell": 1.0, "m": 0.5}
+
+
+def occupancy(
+    participants: Sequence[Sequence[Episode]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Share of steps in each square of the floor: (columns, rows), with the edges along x and along z.
+
+    Squares are cells in the grid and half metres in 3D. Every participant weighs the same, however long they took;
+    episodes without a map or poses do not count.
+
+    Raises:
+        ValueError: if no episode tells map and poses, or cells and metres are mixed.
+    """
+    told = [[episode for episode in theirs if tells_places(episode)] for theirs in participants]
+    told = [theirs for theirs in told if theirs]
+    maps = [episode.start.map for theirs in told for episode in theirs if episode.start.map]
+    units = {floor.unit for floor in maps}
+    if len(units) != 1:
+        raise ValueError(f"occupancy needs episodes in one unit, with map and poses; found {sorted(units) or 'none'}")
+    size = _BIN[units.pop()]
+    low, high = (
+        np.array([floor.bounds for floor in maps])[:, :2].min(0),
+        np.array([floor.bounds for floor in maps])[:, 2:].max(0),
+    )
+    edges = [np.arange(low[i], high[i] + size - 1e-9, size) for i in (0, 1)]
+    total = np.zeros((len(edges[0]) - 1, len(edges[1]) - 1))
+    for theirs in told:
+        places = np.concatenate([episode.poses[:, [0, 2]] for episode in theirs])
+        counts = np.histogram2d(places[:, 0], places[:, 1], bins=edges)[0]
+        total += counts / counts.sum() / len(told)
+    return total, edges[0], edges[1]
+
+
+def draw_occupancy(ax: Axes, participants: Sequence[Sequence[Episode]]) -> Axes:
+    """Draw the share of steps in each place as colour, a never visited place white, with every map's walls over it.
+
+    Walls that differ between episodes show as pale as they are rare.
+    """
+    share, x_edges, z_edges = occupancy(participants)
+    colours = mpl.colormaps[TIME_COLOURS].reversed().with_extremes(bad="white")
+    percent = np.ma.masked_equal(100 * share.T, 0)
+    mesh = ax.pcolormesh(
+        x_edges,
+        z_edges,
+        percent,
+        cmap=colours,
+        norm=mpl.colors.LogNorm(max(percent.min(), percent.max() / 300), percent.max()),
+    )
+    mesh.set_gid("occupancy")
+    walls = [
+        wall for theirs in participants for episode in theirs if episode.start.map for wall in episode.start.map.walls
+    ]
+    kinds, counts = np.unique(np.round(walls, 6), axis=0, return_counts=True)
+    strength = counts / counts.max()
+    lines = LineCollection(
+        [((w[0], w[1]), (w[2], w[3])) for w in kinds], colors=WALL, linewidths=0.8, alpha=list(strength)
+    )
+    ax.add_collection(lines)
+    ax.set(aspect="equal", xticks=[], yticks=[])
+    ax.set_ylim(z_edges[-1] + 0.1, z_edges[0] - 0.1)
+    ax.spines[:].set_visible(False)
+    return ax
+
+
+def occupancy_figure(title: str, participants: Sequence[Sequence[Episode]]) -> Figure:
+    """The floor plan with its colour scale, for one column of a page."""
+    with our_style():
+        figure = blank(height_cm=7.6)
+        ax = figure.subplots()
+        draw_occupancy(ax, participants)
+        bar = figure.colorbar(ax.collections[0], ax=ax, shrink=0.8)
+        bar.set_label("share of steps (%, log scale)")
+        ax.set_title(f"{title}, {len(participants)} participants")
+    return figure
+
+
+def tells_places(episode: Episode) -> bool:
+    """Whether an episode has a map, and a pose at every step."""
+    return episode.start.map is not None and not bool(np.isnan(episode.poses[:, [0, 2]]).any())

@@ -1,0 +1,107 @@
+"""A session at a glance: steps, time, outcome and the keys tried, episode by episode."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from minihuman.figures.style import OUTCOME_COLOURS, OUTCOME_MARKERS, QUIET, SERIES, blank, our_style, outcome_name
+from minihuman.log.episode import Episode, SessionLog
+
+_DOT: dict[str, Any] = {"ms": 4, "mec": "black", "mew": 0.4}
+_KEY_KINDS = (("steps", SERIES[0]), ("no action", SERIES[1]), ("not playing", QUIET))
+
+
+def draw_steps(ax: Axes, log: SessionLog) -> Axes:
+    """Draw the steps of each episode, its outcome as colour and shape, the step limit as a bar above."""
+    numbers = _numbers(log)
+    for episode, number in zip(log.episodes, numbers, strict=True):
+        name = outcome_name(episode.outcome)
+        ax.plot([number, number], [0, len(episode.actions)], color=OUTCOME_COLOURS[name], lw=1.4, zorder=1)
+        ax.plot(
+            number, len(episode.actions), OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], ms=4, mec="black", mew=0.4
+        )
+        limit = episode.plan.max_steps
+        ax.plot([number - 0.35, number + 0.35], [limit, limit], color=QUIET, lw=0.8)
+    seen = dict.fromkeys(outcome_name(episode.outcome) for episode in log.episodes)
+    for name in seen:
+        ax.plot([], [], OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], label=name, **_DOT)
+    ax.plot([], [], color=QUIET, lw=0.8, label="step limit")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(seen) + 1, borderaxespad=0, handlelength=1.2)
+    ax.set_ylabel("steps")
+    ax.set_ylim(bottom=0)
+    return ax
+
+
+def draw_time(ax: Axes, log: SessionLog) -> Axes:
+    """Draw how long each episode took, in seconds from reset to its last step."""
+    seconds = [float(episode.t_ns[-1] - episode.t_ns[0]) / 1e9 for episode in log.episodes]
+    ax.bar(_numbers(log), seconds, width=0.7, color=SERIES[4])
+    ax.set_ylabel("time (s)")
+    return ax
+
+
+def draw_keys(ax: Axes, log: SessionLog) -> Axes:
+    """Draw the presses of each episode: those that made a step, those without an action, those outside play."""
+    counts = [_presses(episode) for episode in log.episodes]
+    bottom = np.zeros(len(counts))
+    for kind, colour in _KEY_KINDS:
+        heights = np.array([count[kind] for count in counts], dtype=float)
+        ax.bar(_numbers(log), heights, bottom=bottom, width=0.7, color=colour, label=kind)
+        bottom += heights
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, borderaxespad=0, handlelength=1.0)
+    ax.set_ylabel("presses")
+    return ax
+
+
+def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
+    """Draw how many different keys were pressed in each episode; a bar marks how many of them have an action."""
+    tried = [len({press.key for press in episode.keys if press.down}) for episode in log.episodes]
+    ax.bar(_numbers(log), tried, width=0.7, color=SERIES[3])
+    for number, episode in zip(_numbers(log), log.episodes, strict=True):
+        mapped = len(episode.plan.key_map.keys)
+        ax.plot([number - 0.42, number + 0.42], [mapped, mapped], color="black", lw=0.9)
+    ax.plot([], [], color="black", lw=0.9, label="keys with an action")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0, handlelength=1.2)
+    ax.set_ylabel("different keys")
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+    return ax
+
+
+def overview_figure(log: SessionLog) -> Figure:
+    """Four panels over the session's episodes, blocks told apart by bands, for one column of a page."""
+    with our_style():
+        figure = blank(height_cm=11.5)
+        axes = figure.subplots(4, 1, sharex=True)
+        for ax, draw in zip(axes, (draw_steps, draw_time, draw_keys, draw_different_keys), strict=True):
+            draw(ax, log)
+            _bands(ax, log)
+        axes[-1].set_xlabel("episode")
+        axes[-1].set_xticks(_numbers(log))
+        participant = log.plan.participant
+        unclean = "" if log.clean else ", cut off"
+        figure.suptitle(f"{participant.id} ({participant.group}), {log.plan.study}{unclean}", fontsize=7.5)
+    return figure
+
+
+def _numbers(log: SessionLog) -> list[int]:
+    return [episode.plan.episode + 1 for episode in log.episodes]
+
+
+def _presses(episode: Episode) -> Counter[str]:
+    kinds = {"accepted": "steps", "queued": "steps", "unmapped": "no action", "spare": "no action"}
+    return Counter(
+        kinds.get(press.verdict, "not playing") for press in episode.keys if press.down and press.verdict != "repeat"
+    )
+
+
+def _bands(ax: Axes, log: SessionLog) -> None:
+    """Shade every other block."""
+    blocks = dict.fromkeys(episode.plan.block for episode in log.episodes)
+    for place, block in enumerate(blocks):
+        numbers = [episode.plan.episode + 1 for episode in log.episodes if episode.plan.block == block]
+        if place % 2:
+            ax.axvspan(min(numbers) - 0.5, max(numbers) + 0.5, color="#efefef", zorder=-1, lw=0)

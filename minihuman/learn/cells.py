@@ -1,0 +1,185 @@
+"""The transfer study as values: its settings, its cells, and one job for every cell and run. Nothing runs here."""
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+from minihuman.errors import LearnError
+from minihuman.worlds.first_person.rules import ACTIONS
+from minihuman.worlds.hashing import hash64
+
+ProtocolName = Literal["as-intended", "as-published"]
+PROTOCOLS: tuple[ProtocolName, ...] = ("as-intended", "as-published")
+
+GRID_WORLD = "minihuman/MiniGrid-GoToObj-Transfer-v0"
+FIRST_PERSON_WORLD = "minihuman/MiniWorld-GoToObj-Transfer-v0"
+SOURCE = "source"
+BASELINE = "baseline"
+TRANSFERS = ("M", "A", "C", "AM", "CM", "ACM")
+SOURCE_STEPS: dict[ProtocolName, int] = {"as-intended": 500_000, "as-published": 2_000_000}
+QUICK_STEPS = 4_096
+
+# What the published code does, beside what its table says. Every output of the as-published protocol names these.
+DEFECTS = (
+    (
+        "transferred layers replace their parameters after the optimiser was built, so they never move, frozen or "
+        "not; where not frozen their gradients pile up and shrink everyone's share of the clipped norm"
+    ),
+    (
+        "the source's actor head has seven outputs in a world of three actions; the other four move back, pick up, "
+        "drop and toggle there"
+    ),
+    "the frozen CM row misspells M's freeze flag and leaves M free",
+    "the critic's head: its weight is frozen in every C row, its bias is transferred in the frozen C rows only",
+    "one source checkpoint serves all runs",
+    "the grid draws colours with repetition, so some missions match two objects; the 3D world draws them without",
+    "grid codes from 0 to 10 are scaled as if they were colours from 0 to 255",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Ppo:
+    """Proximal policy optimisation; the defaults are those of Stable-Baselines3."""
+
+    n_steps: int = 2048  # steps between updates
+    batch_size: int = 64
+    n_epochs: int = 10
+    learning_rate: float = 3e-4
+    clip_range: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Everything that decides the study's numbers."""
+
+    protocol: ProtocolName = "as-intended"
+    runs: int = 10
+    steps: int = 200_000  # of the baseline and of each transfer
+    source_steps: int | None = None  # None: the protocol's own
+    seed: int = 1
+    quick: bool = False  # far fewer steps, said in every output
+    transfers: tuple[str, ...] = TRANSFERS
+    ppo: Ppo = field(default_factory=Ppo)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run."""
+        if self.protocol not in PROTOCOLS:
+            raise LearnError(f"protocol is {self.protocol!r}; it is one of {', '.join(PROTOCOLS)}")
+        for name in ("runs", "steps"):
+            if getattr(self, name) < 1:
+                raise LearnError(f"{name} is {getattr(self, name)}; it is 1 or more")
+        if self.source_steps is not None and self.source_steps < 1:
+            raise LearnError(f"source steps are {self.source_steps}; they are 1 or more")
+        if unknown := [name for name in self.transfers if name not in TRANSFERS]:
+            raise LearnError(f"no transfer is called {unknown[0]!r}; there are {', '.join(TRANSFERS)}")
+
+    @property
+    def cells(self) -> tuple["Cell", ...]:
+        """Source, baseline, and every transfer free and frozen, in the order of the published table."""
+        transfers = [Cell(name, frozen) for name in self.transfers for frozen in (False, True)]
+        return (Cell(SOURCE), Cell(BASELINE), *transfers)
+
+    def runs_of(self, cell: "Cell") -> int:
+        """How many runs a cell has: the published study trained one source only."""
+        return 1 if cell.name == SOURCE and self.protocol == "as-published" else self.runs
+
+    def jobs(self) -> tuple["Job", ...]:
+        """One job for every cell and run, the sources first."""
+        return tuple(Job(self, cell, run) for cell in self.cells for run in range(self.runs_of(cell)))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One row of the table: what is transferred, and whether it stays frozen."""
+
+    name: str  # "source", "baseline", or the letters of what moves
+    frozen: bool = False
+
+    @property
+    def parts(self) -> frozenset[str]:
+        """The letters of what moves: M mission, A actor, C critic."""
+        return frozenset() if self.name in (SOURCE, BASELINE) else frozenset(self.name)
+
+    @property
+    def label(self) -> str:
+        """How tables and folders call it: "CM-frozen"."""
+        return f"{self.name}-frozen" if self.frozen else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One cell, one run: independent, seeded, resumable."""
+
+    study: Study
+    cell: Cell
+    run: int
+
+    @property
+    def name(self) -> str:
+        """Its folder below the study's: "CM-frozen/run-02"."""
+        return f"{self.cell.label}/run-{self.run:02d}"
+
+    @property
+    def source(self) -> "Job | None":
+        """The job whose weights it needs; None where it starts from nothing."""
+        if not self.cell.parts:
+            return None
+        return Job(self.study, Cell(SOURCE), 0 if self.study.protocol == "as-published" else self.run)
+
+    @property
+    def world(self) -> str:
+        """The Gymnasium id it trains in."""
+        return GRID_WORLD if self.cell.name == SOURCE else FIRST_PERSON_WORLD
+
+    @property
+    def world_options(self) -> dict[str, Any]:
+        """Keyword arguments of ``gymnasium.make``: the published worlds, defects included, or ours."""
+        if self.study.protocol == "as-intended":
+            return {}
+        return {"ambiguous": True} if self.cell.name == SOURCE else {"actions": ACTIONS[:7]}
+
+    @property
+    def actions(self) -> int:
+        """How many actions the policy chooses among (the published one was told 3 in the 3D world)."""
+        return 7 if self.cell.name == SOURCE else 3
+
+    @property
+    def steps(self) -> int:
+        """How long it trains; whole updates, so the last may run over."""
+        if self.cell.name != SOURCE:
+            return self.study.steps
+        return self.study.source_steps or SOURCE_STEPS[self.study.protocol]
+
+    @property
+    def seed(self) -> int:
+        """Its own seed, independent of every other job's."""
+        return hash64((self.study.seed, self.cell.label, self.run)) % 2**31
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """Everything that decides this job's result, the source's result included."""
+        source = self.source
+        return {
+            "protocol": self.study.protocol,
+            "cell": self.cell.label,
+            "run": self.run,
+            "seed": self.seed,
+            "world": self.world,
+            "world_options": self.world_options,
+            "steps": self.steps,
+            "ppo": asdict(self.study.ppo),
+            "source": None if source is None else source.config_hash,
+        }
+
+    @property
+    def config_hash(self) -> str:
+        """A short name for the configuration."""
+        return f"{hash64(self.config):016x}"
+
+
+def quick(study: Study) -> Study:
+    """The same study with far fewer steps: it shows that everything runs, its numbers mean nothing."""
+    return replace(study, quick=True, steps=QUICK_STEPS, source_steps=QUICK_STEPS)

@@ -1,0 +1,178 @@
+"""Events as messages: first the one that holds the truth, or, for a step, last.
+
+``truth`` is undone by ``decode``; ``for_viewers`` only repeats it in the well-known types that rerun and Foxglove draw.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import assert_never
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Pose_pb2 import Pose as FoxglovePose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.message import Message
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from minihuman.log import plan_messages as plans
+from minihuman.log import topics
+from minihuman.log.floor_plan import floor_plan_png
+from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.study import events as ev
+from minihuman.worlds.pose import Pose
+
+FRAME_ID = "world"  # x right, y up, z down the page, as minihuman.worlds.pose says
+
+
+def truth(event: ev.Event) -> tuple[str, Message]:
+    """Name the topic of an event and put all of it into one message."""
+    match event:
+        case ev.SessionStarted():
+            return topics.PLAN, plans.session_plan_message(event.plan, t_ns=event.t_ns, facts=event.facts)
+        case ev.KeyMapDrawn():
+            key_map = plans.key_map_message(event.key_map)
+            return topics.KEY_MAP, v1.KeyMapDrawn(t_ns=event.t_ns, episode=event.episode, key_map=key_map)
+        case ev.EpisodeStarted():
+            return topics.EPISODE_START, _episode_start(event)
+        case ev.KeyPressed():
+            return topics.KEY, v1.KeyEvent(
+                t_ns=event.t_ns,
+                key=event.key,
+                symbol=event.symbol,
+                down=event.down,
+                action=event.action,
+                verdict=event.verdict,
+                phase=event.phase,
+            )
+        case ev.Stepped():
+            return topics.STEP, _step(event)
+        case ev.FrameShown():
+            return topics.FRAME, v1.FrameShown(
+                t_ns=event.t_ns,
+                episode=event.episode,
+                step=event.step,
+                submit_ns=event.submit_ns,
+                flip_ns=event.flip_ns,
+            )
+        case ev.EpisodeEnded():
+            return topics.EPISODE_END, v1.EpisodeEnd(
+                t_ns=event.t_ns,
+                episode=event.episode,
+                outcome=event.outcome,
+                steps=event.steps,
+                episode_return=event.return_,
+                state_hash=event.state_hash,
+            )
+        case ev.Paused():
+            return topics.PAUSE, v1.Pause(t_ns=event.t_ns, paused=True, reason=event.reason)
+        case ev.Resumed():
+            return topics.PAUSE, v1.Pause(t_ns=event.t_ns, paused=False)
+        case ev.Noted():
+            return topics.NOTE, v1.Note(t_ns=event.t_ns, kind=event.kind, text=event.text)
+        case ev.SessionEnded():
+            return topics.SESSION_END, v1.SessionEnd(
+                t_ns=event.t_ns,
+                reason=event.reason,
+                detail=event.detail,
+                episodes_completed=event.episodes_completed,
+            )
+    assert_never(event)
+
+
+def for_viewers(event: ev.Event, *, started_ns: int) -> Iterator[tuple[str, Message]]:
+    """Yield what viewers draw of an event: a pose, a floor plan, a readable line. ``started_ns`` is the wall clock."""
+    stamp = _timestamp(started_ns + event.t_ns)
+    if isinstance(event, ev.EpisodeStarted | ev.Stepped) and event.pose is not None:
+        yield topics.POSE, PoseInFrame(timestamp=stamp, frame_id=FRAME_ID, pose=_foxglove_pose(event.pose))
+    if isinstance(event, ev.EpisodeStarted) and event.map is not None:
+        image = floor_plan_png(event.map, event.pose)
+        yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
+    line = _line(event)
+    if line is not None:
+        level, name, text = line
+        yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
+
+
+def caused_ns(event: ev.Event) -> int:
+    """When what caused an event arrived: the key of a step, the hand-over of a frame, else the event's own time."""
+    match event:
+        case ev.Stepped():
+            return event.key_t_ns
+        case ev.FrameShown():
+            return event.submit_ns
+        case _:
+            return event.t_ns
+
+
+def _episode_start(event: ev.EpisodeStarted) -> v1.EpisodeStart:
+    return v1.EpisodeStart(
+        t_ns=event.t_ns,
+        plan=plans.episode_plan_message(event.plan),
+        action_names=event.action_names,
+        mission=event.mission,
+        map=None if event.map is None else plans.map_message(event.map),
+        pose=None if event.pose is None else plans.pose_message(event.pose),
+        state_hash=event.state_hash,
+        observation_hash=event.observation_hash,
+    )
+
+
+def _step(event: ev.Stepped) -> v1.Step:
+    return v1.Step(
+        t_ns=event.t_ns,
+        episode=event.episode,
+        step=event.step,
+        action=event.action,
+        key=event.key,
+        key_t_ns=event.key_t_ns,
+        reward=event.reward,
+        episode_return=event.return_,
+        terminated=event.terminated,
+        truncated=event.truncated,
+        pose=None if event.pose is None else plans.pose_message(event.pose),
+        rt_ms=event.rt_ms,
+        state_hash=event.state_hash,
+        observation_hash=event.observation_hash,
+    )
+
+
+def _line(event: ev.Event) -> tuple[Log.Level.ValueType, str, str] | None:
+    match event:
+        case ev.SessionStarted():
+            who = event.plan.participant
+            text = f"{event.plan.study}: {who.id}, group {who.group}, session {event.plan.session}"
+            return Log.INFO, "session", f"{text}, segment {event.plan.segment}"
+        case ev.EpisodeStarted():
+            return Log.INFO, "episode", f"episode {event.plan.episode} starts: {event.plan.world}, {event.mission!r}"
+        case ev.EpisodeEnded():
+            text = f"episode {event.episode} ends: {event.outcome} after {event.steps} steps"
+            return Log.INFO, "episode", f"{text}, return {event.return_:.3f}"
+        case ev.KeyMapDrawn():
+            keys = ", ".join(f"{key}={action}" for key, action in event.key_map.keys.items())
+            return Log.INFO, "keys", f"episode {event.episode}: {keys}"
+        case ev.Paused():
+            return Log.WARNING, "pause", f"paused: {event.reason}"
+        case ev.Resumed():
+            return Log.INFO, "pause", "resumed"
+        case ev.Noted():
+            return (Log.ERROR if "error" in event.kind else Log.INFO), event.kind, event.text
+        case ev.SessionEnded():
+            level = Log.INFO if event.reason == "complete" else Log.WARNING
+            text = f"session ends: {event.reason} after {event.episodes_completed} episodes"
+            return level, "session", f"{text}: {event.detail}" if event.detail else text
+        case _:
+            return None
+
+
+def _timestamp(unix_ns: int) -> Timestamp:
+    return Timestamp(seconds=unix_ns // 1_000_000_000, nanos=unix_ns % 1_000_000_000)
+
+
+def _foxglove_pose(pose: Pose) -> FoxglovePose:
+    half = pose.yaw_rad / 2
+    return FoxglovePose(
+        position=Vector3(x=pose.x, y=pose.y, z=pose.z),
+        orientation=Quaternion(x=0.0, y=math.sin(half), z=0.0, w=math.cos(half)),
+    )

@@ -1,0 +1,80 @@
+"""Where a session's log lies: ``<data>/<study>/sub-07/ses-01/sub-07_ses-01.mcap``, and its names while it is live.
+
+While a segment is live it is ``sub-07_ses-01.mcap.part``, or ``sub-07_ses-01_seg-02.mcap.part`` after a resume.
+When it ends it becomes, or is merged into, the session's one ``sub-07_ses-01.mcap``.
+"""
+
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from minihuman.errors import LogError
+from minihuman.study.plan import SessionPlan
+
+LOG_SUFFIX = ".mcap"
+PART_SUFFIX = ".mcap.part"
+_SEGMENT = re.compile(r"_seg-(\d+)$")
+_SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentPath:
+    """A live segment's file and the log it becomes part of."""
+
+    part: Path
+    log: Path
+    segment: int  # 1 for the first
+
+    @classmethod
+    def of_plan(cls, data: Path, plan: SessionPlan) -> "SegmentPath":
+        """Name a new segment's files under the data folder.
+
+        Raises:
+            LogError: if the study's or participant's name cannot be a folder's.
+        """
+        for what, name in (("study", plan.study), ("participant", plan.participant.id)):
+            if not _SAFE.fullmatch(name):
+                raise LogError(
+                    f"{what} {name!r} cannot name a folder; "
+                    "use letters, digits, '-', '_' and '.', the first a letter or a digit"
+                )
+        folder = session_folder(data, plan.study, plan.participant.id, plan.session)
+        stem = f"{plan.participant.id}_ses-{plan.session:02d}"
+        tag = "" if plan.segment == 1 else f"_seg-{plan.segment:02d}"
+        return cls(folder / f"{stem}{tag}{PART_SUFFIX}", folder / f"{stem}{LOG_SUFFIX}", plan.segment)
+
+    @classmethod
+    def of_part(cls, part: Path) -> "SegmentPath":
+        """Find out from a live file's name which log it belongs to.
+
+        Raises:
+            LogError: if the name does not end in ``.mcap.part``.
+        """
+        if not part.name.endswith(PART_SUFFIX):
+            raise LogError(f"{part} is not a cut-off log; one is named *{PART_SUFFIX}")
+        stem = part.name.removesuffix(PART_SUFFIX)
+        tag = _SEGMENT.search(stem)
+        log = part.with_name(_SEGMENT.sub("", stem) + LOG_SUFFIX)
+        return cls(part, log, int(tag[1]) if tag else 1)
+
+
+def session_folder(data: Path, study: str, participant: str, session: int) -> Path:
+    """Name the folder of one session."""
+    return data / study / participant / f"ses-{session:02d}"
+
+
+def sessions_in(folder: Path) -> dict[Path, list[Path]]:
+    """List a folder's sessions by the log each has or will have: that log, then live or cut-off segments in order."""
+    return sessions_among(folder, os.listdir(folder))
+
+
+def sessions_among(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
+    """As ``sessions_in``, for a folder whose names are already known."""
+    names = sorted(names)
+    found = {folder / name: [folder / name] for name in names if name.endswith(LOG_SUFFIX)}
+    parts = [SegmentPath.of_part(folder / name) for name in names if name.endswith(PART_SUFFIX)]
+    for part in sorted(parts, key=lambda part: (part.log, part.segment)):
+        found.setdefault(part.log, []).append(part.part)
+    return found

@@ -1,0 +1,332 @@
+from google.protobuf.internal import containers as _containers
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Mapping, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class Participant(_message.Message):
+    __slots__ = ("id", "index", "group")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    INDEX_FIELD_NUMBER: _ClassVar[int]
+    GROUP_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    index: int
+    group: str
+    def __init__(self, id: _Optional[str] = ..., index: _Optional[int] = ..., group: _Optional[str] = ...) -> None: ...
+
+class Binding(_message.Message):
+    __slots__ = ("key", "action")
+    KEY_FIELD_NUMBER: _ClassVar[int]
+    ACTION_FIELD_NUMBER: _ClassVar[int]
+    key: str
+    action: str
+    def __init__(self, key: _Optional[str] = ..., action: _Optional[str] = ...) -> None: ...
+
+class KeyMap(_message.Message):
+    __slots__ = ("keys", "spare_keys", "spare", "seed")
+    KEYS_FIELD_NUMBER: _ClassVar[int]
+    SPARE_KEYS_FIELD_NUMBER: _ClassVar[int]
+    SPARE_FIELD_NUMBER: _ClassVar[int]
+    SEED_FIELD_NUMBER: _ClassVar[int]
+    keys: _containers.RepeatedCompositeFieldContainer[Binding]
+    spare_keys: _containers.RepeatedScalarFieldContainer[str]
+    spare: str
+    seed: int
+    def __init__(self, keys: _Optional[_Iterable[_Union[Binding, _Mapping]]] = ..., spare_keys: _Optional[_Iterable[str]] = ..., spare: _Optional[str] = ..., seed: _Optional[int] = ...) -> None: ...
+
+class EpisodePlan(_message.Message):
+    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette")
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    BLOCK_FIELD_NUMBER: _ClassVar[int]
+    BLOCK_NAME_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_IN_BLOCK_FIELD_NUMBER: _ClassVar[int]
+    EPISODES_IN_BLOCK_FIELD_NUMBER: _ClassVar[int]
+    WORLD_FIELD_NUMBER: _ClassVar[int]
+    OPTIONS_JSON_FIELD_NUMBER: _ClassVar[int]
+    SEED_FIELD_NUMBER: _ClassVar[int]
+    ACTIONS_FIELD_NUMBER: _ClassVar[int]
+    KEY_MAP_FIELD_NUMBER: _ClassVar[int]
+    SHOW_KEYS_FIELD_NUMBER: _ClassVar[int]
+    PACE_FIELD_NUMBER: _ClassVar[int]
+    STEP_PERIOD_MS_FIELD_NUMBER: _ClassVar[int]
+    NOOP_FIELD_NUMBER: _ClassVar[int]
+    AUTO_REPEAT_FIELD_NUMBER: _ClassVar[int]
+    MAX_STEPS_FIELD_NUMBER: _ClassVar[int]
+    VIEW_FIELD_NUMBER: _ClassVar[int]
+    PALETTE_FIELD_NUMBER: _ClassVar[int]
+    episode: int
+    block: int
+    block_name: str
+    episode_in_block: int
+    episodes_in_block: int
+    world: str
+    options_json: str
+    seed: int
+    actions: _containers.RepeatedScalarFieldContainer[str]
+    key_map: KeyMap
+    show_keys: bool
+    pace: str
+    step_period_ms: float
+    noop: str
+    auto_repeat: bool
+    max_steps: int
+    view: str
+    palette: str
+    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ...) -> None: ...
+
+class BlockText(_message.Message):
+    __slots__ = ("instruction", "feedback", "rest", "rest_s")
+    INSTRUCTION_FIELD_NUMBER: _ClassVar[int]
+    FEEDBACK_FIELD_NUMBER: _ClassVar[int]
+    REST_FIELD_NUMBER: _ClassVar[int]
+    REST_S_FIELD_NUMBER: _ClassVar[int]
+    instruction: str
+    feedback: str
+    rest: str
+    rest_s: float
+    def __init__(self, instruction: _Optional[str] = ..., feedback: _Optional[str] = ..., rest: _Optional[str] = ..., rest_s: _Optional[float] = ...) -> None: ...
+
+class Fact(_message.Message):
+    __slots__ = ("name", "value")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    VALUE_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    value: str
+    def __init__(self, name: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
+
+class SessionPlan(_message.Message):
+    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    STUDY_FIELD_NUMBER: _ClassVar[int]
+    STUDY_VERSION_FIELD_NUMBER: _ClassVar[int]
+    PROTOCOL_TOML_FIELD_NUMBER: _ClassVar[int]
+    PROTOCOL_SHA256_FIELD_NUMBER: _ClassVar[int]
+    PARTICIPANT_FIELD_NUMBER: _ClassVar[int]
+    SESSION_FIELD_NUMBER: _ClassVar[int]
+    STUDY_SEED_FIELD_NUMBER: _ClassVar[int]
+    ALLOCATION_SHA256_FIELD_NUMBER: _ClassVar[int]
+    OVERRIDDEN_FIELD_NUMBER: _ClassVar[int]
+    CONSENT_TEXT_FIELD_NUMBER: _ClassVar[int]
+    CONSENT_SHA256_FIELD_NUMBER: _ClassVar[int]
+    KEY_POOL_FIELD_NUMBER: _ClassVar[int]
+    KEYBOARD_CHECK_FIELD_NUMBER: _ClassVar[int]
+    TEXTS_FIELD_NUMBER: _ClassVar[int]
+    CLOSING_TEXT_FIELD_NUMBER: _ClassVar[int]
+    EPISODES_FIELD_NUMBER: _ClassVar[int]
+    FIRST_EPISODE_FIELD_NUMBER: _ClassVar[int]
+    SEGMENT_FIELD_NUMBER: _ClassVar[int]
+    FACTS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    study: str
+    study_version: str
+    protocol_toml: bytes
+    protocol_sha256: str
+    participant: Participant
+    session: int
+    study_seed: int
+    allocation_sha256: str
+    overridden: bool
+    consent_text: str
+    consent_sha256: str
+    key_pool: _containers.RepeatedScalarFieldContainer[str]
+    keyboard_check: bool
+    texts: _containers.RepeatedCompositeFieldContainer[BlockText]
+    closing_text: str
+    episodes: _containers.RepeatedCompositeFieldContainer[EpisodePlan]
+    first_episode: int
+    segment: int
+    facts: _containers.RepeatedCompositeFieldContainer[Fact]
+    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: bool = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: bool = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ...) -> None: ...
+
+class Note(_message.Message):
+    __slots__ = ("t_ns", "kind", "text")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    kind: str
+    text: str
+    def __init__(self, t_ns: _Optional[int] = ..., kind: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
+
+class Pause(_message.Message):
+    __slots__ = ("t_ns", "paused", "reason")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PAUSED_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    paused: bool
+    reason: str
+    def __init__(self, t_ns: _Optional[int] = ..., paused: bool = ..., reason: _Optional[str] = ...) -> None: ...
+
+class SessionEnd(_message.Message):
+    __slots__ = ("t_ns", "reason", "detail", "episodes_completed")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    DETAIL_FIELD_NUMBER: _ClassVar[int]
+    EPISODES_COMPLETED_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    reason: str
+    detail: str
+    episodes_completed: int
+    def __init__(self, t_ns: _Optional[int] = ..., reason: _Optional[str] = ..., detail: _Optional[str] = ..., episodes_completed: _Optional[int] = ...) -> None: ...
+
+class KeyMapDrawn(_message.Message):
+    __slots__ = ("t_ns", "episode", "key_map")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    KEY_MAP_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    key_map: KeyMap
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ...) -> None: ...
+
+class Pose(_message.Message):
+    __slots__ = ("x", "y", "z", "yaw_rad")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    YAW_RAD_FIELD_NUMBER: _ClassVar[int]
+    x: float
+    y: float
+    z: float
+    yaw_rad: float
+    def __init__(self, x: _Optional[float] = ..., y: _Optional[float] = ..., z: _Optional[float] = ..., yaw_rad: _Optional[float] = ...) -> None: ...
+
+class Wall(_message.Message):
+    __slots__ = ("x0", "z0", "x1", "z1")
+    X0_FIELD_NUMBER: _ClassVar[int]
+    Z0_FIELD_NUMBER: _ClassVar[int]
+    X1_FIELD_NUMBER: _ClassVar[int]
+    Z1_FIELD_NUMBER: _ClassVar[int]
+    x0: float
+    z0: float
+    x1: float
+    z1: float
+    def __init__(self, x0: _Optional[float] = ..., z0: _Optional[float] = ..., x1: _Optional[float] = ..., z1: _Optional[float] = ...) -> None: ...
+
+class Thing(_message.Message):
+    __slots__ = ("name", "x", "z", "radius", "colour")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    X_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    RADIUS_FIELD_NUMBER: _ClassVar[int]
+    COLOUR_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    x: float
+    z: float
+    radius: float
+    colour: str
+    def __init__(self, name: _Optional[str] = ..., x: _Optional[float] = ..., z: _Optional[float] = ..., radius: _Optional[float] = ..., colour: _Optional[str] = ...) -> None: ...
+
+class Map(_message.Message):
+    __slots__ = ("unit", "bounds", "walls", "things")
+    UNIT_FIELD_NUMBER: _ClassVar[int]
+    BOUNDS_FIELD_NUMBER: _ClassVar[int]
+    WALLS_FIELD_NUMBER: _ClassVar[int]
+    THINGS_FIELD_NUMBER: _ClassVar[int]
+    unit: str
+    bounds: Wall
+    walls: _containers.RepeatedCompositeFieldContainer[Wall]
+    things: _containers.RepeatedCompositeFieldContainer[Thing]
+    def __init__(self, unit: _Optional[str] = ..., bounds: _Optional[_Union[Wall, _Mapping]] = ..., walls: _Optional[_Iterable[_Union[Wall, _Mapping]]] = ..., things: _Optional[_Iterable[_Union[Thing, _Mapping]]] = ...) -> None: ...
+
+class EpisodeStart(_message.Message):
+    __slots__ = ("t_ns", "plan", "action_names", "mission", "map", "pose", "state_hash", "observation_hash")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PLAN_FIELD_NUMBER: _ClassVar[int]
+    ACTION_NAMES_FIELD_NUMBER: _ClassVar[int]
+    MISSION_FIELD_NUMBER: _ClassVar[int]
+    MAP_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    STATE_HASH_FIELD_NUMBER: _ClassVar[int]
+    OBSERVATION_HASH_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    plan: EpisodePlan
+    action_names: _containers.RepeatedScalarFieldContainer[str]
+    mission: str
+    map: Map
+    pose: Pose
+    state_hash: int
+    observation_hash: int
+    def __init__(self, t_ns: _Optional[int] = ..., plan: _Optional[_Union[EpisodePlan, _Mapping]] = ..., action_names: _Optional[_Iterable[str]] = ..., mission: _Optional[str] = ..., map: _Optional[_Union[Map, _Mapping]] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ...) -> None: ...
+
+class KeyEvent(_message.Message):
+    __slots__ = ("t_ns", "key", "symbol", "down", "action", "verdict", "phase")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    KEY_FIELD_NUMBER: _ClassVar[int]
+    SYMBOL_FIELD_NUMBER: _ClassVar[int]
+    DOWN_FIELD_NUMBER: _ClassVar[int]
+    ACTION_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    PHASE_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    key: str
+    symbol: str
+    down: bool
+    action: int
+    verdict: str
+    phase: str
+    def __init__(self, t_ns: _Optional[int] = ..., key: _Optional[str] = ..., symbol: _Optional[str] = ..., down: bool = ..., action: _Optional[int] = ..., verdict: _Optional[str] = ..., phase: _Optional[str] = ...) -> None: ...
+
+class Step(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    ACTION_FIELD_NUMBER: _ClassVar[int]
+    KEY_FIELD_NUMBER: _ClassVar[int]
+    KEY_T_NS_FIELD_NUMBER: _ClassVar[int]
+    REWARD_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_RETURN_FIELD_NUMBER: _ClassVar[int]
+    TERMINATED_FIELD_NUMBER: _ClassVar[int]
+    TRUNCATED_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    RT_MS_FIELD_NUMBER: _ClassVar[int]
+    STATE_HASH_FIELD_NUMBER: _ClassVar[int]
+    OBSERVATION_HASH_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    action: int
+    key: str
+    key_t_ns: int
+    reward: float
+    episode_return: float
+    terminated: bool
+    truncated: bool
+    pose: Pose
+    rt_ms: float
+    state_hash: int
+    observation_hash: int
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ...) -> None: ...
+
+class FrameShown(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "submit_ns", "flip_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    SUBMIT_NS_FIELD_NUMBER: _ClassVar[int]
+    FLIP_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    submit_ns: int
+    flip_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ...) -> None: ...
+
+class EpisodeEnd(_message.Message):
+    __slots__ = ("t_ns", "episode", "outcome", "steps", "episode_return", "state_hash")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    OUTCOME_FIELD_NUMBER: _ClassVar[int]
+    STEPS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_RETURN_FIELD_NUMBER: _ClassVar[int]
+    STATE_HASH_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    outcome: str
+    steps: int
+    episode_return: float
+    state_hash: int
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., outcome: _Optional[str] = ..., steps: _Optional[int] = ..., episode_return: _Optional[float] = ..., state_hash: _Optional[int] = ...) -> None: ...

@@ -1,0 +1,74 @@
+"""The log's topics: which message type each carries. docs/log-format.md is written from this table."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import Message
+
+from minihuman.log.proto import minihuman_v1_pb2 as v1
+
+SCHEMA_VERSION = 1  # of the messages; goes up when an older reader would misread a newer log
+PROFILE = "minihuman"
+
+PLAN = "/session/plan"
+NOTE = "/session/note"
+PAUSE = "/session/pause"
+SESSION_END = "/session/end"
+KEY_MAP = "/episode/keys"
+EPISODE_START = "/episode/start"
+EPISODE_END = "/episode/end"
+KEY = "/input/key"
+STEP = "/step"
+FRAME = "/frame"
+
+POSE = "/pose"
+MAP_IMAGE = "/map/image"
+LOG = "/log"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic, its message type, and whether it holds the truth or only repeats it for viewers."""
+
+    name: str
+    message: type[Message]
+    holds: str
+    for_viewers: bool = False
+
+
+TOPICS = (
+    Topic(PLAN, v1.SessionPlan, "the whole plan and the station's facts; the first message of a segment"),
+    Topic(NOTE, v1.Note, "consent, keyboard check, focus, phase changes, errors"),
+    Topic(PAUSE, v1.Pause, "play stopped, and why; play goes on"),
+    Topic(KEY_MAP, v1.KeyMapDrawn, "the key map that comes into force"),
+    Topic(EPISODE_START, v1.EpisodeStart, "what is played, map, first pose and hashes"),
+    Topic(KEY, v1.KeyEvent, "every press and release, mapped or not"),
+    Topic(STEP, v1.Step, "one step of the world; the last message of its step"),
+    Topic(FRAME, v1.FrameShown, "when a picture was handed over and when it was on the display"),
+    Topic(EPISODE_END, v1.EpisodeEnd, "outcome, steps, return, last state hash"),
+    Topic(SESSION_END, v1.SessionEnd, "why the segment ended; its last message"),
+    Topic(POSE, PoseInFrame, "the pose after a reset or step", for_viewers=True),
+    Topic(MAP_IMAGE, CompressedImage, "the floor plan of an episode, PNG", for_viewers=True),
+    Topic(LOG, Log, "a readable line for starts, ends, pauses and notes", for_viewers=True),
+)
+BY_NAME = {topic.name: topic for topic in TOPICS}
+
+
+def schema_bytes(message: type[Message]) -> bytes:
+    """Serialise a message type's file and every file it needs, as MCAP's protobuf encoding asks."""
+    files: dict[str, Any] = {}
+
+    def collect(file: Any) -> None:
+        for needed in file.dependencies:
+            collect(needed)
+        files.setdefault(file.name, file)
+
+    collect(message.DESCRIPTOR.file)
+    result = FileDescriptorSet()
+    for file in files.values():
+        file.CopyToProto(result.file.add())
+    return result.SerializeToString(deterministic=True)

@@ -1,0 +1,1 @@
+"""Measures: numbers from one episode or one session. Pure: no file, no clock, no drawing."""

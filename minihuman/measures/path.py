@@ -1,0 +1,55 @@
+"""The path of an episode: how far, how straight, and where it only turned."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.log.episode import Episode
+
+TURN = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])
+_STILL = 1e-9  # floating-point noise, in the map's unit
+
+
+def strides(episode: Episode) -> NDArray[np.float64]:
+    """Distance covered on the ground by each step, (n,), in the map's unit; NaN where the world tells no pose."""
+    moved = np.diff(episode.poses[:, [0, 2]], axis=0)
+    return np.asarray(np.hypot(moved[:, 0], moved[:, 1]))
+
+
+def turned_rad(episode: Episode) -> NDArray[np.float64]:
+    """Angle turned by each step, (n,), in [-pi, pi], counter-clockwise positive seen from above."""
+    change: NDArray[np.float64] = np.diff(episode.poses[:, 3])
+    return (change + math.pi) % (2 * math.pi) - math.pi
+
+
+def path_length(episode: Episode) -> float:
+    """Ground covered, in cells or metres; NaN where the world tells no pose."""
+    return float(strides(episode).sum())
+
+
+def net_displacement(episode: Episode) -> float:
+    """Straight distance from the first place to the last, in cells or metres."""
+    first, last = episode.poses[0, [0, 2]], episode.poses[-1, [0, 2]]
+    return float(np.hypot(*(last - first)))
+
+
+def path_efficiency(episode: Episode) -> float:
+    """Straight distance over ground covered: 1 is a straight line, small is wandering; NaN for one who never moved."""
+    length = path_length(episode)
+    return net_displacement(episode) / length if length > _STILL else math.nan
+
+
+def turns_in_place(episode: Episode) -> NDArray[np.void]:
+    """Runs of turning on the spot: ``row`` of the pose they end at, ``turned_rad`` in all (unsigned), ``steps``.
+
+    A run lasts while the place stays the same; it counts where the heading changed at least once in it.
+    """
+    still = strides(episode) < _STILL
+    turned = np.where(still, np.abs(turned_rad(episode)), 0.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    runs = [
+        (end, float(turned[start:end].sum()), int((turned[start:end] > _STILL).sum()))
+        for start, end in edges.reshape(-1, 2)
+    ]
+    return np.array([run for run in runs if run[2]], dtype=TURN)

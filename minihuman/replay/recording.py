@@ -1,0 +1,48 @@
+"""A recording: sessions into a ``.rrd`` file with its layout inside. No world runs unless the view is asked for."""
+
+import uuid
+from collections.abc import Sequence
+from pathlib import Path
+
+import rerun as rr
+
+from minihuman.errors import LogError
+from minihuman.log.episode import SessionLog
+from minihuman.replay.layout import layout
+from minihuman.replay.moments import Moments, common_starts
+from minihuman.replay.scene import send_session, send_views, session_root
+
+APPLICATION = "minihuman"
+
+
+def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = False) -> Path:
+    """Write sessions into one ``.rrd``; several share a timeline on which their n-th episodes begin together.
+
+    ``with_view`` adds what the participant saw, drawn again by the worlds and checked against the log.
+
+    Raises:
+        LogError: if there is no session, or one session twice, or a world shows something else than was seen.
+        WorldError: if a world cannot be run here.
+    """
+    roots = [session_root(log) for log in logs]
+    if not logs or len(set(roots)) < len(roots):
+        raise LogError(f"a replay needs different sessions, one or more; these are {roots}")
+    aligned_ns = common_starts(logs) if len(logs) > 1 else None
+    recording = rr.RecordingStream(APPLICATION, recording_id=_identity(logs))
+    with recording:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        recording.save(path, default_blueprint=layout(logs, with_view=with_view))
+        for log in logs:
+            moments = Moments.of(log, aligned_ns=aligned_ns)
+            send_session(recording, log, moments)
+            if with_view:
+                send_views(recording, log, moments)
+        recording.flush()
+        recording.disconnect()
+    return path
+
+
+def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:
+    """The same sessions make the same recording, so opening a replay twice shows it once."""
+    names = [f"{log.plan.study}/{session_root(log)}/{log.started_at}" for log in logs]
+    return uuid.uuid5(uuid.NAMESPACE_URL, "minihuman:" + "|".join(names))

@@ -1,0 +1,228 @@
+"""What the replay shows of a session, sent column by column: map, path, heading, keys, numbers, words.
+
+Sending whole columns makes a session's recording tens of times faster than logging it step by step.
+"""
+
+import io
+from collections import defaultdict
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from numpy.typing import NDArray
+from PIL import Image
+
+from minihuman.log.episode import Episode, SessionLog
+from minihuman.replay.facts import facts_page
+from minihuman.replay.moments import Moments
+from minihuman.replay.views import redraw
+from minihuman.study.events import KeyPressed, Paused, Resumed
+from minihuman.worlds.adapt import World
+
+WALL, PATH, TRAIL, AGENT = 0xC8C8C8FF, 0x0072B2FF, 0xE69F00FF, 0xD55E00FF
+_POINT = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
+_STRIP = pa.list_(pa.field("item", _POINT, nullable=False))
+_TRAIL_MOVES = 12
+_PATH_ROWS = 400  # a longer path is redrawn every few moves: the whole of it each time would grow with the square
+_HEADING = {"cell": 0.8, "m": 0.7}
+_KEY_STATES = {  # what became of a press: label, colour
+    "accepted": 0x009E73FF,
+    "queued": 0x56B4E9FF,
+    "spare": 0xE69F00FF,
+    "unmapped": 0xD55E00FF,
+    "repeat": 0x8A8A8AFF,
+    "not_playing": 0xCC79A7FF,
+}
+
+
+def session_root(log: SessionLog) -> str:
+    """Where a session's things are in the recording: "sub-07_ses-01"."""
+    return f"{log.plan.participant.id}_ses-{log.plan.session:02d}"
+
+
+def send_session(recording: rr.RecordingStream, log: SessionLog, moments: Moments) -> None:
+    """Send everything but the participant's view."""
+    root = session_root(log)
+    recording.log(f"{root}/facts", rr.TextDocument(facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True)
+    _send_maps(recording, root, log, moments)
+    _send_motion(recording, root, log, moments)
+    _send_series(recording, root, log, moments)
+    _send_keys(recording, root, log, moments)
+    _send_events(recording, root, log, moments)
+
+
+def send_views(recording: rr.RecordingStream, log: SessionLog, moments: Moments) -> None:
+    """Send the participant's view of every episode, drawn again and checked against the log.
+
+    Raises:
+        LogError: if what a world shows now is not what was seen.
+        WorldError: if a world cannot be run here.
+    """
+    for episode in log.episodes:
+        world = World(episode.plan.world, episode.plan.options)
+        pictures = [_png(picture) for picture in redraw(episode, world)]
+        world.close()
+        columns = rr.EncodedImage.columns(blob=pictures, media_type=["image/png"] * len(pictures))
+        recording.send_columns(f"{session_root(log)}/view", moments.columns(episode.t_ns), columns)
+
+
+def _png(picture: NDArray[np.uint8]) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "png", compress_level=1)
+    return file.getvalue()
+
+
+def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
+    told = [(episode.t_ns[0], episode.start.map) for episode in log.episodes if episode.start.map is not None]
+    if not told:
+        return
+    times = moments.columns([t_ns for t_ns, _ in told])
+    walls = [wall for _, floor in told for wall in floor.walls]
+    strips = np.asarray(walls, np.float32).reshape(-1, 2, 2)
+    columns = rr.LineStrips2D.columns(strips=strips, colors=[WALL] * len(strips))
+    recording.send_columns(f"{root}/map/walls", times, columns.partition([len(floor.walls) for _, floor in told]))
+    things = [thing for _, floor in told for thing in floor.things]
+    points = rr.Points2D.columns(
+        positions=np.array([(thing.x, thing.z) for thing in things], np.float32).reshape(-1, 2),
+        radii=[thing.radius for thing in things],
+        colors=np.array([int(thing.colour.lstrip("#") + "ff", 16) for thing in things], np.uint32),
+        labels=[thing.name for thing in things],
+    )
+    recording.send_columns(f"{root}/map/things", times, points.partition([len(floor.things) for _, floor in told]))
+
+
+def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
+    """The agent at every step; path and trail whenever it moved."""
+    told = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
+    told = [(episode, here) for episode, here in told if here.any()]
+    if not told:
+        return
+    times = np.concatenate([episode.t_ns[here] for episode, here in told])
+    poses = np.concatenate([episode.poses[here] for episode, here in told])
+    places = poses[:, [0, 2]].astype(np.float32)
+    length = np.concatenate([np.full(here.sum(), _heading(episode), np.float32) for episode, here in told])
+    heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
+    arrows = rr.Arrows2D.columns(
+        origins=places,
+        vectors=(length[:, None] * heading).astype(np.float32),
+        colors=np.full(len(places), AGENT, np.uint32),
+        radii=length / 8,
+    )
+    recording.send_columns(f"{root}/map/agent", moments.columns(times), arrows)
+    ends = np.cumsum([here.sum() for _, here in told])
+    moves = [start + _moves(places[start:end]) for start, end in pairwise([0, *ends])]
+    _send_lines(recording, root, moments, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
+
+
+def _send_lines(
+    recording: rr.RecordingStream,
+    root: str,
+    moments: Moments,
+    times: NDArray[np.int64],
+    places: NDArray[np.float32],
+    moves: Sequence[NDArray[np.int64]],
+) -> None:
+    """Path and trail, from the rows of all episodes at which the agent moved, and their number in each."""
+    path: list[tuple[int, int]] = []
+    trail: list[tuple[int, int]] = []
+    for begin, end in pairwise(np.cumsum([0, *map(len, moves)]).tolist()):
+        stride = -(-(end - begin) // _PATH_ROWS)
+        path += [(begin, row + 1) for row in range(begin, end, stride)]
+        trail += [(max(begin, row - max(_TRAIL_MOVES, stride)), row + 1) for row in range(begin, end)]
+    for name, windows, colour in (("path", path, PATH), ("trail", trail, TRAIL)):
+        columns = rr.LineStrips2D.columns(
+            strips=_strips(places, windows), colors=np.full(len(windows), colour, np.uint32)
+        )
+        rows = moments.columns(times[[end - 1 for _, end in windows]])
+        recording.send_columns(f"{root}/map/{name}", rows, columns)
+
+
+def _moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
+    """The rows of one episode that stand elsewhere than the row before; the first always."""
+    return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
+
+
+def _heading(episode: Episode) -> float:
+    return _HEADING[episode.start.map.unit if episode.start.map else "m"]
+
+
+def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
+    """One line strip a window of rows [begin, end), as the Arrow array that rerun would make of them one by one."""
+    lengths = np.array([end - begin for begin, end in windows])
+    rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
+    points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
+    return pa.ListArray.from_arrays(np.cumsum([0, *lengths]).astype(np.int32), points, type=_STRIP)
+
+
+def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
+    """Reward and return a step, and reaction times where there are any."""
+    series: dict[str, tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]]] = defaultdict(lambda: ([], []))
+    for episode in log.episodes:
+        answered = ~np.isnan(episode.rt_ms)
+        for name, times, values in (
+            ("reward", episode.t_ns[1:], episode.rewards),
+            ("return", episode.t_ns, np.concatenate([[0.0], np.cumsum(episode.rewards)])),
+            ("reaction_ms", episode.t_ns[1:][answered], episode.rt_ms[answered]),
+        ):
+            series[name][0].append(times)
+            series[name][1].append(values)
+    styles = {
+        "reward": rr.SeriesPoints(names="reward", colors=TRAIL, markers="circle", marker_sizes=3),
+        "return": rr.SeriesLines(names="return", colors=PATH, widths=2),
+        "reaction_ms": rr.SeriesPoints(names="reaction time (ms)", colors=AGENT, markers="circle", marker_sizes=3),
+    }
+    for name, (all_times, all_values) in series.items():
+        recording.log(f"{root}/{name}", styles[name], static=True)
+        rows = moments.columns(np.concatenate(all_times))
+        recording.send_columns(f"{root}/{name}", rows, rr.Scalars.columns(scalars=np.concatenate(all_values)))
+
+
+def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
+    """A lane a physical key: what became of each press, until it came up."""
+    lanes: dict[str, list[KeyPressed]] = defaultdict(list)
+    for press in log.keys:
+        if press.verdict != "repeat":
+            lanes[press.key].append(press)
+    states = list(_KEY_STATES)
+    for key, presses in sorted(lanes.items()):
+        lane = f"{root}/keys/{key}"
+        style = rr.StateConfiguration(values=states, labels=states, colors=list(_KEY_STATES.values()))
+        recording.log(lane, style, static=True)
+        columns = rr.StateChange.columns(state=[press.verdict if press.down else "" for press in presses])
+        recording.send_columns(lane, moments.columns([press.t_ns for press in presses]), columns)
+
+
+def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
+    """Readable lines: episodes, key presses, pauses and notes, in order of time."""
+    lines = [line for episode in log.episodes for line in _episode_lines(episode)]
+    lines += [(press.t_ns, "INFO" if press.action is not None else "WARN", _press_line(press)) for press in _downs(log)]
+    for note in log.notes:
+        match note:
+            case Paused():
+                lines.append((note.t_ns, "WARN", f"paused: {note.reason}"))
+            case Resumed():
+                lines.append((note.t_ns, "INFO", "resumed"))
+            case _:
+                lines.append((note.t_ns, "ERROR" if "error" in note.kind else "INFO", f"{note.kind}: {note.text}"))
+    lines.sort(key=lambda line: line[0])
+    if lines:
+        columns = rr.TextLog.columns(text=[line[2] for line in lines], level=[line[1] for line in lines])
+        recording.send_columns(f"{root}/events", moments.columns([line[0] for line in lines]), columns)
+
+
+def _downs(log: SessionLog) -> list[KeyPressed]:
+    return [press for press in log.keys if press.down and press.verdict != "repeat"]
+
+
+def _press_line(press: KeyPressed) -> str:
+    return f"key {press.key}: {press.verdict.replace('_', ' ')} ({press.phase})"
+
+
+def _episode_lines(episode: Episode) -> list[tuple[int, str, str]]:
+    plan = episode.plan
+    number, steps = plan.episode + 1, len(episode.actions)
+    began = f"episode {number} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"
+    ended = f"episode {number} ends: {episode.outcome or 'cut off'}, {steps} steps, return {episode.return_:.3f}"
+    return [(int(episode.t_ns[0]), "INFO", began), (int(episode.t_ns[-1]), "INFO", ended)]

@@ -1,0 +1,127 @@
+"""The report of a study, from its logs to a folder: tables, figures and one page."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from minihuman.errors import ReportError
+from minihuman.figures.files import save
+from minihuman.figures.learning import learning_figure
+from minihuman.figures.paths import session_paths
+from minihuman.log.read import open_log
+from minihuman.opened import Skipped
+from minihuman.report.page import Page, page
+from minihuman.report.results import Results, results
+from minihuman.report.study import Reading, Session, read_study
+from minihuman.report.tables import Rows
+from minihuman.report.writing import write_tables
+from minihuman.study.plan import SessionPlan
+
+_CURVES = (
+    ("reward", "reward", (0.0, 1.0)),
+    ("success", "success (share)", (0.0, 1.0)),
+    ("playing_s", "playing time (s)", (0.0, math.inf)),
+)
+_EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
+    "participant", "group", "session", "block", "episode", "attempt", "episode_in_block", "left_out",
+    *(measure for measure, _, _ in _CURVES),
+]  # fmt: skip
+
+
+class _Study:
+    """What is learnt of a study while its sessions stream by."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self.plan: SessionPlan | None = None
+        self.example: Path | None = None  # the session with the most blocks, for the path figure
+        self._blocks = 0
+        self.sessions = 0
+        self.skipped: list[Skipped] = []
+        self._say = say
+
+    def rows(self, found: Iterable[Session | Skipped]) -> Iterator[Rows]:
+        """Pass the rows on; count the sessions and tell of what is skipped.
+
+        Raises:
+            ReportError: if the folder holds more than one study.
+        """
+        for one in found:
+            if isinstance(one, Skipped):
+                self.skipped.append(one)
+                self._say(f"skipped {one.path}: {one.reason}")
+                continue
+            if self.plan is None:
+                self.plan = one.plan
+            elif self.plan.study != one.plan.study:
+                raise ReportError(
+                    f"{one.path} is of study {one.plan.study!r}, the ones before of {self.plan.study!r}; "
+                    "a report is of one study: name its folder"
+                )
+            self.sessions += 1
+            if one.rows["blocks"].num_rows > self._blocks:
+                self.example, self._blocks = one.path, one.rows["blocks"].num_rows
+            yield one.rows
+
+
+def build(
+    source: Path,
+    out: Path,
+    *,
+    only: Iterable[str] = (),
+    without: Iterable[str] = (),
+    say: Callable[[str], None],
+    processes: int | None = None,
+) -> tuple[Path, ...]:
+    """Write tables, figures and ``report.html`` of a study's folder; give the files, the page first.
+
+    ``say`` is told of every log that is skipped, and why.
+
+    Raises:
+        LogError: if there is no such folder.
+        ReportError: if no log in it can be read, or they are of different studies.
+    """
+    study = _Study(say)
+    reading = Reading(frozenset(only), frozenset(without))
+    tables = write_tables(study.rows(read_study(source, reading, processes=processes)), out / "tables")
+    if study.plan is None or study.example is None:
+        raise ReportError(f"{source} holds no session log that can be read; {len(study.skipped)} were skipped")
+    episodes = pd.read_parquet(out / "tables" / "episodes.parquet", columns=_EPISODE_COLUMNS)
+    blocks, participants = (pd.read_parquet(out / "tables" / f"{name}.parquet") for name in ("blocks", "participants"))
+    found = results(episodes, blocks, participants)
+    figures = [*_curves(episodes, found, out / "figures"), _paths(study.example, out / "figures")]
+    facts = Page(
+        study=study.plan.study,
+        version=study.plan.study_version,
+        sessions=study.sessions,
+        players=sorted(participants["player"].unique()),
+        figures=figures,
+        tables=tables,
+        skipped=study.skipped,
+    )
+    where = out / "report.html"
+    where.write_text(page(facts, found), encoding="utf-8")
+    return (where, *tables, *(path for path, _ in figures))
+
+
+def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[Path, str]]:
+    """Learning curves of the compared block, by group."""
+    counted = episodes[(episodes["left_out"] == "") & (episodes["block"] == found.block)]
+    for measure, label, limits in _CURVES:
+        curves = {
+            str(group): part.assign(value=part[measure].astype(float))
+            .pivot_table(index=["participant", "session"], columns="episode_in_block", values="value")
+            .to_numpy()
+            for group, part in counted.groupby("group")
+        }
+        if curves:
+            png, _ = save(learning_figure(curves, measure=label, limits=limits), out / f"learning_{measure}")
+            yield png, f"{label} over the episodes of block {found.block}: mean and its 95 % interval."
+
+
+def _paths(log: Path, out: Path) -> tuple[Path, str]:
+    """The path figure of one session."""
+    session = open_log(log)
+    png, _ = save(session_paths(session), out / "paths")
+    return png, f"Paths of {session.plan.participant.id} ({session.plan.participant.group})."

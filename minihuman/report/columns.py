@@ -1,0 +1,167 @@
+"""The columns of every table: name, type, unit and meaning. The data dictionary is written from here."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import pyarrow as pa
+
+Kind = Literal["text", "whole", "number", "yes_no"]
+_ARROW = {"text": pa.string(), "whole": pa.int64(), "number": pa.float64(), "yes_no": pa.bool_()}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column; the unit is "" for words, counts and numbers without one."""
+
+    name: str
+    kind: Kind
+    unit: str
+    meaning: str
+
+
+_WHO = (
+    Column("study", "text", "", "The study's name in the protocol."),
+    Column("participant", "text", "", "The participant's code."),
+    Column("group", "text", "", "The group the participant was allocated to."),
+    Column("session", "whole", "", "The participant's session, 1 for the first."),
+)
+_WHERE = (
+    Column("episode", "whole", "", "The session's episode, 1 for the first, as on the screen and in the figures."),
+    Column("attempt", "whole", "", "1, or more where an interrupted episode was begun again."),
+)
+_BLOCK = (Column("block", "text", "", "The block's name in the protocol."),)
+_LEFT_OUT = Column("left_out", "text", "", "Why the statistics leave this row out; empty where they do not.")
+
+STEPS = (
+    *_WHO,
+    *_BLOCK,
+    *_WHERE,
+    Column("step", "whole", "", "1 for the episode's first."),
+    Column("t_s", "number", "s", "When the step was done, since the session (segment) began."),
+    Column("action", "text", "", "The action's name."),
+    Column("key", "text", "", "The physical key that caused it; empty for a tick's no-op."),
+    Column("reward", "number", "", "The step's reward."),
+    Column("reaction_ms", "number", "ms", "Key press minus the flip of the picture it answers."),
+    Column("visible_effect", "yes_no", "", "Whether the observation changed."),
+    Column("x", "number", "cell or m", "Place after the step, to the right."),
+    Column("z", "number", "cell or m", "Place after the step, down the page."),
+    Column("yaw_rad", "number", "rad", "Heading after the step, 0 along +x, counter-clockwise from above."),
+    Column("terminated", "yes_no", "", "The world ended the episode."),
+    Column("truncated", "yes_no", "", "A limit ended the episode."),
+)
+PRESSES = (
+    *_WHO,
+    *_BLOCK,
+    *_WHERE,
+    Column("t_s", "number", "s", "When the key moved, since the session (segment) began."),
+    Column("key", "text", "", "The physical key."),
+    Column("down", "yes_no", "", "True for a press, false for a release."),
+    Column("action", "text", "", "The action it asked for; empty where it has none."),
+    Column(
+        "verdict", "text", "", "What became of it: accepted, unmapped, spare, repeat, queued, not_playing, release."
+    ),
+)
+KEYS = (
+    *_WHO,
+    *_BLOCK,
+    Column("first_episode", "whole", "", "The episode from which this key map held, 1 for the session's first."),
+    Column("key", "text", "", "The physical key."),
+    Column("action", "text", "", "Its action; empty where it has none."),
+    Column("presses", "whole", "", "How often it went down while an episode ran, auto-repeats left out."),
+    Column("steps", "whole", "", "Steps it caused."),
+    Column("in_vain", "whole", "", "Steps it caused that changed nothing to be seen."),
+    Column("refused", "whole", "", "Presses with no action, or while no action was taken."),
+    Column("found_s", "number", "s", "Playing time in episodes until its action first showed; empty if it never did."),
+    Column("found_steps", "whole", "", "Steps up to and with the press by which its action first showed."),
+)
+EPISODES = (
+    *_WHO,
+    *_BLOCK,
+    *_WHERE,
+    Column("episode_in_block", "whole", "", "1 for the block's first."),
+    Column("world", "text", "", "The world's id."),
+    Column("seed", "whole", "", "The seed of the layout."),
+    Column("outcome", "text", "", "goal, timeout, failure, abandoned or cut off."),
+    Column("success", "yes_no", "", "Whether the outcome is goal."),
+    Column("reward", "number", "", "Sum of the episode's rewards."),
+    Column("steps", "whole", "", "Steps done."),
+    Column("max_steps", "whole", "", "Steps allowed."),
+    Column(
+        "shortest_steps", "whole", "", "Fewest steps that can reach the goal; in 3D no fewer can. Empty if unknown."
+    ),
+    Column(
+        "feasible_steps", "whole", "", "Steps of a way to the goal that was found and is possible. Empty if unknown."
+    ),
+    Column("excess_steps", "number", "", "Steps over the fewest possible; of episodes that reached the goal."),
+    Column("playing_s", "number", "s", "From the reset to the last step, pauses left out."),
+    Column("reaction_mean_ms", "number", "ms", "Mean reaction time."),
+    Column("reaction_median_ms", "number", "ms", "Median reaction time."),
+    Column("path_length", "number", "cell or m", "Ground covered."),
+    Column("path_efficiency", "number", "", "Straight distance from start to end over ground covered."),
+    Column("turns_in_place", "whole", "", "Runs of turning on the spot."),
+    Column("in_vain", "whole", "", "Steps that changed nothing to be seen."),
+    Column("refused", "whole", "", "Presses with no action, or while no action was taken."),
+    Column("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
+    _LEFT_OUT,
+)
+_OVER_EPISODES = (
+    Column("episodes", "whole", "", "Episodes that count."),
+    Column("success", "number", "", "Share of them that reached the goal."),
+    Column("reward_mean", "number", "", "Mean reward."),
+    Column("reward_sd", "number", "", "Standard deviation of the reward over episodes (n - 1)."),
+    Column("reward_first", "number", "", "Reward of the first episode that counts."),
+    Column("reward_slope", "number", "1/episode", "Change of the reward over the first five episodes, an episode."),
+    Column("steps_mean", "number", "", "Mean steps."),
+    Column(
+        "excess_steps_mean", "number", "", "Mean steps over the fewest possible, of episodes that reached the goal."
+    ),
+    Column("playing_s_mean", "number", "s", "Mean playing time of an episode."),
+    Column("reaction_median_ms", "number", "ms", "Median over all steps' reaction times."),
+    Column("path_efficiency_mean", "number", "", "Mean path efficiency."),
+    Column("in_vain_share", "number", "", "Share of steps that changed nothing to be seen."),
+    Column("refused", "whole", "", "Presses with no action, or while no action was taken."),
+    Column("keys_found", "whole", "", "Keys with an action whose action showed."),
+    Column("keys_to_find", "whole", "", "Keys with an action."),
+    Column("found_all_s", "number", "s", "Playing time until every key's action had shown; empty if one never did."),
+)
+BLOCKS = (*_WHO, *_BLOCK, *_OVER_EPISODES, _LEFT_OUT)
+PARTICIPANTS = (
+    *_WHO,
+    Column("player", "text", "", "Whoever pressed the keys: human, or the simulated player's name."),
+    Column("started_at", "text", "UTC", "When the session began, ISO 8601."),
+    Column("end_reason", "text", "", "Why the session ended."),
+    Column("clean", "yes_no", "", "Whether the log was finished in the ordinary way."),
+    Column("completed_share", "number", "", "Share of the planned episodes that were played to an end."),
+    *_OVER_EPISODES,
+    _LEFT_OUT,
+)
+TABLES: dict[str, tuple[Column, ...]] = {
+    "steps": STEPS,
+    "presses": PRESSES,
+    "keys": KEYS,
+    "episodes": EPISODES,
+    "blocks": BLOCKS,
+    "participants": PARTICIPANTS,
+}
+
+
+@cache
+def schema(table: str) -> pa.Schema:
+    """The table's Arrow schema, each field with its unit and meaning as metadata."""
+    return pa.schema(
+        [
+            pa.field(column.name, _ARROW[column.kind], metadata={"unit": column.unit, "meaning": column.meaning})
+            for column in TABLES[table]
+        ]
+    )
+
+
+def dictionary() -> dict[str, dict[str, dict[str, str]]]:
+    """The data dictionary: table, column, then its type, unit and meaning."""
+    return {
+        table: {
+            column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning} for column in columns
+        }
+        for table, columns in TABLES.items()
+    }

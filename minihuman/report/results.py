@@ -1,0 +1,96 @@
+"""What a study shows: the paper's table, the groups compared, who was left out. From the tables, not the logs."""
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from minihuman.report.statistics import Comparison, MixedModel, Power, compare_groups, mixed_model, power
+
+MEASURES = {  # columns of the block table that groups are compared on, and what they are called
+    "reward_mean": "reward",
+    "success": "success (share of episodes)",
+    "reward_first": "reward of the first episode",
+    "reward_slope": "change of reward an episode, first five",
+    "excess_steps_mean": "steps over the fewest possible",
+    "playing_s_mean": "playing time of an episode (s)",
+    "reaction_median_ms": "reaction time, median (ms)",
+    "path_efficiency_mean": "path efficiency",
+    "in_vain_share": "share of steps in vain",
+    "found_all_s": "time until every key was found (s)",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Results:
+    """A study's results. ``block`` is the one that groups are compared on: the last one that all of them played."""
+
+    block: str
+    subjects: pd.DataFrame  # group, participant, session, episodes, reward_mean, reward_sd
+    groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
+    measures: pd.DataFrame  # measure, group, n, mean, sd
+    comparisons: tuple[Comparison, ...]
+    model: MixedModel | None
+    powers: tuple[Power, ...]  # one for each pair of groups, in the order of the comparisons of reward
+    exclusions: pd.DataFrame  # left_out, level, participant, session, episode, attempt
+    kept: tuple[int, int]  # participants and episodes that count
+
+
+def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame) -> Results:
+    """Work out the results from the three tables as they were written."""
+    counted_people = participants[participants["left_out"] == ""]
+    people = ["participant", "session"]
+    counted = episodes[episodes["left_out"] == ""].merge(counted_people[people], on=people)
+    block = target_block(blocks[blocks["left_out"] == ""])
+    rows = blocks[(blocks["left_out"] == "") & (blocks["block"] == block)]
+    rows = rows.sort_values(["group", "participant", "session"])
+    subjects = rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]]
+    each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
+    comparisons = compare_groups(each, list(MEASURES), order=_most_prepared_first(blocks))
+    return Results(
+        block=block,
+        subjects=subjects.reset_index(drop=True),
+        groups=group_rewards(each),
+        measures=_measures(each),
+        comparisons=comparisons,
+        model=mixed_model(counted[counted["block"] == block], "reward"),
+        powers=tuple(power(one.n) for one in comparisons if one.measure == "reward_mean"),
+        exclusions=exclusions(episodes, participants),
+        kept=(len(counted_people), len(counted)),
+    )
+
+
+def target_block(blocks: pd.DataFrame) -> str:
+    """The last block that every group played; "" without any. Rows are in the order of play."""
+    played = [list(dict.fromkeys(part["block"])) for _, part in blocks.groupby("group")]
+    common = [block for block in (played[0] if played else []) if all(block in theirs for theirs in played)]
+    return str(common[-1]) if common else ""
+
+
+def _most_prepared_first(blocks: pd.DataFrame) -> list[str]:
+    """The groups, those first that played more blocks: what came before is what a transfer effect is of."""
+    counts = blocks.groupby("group")["block"].nunique()
+    return sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
+
+
+def group_rewards(each: pd.DataFrame) -> pd.DataFrame:
+    """Mean and standard deviation, by group, of the subjects' mean rewards."""
+    grouped = each.groupby("group")["reward_mean"]
+    return grouped.agg(participants="count", reward_mean="mean", reward_sd="std").reset_index()
+
+
+def exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
+    """Every row left out, with its reason: participants first, then episodes of the others."""
+    people = participants.loc[participants["left_out"] != "", ["left_out", "participant", "session"]]
+    people = people.assign(level="participant")
+    single = episodes.loc[
+        episodes["left_out"] != "", ["left_out", "participant", "session", "episode", "attempt"]
+    ].assign(level="episode")
+    both = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
+    return both.reindex(columns=["left_out", "level", "participant", "session", "episode", "attempt"])
+
+
+def _measures(rows: pd.DataFrame) -> pd.DataFrame:
+    long = rows.melt("group", list(MEASURES), var_name="measure")
+    table = long.groupby(["measure", "group"])["value"].agg(n="count", mean="mean", sd="std").reset_index()
+    order = {name: place for place, name in enumerate(MEASURES)}
+    return table.sort_values("measure", key=lambda names: names.map(order), kind="stable").reset_index(drop=True)

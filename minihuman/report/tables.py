@@ -1,0 +1,225 @@
+"""One session's rows for every table, column by column."""
+
+import math
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from minihuman.log.episode import Episode, SessionLog
+from minihuman.marks import tags_of
+from minihuman.measures.adaptation import slope_per_episode
+from minihuman.measures.keys import KeyUse, key_uses, refused_presses, visible_effect
+from minihuman.measures.path import path_efficiency, path_length, turns_in_place
+from minihuman.measures.shortest import Shortest
+from minihuman.measures.timing import pauses, playing_s, reaction_ms
+from minihuman.report.columns import schema
+from minihuman.report.exclusions import UNFINISHED_OUTCOMES, Rules
+from minihuman.study.plan import EpisodePlan
+
+Rows = dict[str, pa.Table]
+Planner = Callable[[EpisodePlan], Shortest]
+_Columns = dict[str, Any]
+
+
+def session_tables(
+    log: SessionLog, *, tags: Mapping[int | None, frozenset[str]], rules: Rules, shortest: Planner
+) -> Rows:
+    """Every table's rows of one session; ``shortest`` says how few steps an episode could have taken.
+
+    Rows that the rules leave out stay in the tables, with the reason in ``left_out``; block and participant rows are
+    over the episodes that count.
+    """
+    who = {
+        "study": log.plan.study,
+        "participant": log.plan.participant.id,
+        "group": log.plan.participant.group,
+        "session": log.plan.session,
+    }
+    attempts = _attempts(log.episodes)
+    episodes = [
+        who | _episode(episode, attempt, log, tags_of(episode, dict(tags)), shortest(episode.plan))
+        for episode, attempt in zip(log.episodes, attempts, strict=True)
+    ]
+    for row in episodes:
+        row["left_out"] = rules.episode(row)
+    counted = [episode for episode, row in zip(log.episodes, episodes, strict=True) if not row["left_out"]]
+    kept = [row for row in episodes if not row["left_out"]]
+    names = list(dict.fromkeys(episode.plan.block_name for episode in log.episodes))
+    blocks = [
+        who
+        | {"block": name}
+        | _over([row for row in kept if row["block"] == name], [e for e in counted if e.plan.block_name == name])
+        for name in names
+    ]
+    session: _Columns = {
+        "player": log.player,
+        "started_at": log.started_at,
+        "end_reason": log.end_reason,
+        "clean": log.clean,
+    }
+    completed = {row["episode"] for row in episodes if row["outcome"] not in UNFINISHED_OUTCOMES}
+    session["completed_share"] = len(completed) / len(log.plan.episodes)
+    participant = who | session | _over(kept, counted)
+    participant["left_out"] = rules.participant(participant)
+    for row in blocks:
+        row["left_out"] = participant["left_out"] or ("" if row["episodes"] else "no episode counts")
+    return {
+        "steps": _joined("steps", [_steps(e, a) for e, a in zip(log.episodes, attempts, strict=True)], who),
+        "presses": _joined("presses", [_presses(e, a) for e, a in zip(log.episodes, attempts, strict=True)], who),
+        "keys": pa.Table.from_pylist([who | row for row in _keys(log.episodes)], schema=schema("keys")),
+        "episodes": pa.Table.from_pylist(episodes, schema=schema("episodes")),
+        "blocks": pa.Table.from_pylist(blocks, schema=schema("blocks")),
+        "participants": pa.Table.from_pylist([participant], schema=schema("participants")),
+    }
+
+
+def _attempts(episodes: Iterable[Episode]) -> list[int]:
+    seen: dict[int, int] = {}
+    attempts = []
+    for episode in episodes:
+        seen[episode.plan.episode] = seen.get(episode.plan.episode, 0) + 1
+        attempts.append(seen[episode.plan.episode])
+    return attempts
+
+
+def _joined(table: str, parts: Sequence[_Columns], who: Mapping[str, Any]) -> pa.Table:
+    """Put the episodes' columns one below the other, and whose they are in front."""
+    arrow = schema(table)
+    length = sum(len(part["t_s"]) for part in parts)
+    columns = []
+    for field in arrow:
+        if field.name in who:
+            columns.append(pa.repeat(pa.scalar(who[field.name], field.type), length))
+            continue
+        arrays = [pa.array(_full(part[field.name], len(part["t_s"])), field.type, from_pandas=True) for part in parts]
+        columns.append(pa.chunked_array(arrays, field.type))
+    return pa.table(columns, schema=arrow)
+
+
+def _full(value: Any, length: int) -> Any:
+    return value if isinstance(value, (np.ndarray, list)) else [value] * length
+
+
+def _place(episode: Episode, attempt: int) -> _Columns:
+    return {"block": episode.plan.block_name, "episode": episode.plan.episode + 1, "attempt": attempt}
+
+
+def _steps(episode: Episode, attempt: int) -> _Columns:
+    n = len(episode.actions)
+    names = np.array(episode.start.action_names, object)
+    return _place(episode, attempt) | {
+        "step": np.arange(1, n + 1),
+        "t_s": episode.t_ns[1:] / 1e9,
+        "action": names[episode.actions],
+        "key": list(episode.step_keys),
+        "reward": episode.rewards,
+        "reaction_ms": episode.rt_ms,
+        "visible_effect": visible_effect(episode),
+        "x": episode.poses[1:, 0],
+        "z": episode.poses[1:, 2],
+        "yaw_rad": episode.poses[1:, 3],
+        "terminated": episode.terminated,
+        "truncated": episode.truncated,
+    }
+
+
+def _presses(episode: Episode, attempt: int) -> _Columns:
+    names = episode.start.action_names
+    return _place(episode, attempt) | {
+        "t_s": np.array([press.t_ns for press in episode.keys], np.int64) / 1e9,
+        "key": [press.key for press in episode.keys],
+        "down": [press.down for press in episode.keys],
+        "action": ["" if press.action is None else names[press.action] for press in episode.keys],
+        "verdict": [press.verdict for press in episode.keys],
+    }
+
+
+def _keys(episodes: Sequence[Episode]) -> list[_Columns]:
+    blocks = {episode.plan.episode: episode.plan.block_name for episode in episodes}
+    return [
+        {
+            "block": blocks[use.first_episode],
+            "first_episode": use.first_episode + 1,
+            "key": use.key,
+            "action": use.action or "",
+            "presses": use.presses,
+            "steps": use.steps,
+            "in_vain": use.in_vain,
+            "refused": use.refused,
+            "found_s": use.found_s,
+            "found_steps": use.found_steps,
+        }
+        for use in key_uses(episodes)
+    ]
+
+
+def _episode(episode: Episode, attempt: int, log: SessionLog, tags: frozenset[str], least: Shortest) -> _Columns:
+    plan, steps = episode.plan, len(episode.actions)
+    success = episode.outcome == "goal"
+    mean_ms, median_ms = reaction_ms(episode)
+    return _place(episode, attempt) | {
+        "episode_in_block": plan.episode_in_block + 1,
+        "world": plan.world,
+        "seed": plan.seed,
+        "outcome": episode.outcome or "cut off",
+        "success": success,
+        "reward": episode.return_,
+        "steps": steps,
+        "max_steps": plan.max_steps,
+        "shortest_steps": least.at_least,
+        "feasible_steps": least.feasible,
+        "excess_steps": float(steps - least.at_least) if success and least.at_least is not None else None,
+        "playing_s": playing_s(episode, pauses(log.notes)),
+        "reaction_mean_ms": _told(mean_ms),
+        "reaction_median_ms": _told(median_ms),
+        "path_length": _told(path_length(episode)),
+        "path_efficiency": _told(path_efficiency(episode)),
+        "turns_in_place": len(turns_in_place(episode)),
+        "in_vain": int((~visible_effect(episode)).sum()),
+        "refused": refused_presses(episode),
+        "tags": " ".join(sorted(tags)),
+    }
+
+
+def _over(rows: Sequence[_Columns], episodes: Sequence[Episode]) -> _Columns:
+    """What a block's or a session's episodes that count amount to; None where nothing tells."""
+    rewards = [row["reward"] for row in rows]
+    steps = [row["steps"] for row in rows]
+    times = np.concatenate([episode.rt_ms for episode in episodes]) if episodes else np.zeros(0)
+    times = times[~np.isnan(times)]
+    uses = [use for use in key_uses(episodes) if use.action is not None]
+    return {
+        "episodes": len(rows),
+        "success": _mean([row["success"] for row in rows]),
+        "reward_mean": _mean(rewards),
+        "reward_sd": statistics.stdev(rewards) if len(rewards) > 1 else None,
+        "reward_first": rewards[0] if rewards else None,
+        "reward_slope": _told(slope_per_episode(rewards)),
+        "steps_mean": _mean(steps),
+        "excess_steps_mean": _mean([row["excess_steps"] for row in rows]),
+        "playing_s_mean": _mean([row["playing_s"] for row in rows]),
+        "reaction_median_ms": float(np.median(times)) if times.size else None,
+        "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),
+        "in_vain_share": sum(row["in_vain"] for row in rows) / sum(steps) if sum(steps) else None,
+        "refused": sum(row["refused"] for row in rows),
+        "keys_found": sum(use.found_s is not None for use in uses),
+        "keys_to_find": len(uses),
+        "found_all_s": _last_found(uses),
+    }
+
+
+def _last_found(uses: Sequence[KeyUse]) -> float | None:
+    found = [use.found_s for use in uses if use.found_s is not None]
+    return max(found) if found and len(found) == len(uses) else None
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    told = [value for value in values if value is not None]
+    return statistics.fmean(told) if told else None
+
+
+def _told(value: float) -> float | None:
+    return None if math.isnan(value) else value

@@ -1,0 +1,172 @@
+"""Expansion: protocol and participant in, the full list of episodes out. Pure; the same on every machine."""
+
+import hashlib
+import re
+
+from minihuman.errors import AllocationError
+from minihuman.study.allocation import allocation, allocation_sha256, slot_of
+from minihuman.study.chance import permutation, seeds
+from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
+from minihuman.study.protocol import Block, Protocol
+
+_CODE = re.compile(r"sub-(?P<number>\d{2,6})")
+
+
+def participant_index(code: str) -> int:
+    """The order of enrolment that a participant's code says: 6 for "sub-07".
+
+    Raises:
+        AllocationError: if it is no such code.
+    """
+    match = _CODE.fullmatch(code)
+    if match is None or int(match["number"]) == 0:
+        raise AllocationError(f"participant {code!r} is no code; use 'sub-' and a number from 01, never a name")
+    return int(match["number"]) - 1
+
+
+def participant_code(index: int) -> str:
+    """The code of a place in the order of enrolment: "sub-07" for 6."""
+    return f"sub-{index + 1:02d}"
+
+
+def enrol(protocol: Protocol, index: int, group: str | None = None) -> Participant:
+    """The participant at a place of the allocation list; ``group`` overrides the list's.
+
+    Raises:
+        AllocationError: if the list is not that long.
+        ProtocolError: if there is no such group.
+    """
+    slot = slot_of(protocol, index)
+    return Participant(participant_code(index), index, protocol.group(group or slot.group).name)
+
+
+def expand(
+    protocol: Protocol,
+    participant: Participant,
+    *,
+    session: int = 1,
+    overridden: bool = False,
+    first_episode: int = 0,
+    segment: int = 1,
+) -> SessionPlan:
+    """Everything the session will ask for, before the first key press.
+
+    ``overridden`` says that participant or group was chosen by hand; ``first_episode`` and ``segment`` say where a
+    resumed session goes on, and change nothing else.
+    """
+    slots = allocation(protocol)
+    group = protocol.group(participant.group)
+    blocks = [protocol.block(name) for name in group.blocks]
+    positions = slots[participant.index].positions
+    episodes: list[EpisodePlan] = []
+    key_map: KeyMap | None = None
+    for number, block in enumerate(blocks):
+        if key_map is None or block.key_map != "carry":
+            key_map = _draw(protocol, block, positions[number], participant, session, number)
+        else:
+            key_map = _carry(protocol, blocks[number - 1], block, key_map, participant, session, number)
+        episodes += _episodes(protocol, block, number, key_map, participant, session, len(episodes))
+    return SessionPlan(
+        study=protocol.study.name,
+        study_version=protocol.study.version,
+        protocol_toml=protocol.toml,
+        protocol_sha256=protocol.sha256,
+        participant=participant,
+        session=session,
+        study_seed=protocol.study.seed,
+        allocation_sha256=allocation_sha256(slots),
+        overridden=overridden,
+        consent_text=protocol.study.consent,
+        consent_sha256=hashlib.sha256(protocol.study.consent.encode()).hexdigest(),
+        key_pool=protocol.keys.pool,
+        keyboard_check=protocol.keys.check,
+        texts=tuple(BlockText(b.instruction, b.feedback, b.rest, protocol.study.break_s) for b in blocks),
+        closing_text=protocol.study.closing,
+        episodes=tuple(episodes),
+        first_episode=first_episode,
+        segment=segment,
+    )
+
+
+def _draw(
+    protocol: Protocol, block: Block, row: tuple[int, ...], participant: Participant, session: int, number: int
+) -> KeyMap:
+    pool = protocol.keys.pool
+    if session > 1:  # the balanced list is for first sessions; later ones draw on their own
+        row = permutation(
+            len(pool), seed=protocol.study.seed, purpose=f"key-map-{number}-session-{session}", index=participant.index
+        )
+    keys = {pool[place]: action for place, action in zip(row, block.actions, strict=False)}
+    return _deal(protocol, block, keys, participant, session, number)
+
+
+def _carry(
+    protocol: Protocol,
+    before: Block,
+    block: Block,
+    key_map: KeyMap,
+    participant: Participant,
+    session: int,
+    number: int,
+) -> KeyMap:
+    """The same keys, action for action by position in the two blocks' lists."""
+    renamed = dict(zip(before.actions, block.actions, strict=True))
+    keys = {key: renamed[action] for key, action in key_map.keys.items() if action in renamed}
+    return _deal(protocol, block, keys, participant, session, number)
+
+
+def _deal(
+    protocol: Protocol, block: Block, keys: dict[str, str], participant: Participant, session: int, number: int
+) -> KeyMap:
+    """Add what spare keys do: distractors in turn over the spare keys, in random order."""
+    seed = protocol.study.seed
+    spare = tuple(key for key in protocol.keys.pool if key not in keys)
+    purpose = f"distractors-{number}-session-{session}"
+    if block.distractors:
+        order = permutation(len(spare), seed=seed, purpose=purpose, index=participant.index)
+        dealt = {spare[place]: block.distractors[turn % len(block.distractors)] for turn, place in enumerate(order)}
+        keys, spare = {**keys, **dealt}, ()
+    return KeyMap(keys=keys, spare_keys=spare, spare=protocol.keys.spare, seed=seed)
+
+
+def _episodes(
+    protocol: Protocol,
+    block: Block,
+    number: int,
+    key_map: KeyMap,
+    participant: Participant,
+    session: int,
+    first: int,
+) -> list[EpisodePlan]:
+    return [
+        EpisodePlan(
+            episode=first + place,
+            block=number,
+            block_name=block.name,
+            episode_in_block=place,
+            episodes_in_block=block.episodes,
+            world=block.world,
+            options=dict(block.options),
+            seed=layout,
+            actions=block.actions,
+            key_map=key_map,
+            show_keys=block.key_map == "shown",
+            pace=block.pace,
+            step_period_ms=block.step_period_ms,
+            noop=block.noop,
+            auto_repeat=block.auto_repeat,
+            max_steps=block.max_steps,
+            view=block.view,
+            palette=block.palette,
+        )
+        for place, layout in enumerate(_layouts(protocol, block, number, participant, session))
+    ]
+
+
+def _layouts(protocol: Protocol, block: Block, number: int, participant: Participant, session: int) -> tuple[int, ...]:
+    """The seed of each episode's layout."""
+    if isinstance(block.seeds, tuple):
+        return block.seeds
+    purpose = f"layouts-{number}-{block.name}-session-{session}"
+    drawn = seeds(block.episodes, seed=protocol.study.seed, purpose=purpose, index=participant.index)
+    return drawn if block.seeds == "new" else drawn[:1] * block.episodes

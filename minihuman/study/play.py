@@ -1,0 +1,187 @@
+"""One episode while it is played: what a key means, what a step gives, when the next tick is due. No phases."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.study.events import EpisodeEnded, EpisodeStarted, FrameShown, Outcome, Stepped
+from minihuman.study.inputs import Shown
+from minihuman.study.plan import EpisodePlan
+from minihuman.worlds.adapt import World
+
+NS_PER_MS = 1_000_000
+NO_PICTURE = np.zeros((0, 0, 3), dtype=np.uint8)
+
+
+class WorldBrokeError(Exception):
+    """Anything a world raised; the cause is what it raised."""
+
+
+@contextmanager
+def world_calls() -> Iterator[None]:
+    """Tell a world's failures from our own: whatever is raised inside comes out as WorldBrokeError."""
+    try:
+        yield
+    except Exception as error:
+        raise WorldBrokeError(f"{type(error).__name__}: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Press:
+    """A key that waits for its tick."""
+
+    t_ns: int
+    key: str
+    action: int
+
+
+class Play:
+    """An episode from reset to outcome.
+
+    Args:
+        plan: the episode.
+        world: one made for ``plan.world`` and ``plan.options``; it is reset here.
+        picture_px: the largest picture wanted, width and height; None draws none.
+    """
+
+    def __init__(self, plan: EpisodePlan, world: World, *, picture_px: tuple[int, int] | None) -> None:
+        self.plan = plan
+        self.world = world
+        self.outcome: Outcome | None = None
+        self.steps = 0
+        self.return_ = 0.0
+        self.started = False
+        self.next_tick_ns: int | None = None  # None until a picture has been shown
+        self._picture_px = picture_px
+        self._queued: _Press | None = None
+        self._flips_ns: list[int] = []  # of the pictures shown since play began or went on, the last two
+        self._shown_step = -1
+        with world_calls():
+            self._action_of = {key: _index(plan, world, name) for key, name in plan.key_map.keys.items()}
+            self._noop = None if plan.noop is None else _index(plan, world, plan.noop)
+            self._observed = world.reset(plan.seed)
+            self._state_hash = world.state_hash()
+
+    @property
+    def mission(self) -> str:
+        """What the world says is to be done; "" where it says nothing."""
+        return self._observed.mission
+
+    @property
+    def real_time(self) -> bool:
+        """Whether time, not a key, makes the steps."""
+        return self.plan.pace == "real_time"
+
+    def action_of(self, key: str) -> int | None:
+        """The action number of a key; None if it has none."""
+        return self._action_of.get(key)
+
+    def start(self, t_ns: int) -> EpisodeStarted:
+        """Say how it begins."""
+        self.started = True
+        with world_calls():
+            return EpisodeStarted(
+                t_ns=t_ns,
+                plan=self.plan,
+                action_names=self.world.action_names,
+                mission=self.mission,
+                map=self.world.map(),
+                pose=self.world.pose(),
+                state_hash=self._state_hash,
+                observation_hash=self._observed.observation_hash,
+            )
+
+    def picture(self) -> NDArray[np.uint8]:
+        """The world as it is now, uint8[H, W, 3]; empty if no pictures are wanted."""
+        if self._picture_px is None:
+            return NO_PICTURE
+        with world_calls():
+            return self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
+
+    def shown(self, shown: Shown) -> FrameShown:
+        """Take note that the present picture reached the display; the first one starts a real_time clock."""
+        if self._shown_step != self.steps:
+            self._flips_ns = [*self._flips_ns[-1:], shown.flip_ns]
+            self._shown_step = self.steps
+        if self.real_time and self.next_tick_ns is None:
+            self.next_tick_ns = shown.flip_ns + self._period_ns
+        return FrameShown(shown.t_ns, self.plan.episode, self.steps, shown.submit_ns, shown.flip_ns)
+
+    def queue(self, t_ns: int, key: str, action: int) -> None:
+        """Keep a key for the next tick; a later key takes its place."""
+        self._queued = _Press(t_ns, key, action)
+
+    def suspend(self) -> None:
+        """Stop the clock: what was queued is forgotten, and the next picture shown starts anew."""
+        self._queued = None
+        self.next_tick_ns = None
+        self._flips_ns = []
+        self._shown_step = -1
+
+    def tick(self, t_ns: int) -> Stepped | None:
+        """If a period has run out, step with the queued key's action or the no-op; None if nothing is to be done.
+
+        Periods missed altogether (a stalled machine) are not made up for: nobody saw the pictures between.
+        """
+        if self.next_tick_ns is None or t_ns < self.next_tick_ns:
+            return None
+        self.next_tick_ns += self._period_ns * ((t_ns - self.next_tick_ns) // self._period_ns + 1)
+        press, self._queued = self._queued, None
+        if press is not None:
+            return self.step(t_ns, press.action, key=press.key, key_t_ns=press.t_ns)
+        return None if self._noop is None else self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
+
+    def step(self, t_ns: int, action: int, *, key: str, key_t_ns: int) -> Stepped:
+        """Step the world once. The plan's step limit counts as a truncation, whether or not the world has one."""
+        assert self.started, "start() comes first"
+        with world_calls():
+            transition = self.world.step(action)
+            pose, self._state_hash = self.world.pose(), self.world.state_hash()
+        self.steps += 1
+        self.return_ += transition.reward
+        spent = self.steps >= self.plan.max_steps and not transition.terminated
+        truncated = transition.truncated or spent
+        if transition.terminated:
+            self.outcome = "goal" if transition.reward > 0 else "failure"
+        elif truncated:
+            self.outcome = "timeout"
+        return Stepped(
+            t_ns=t_ns,
+            episode=self.plan.episode,
+            step=self.steps,
+            action=action,
+            key=key,
+            key_t_ns=key_t_ns,
+            reward=transition.reward,
+            return_=self.return_,
+            terminated=transition.terminated,
+            truncated=truncated,
+            pose=pose,
+            rt_ms=self._rt_ms(key_t_ns) if key else None,
+            state_hash=self._state_hash,
+            observation_hash=transition.observation_hash,
+        )
+
+    def end(self, t_ns: int) -> EpisodeEnded:
+        """Say how it ended; without an outcome it was abandoned."""
+        self.outcome = self.outcome or "abandoned"
+        return EpisodeEnded(t_ns, self.plan.episode, self.outcome, self.steps, self.return_, self._state_hash)
+
+    @property
+    def _period_ns(self) -> int:
+        return max(1, round(self.plan.step_period_ms * NS_PER_MS))
+
+    def _rt_ms(self, key_t_ns: int) -> float | None:
+        """The key's time after the flip of the latest picture that was there when it was pressed."""
+        seen = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
+        return (key_t_ns - seen[-1]) / NS_PER_MS if seen else None
+
+
+def _index(plan: EpisodePlan, world: World, name: str) -> int:
+    if name not in world.action_names:
+        raise WorldError(f"{plan.world} has no action {name!r}; it has {', '.join(world.action_names)}")
+    return world.action_names.index(name)

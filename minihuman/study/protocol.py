@@ -1,0 +1,302 @@
+"""The protocol: a study as a TOML file says it, decoded strictly. Knows nothing of participants or files."""
+
+import difflib
+import hashlib
+import re
+import tomllib
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+from minihuman.study.keys import KEY_NAMES, RESERVED
+from minihuman.study.plan import KeyMapPolicy, PacePolicy, Spare
+from minihuman.worlds.contract import Palette, View
+
+MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
+
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+_FIELD = re.compile(r"unknown field `(?P<field>[^`]+)`(?: - at `(?P<path>[^`]+)`)?")
+_AT = re.compile(r"^(?P<what>.*?)(?: - at `(?P<path>[^`]+)`)?$", re.DOTALL)
+
+
+class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The study as a whole."""
+
+    name: str  # lower-case letters, digits, "-" and "_": it names a folder
+    version: str
+    seed: int  # every random choice of the study derives from it
+    participants: int = 100  # length of the allocation list made up front
+    consent: str = ""  # shown first; agreement is logged with this text's SHA-256; "" shows nothing
+    closing: str = "Thank you for taking part."  # the last screen
+    break_s: float = 0.0  # the shortest break between blocks, seconds
+
+
+class Keys(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The keys that participants may find their actions on."""
+
+    pool: tuple[str, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")  # physical keys, study/keys.py
+    spare: Spare = "ignore"  # pool keys left over: nothing happens, or a block's distractors
+    check: bool = True  # each pool key is pressed once before data are taken
+
+
+class Group(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A condition: the blocks its participants play, in order."""
+
+    name: str
+    blocks: tuple[str, ...]  # names of blocks
+
+
+class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Episodes played in one world under one rule."""
+
+    name: str
+    world: str  # "minihuman/MiniGrid-FourRooms-v0", "module:Id-v0"
+    episodes: int
+    actions: tuple[str, ...]  # the world's actions that get a key; carried maps go by position in this list
+    max_steps: int  # an episode is a timeout after so many
+    options: dict[str, Any] = {}  # keyword arguments of gymnasium.make
+    seeds: Literal["new", "same"] | tuple[int, ...] = "new"
+    key_map: KeyMapPolicy = "fresh"
+    distractors: tuple[str, ...] = ()  # actions dealt to spare keys when keys.spare = "distractor"
+    pace: PacePolicy = "on_key"
+    step_period_ms: float = 0.0  # real_time: the time between steps
+    noop: str | None = None  # real_time: the action of a tick without a key; absent: such a tick is no step
+    auto_repeat: bool = False  # on_key: holding a key steps again
+    view: View = "partial"
+    palette: Palette = "classic"
+    instruction: str = ""
+    feedback: str = ""  # after each episode; {outcome} {reward} {steps} {episode} {episodes}
+    rest: str = ""  # after the block, when another follows
+
+
+class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A rule, fixed before the data are seen, for what the report leaves out."""
+
+    reason: str
+    level: Literal["episode", "participant"]
+    measure: str  # a column of the report's episode or participant table
+    below: float | None = None  # leaves out values less than this
+    above: float | None = None  # leaves out values greater than this
+
+
+class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A study's protocol. ``decode`` is the only way to make one from a file."""
+
+    study: Study
+    groups: tuple[Group, ...]
+    blocks: tuple[Block, ...]
+    keys: Keys = Keys()
+    exclusions: tuple[Exclusion, ...] = ()
+    toml: bytes = b""  # the file itself, byte for byte; not a field of the file
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the file, hexadecimal."""
+        return hashlib.sha256(self.toml).hexdigest()
+
+    def block(self, name: str) -> Block:
+        """The block of that name."""
+        return next(block for block in self.blocks if block.name == name)
+
+    def group(self, name: str) -> Group:
+        """The group of that name.
+
+        Raises:
+            ProtocolError: if there is none.
+        """
+        for group in self.groups:
+            if group.name == name:
+                return group
+        names = ", ".join(group.name for group in self.groups)
+        raise ProtocolError(f"no group {name!r} in study {self.study.name!r}; it has {names}")
+
+
+def decode(toml: bytes, source: str = "protocol") -> Protocol:
+    """Read a protocol file's bytes; ``source`` names the file in errors.
+
+    Raises:
+        ProtocolError: one line with file, path and the way out.
+    """
+    try:
+        tree = tomllib.loads(toml.decode())
+    except UnicodeDecodeError as error:
+        raise ProtocolError(f"{source}: byte {error.start} is not UTF-8; save the file as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ProtocolError(f"{source}: not TOML: {error}") from None
+    if "toml" in tree:
+        raise ProtocolError(f"{source}: $.toml is not a field; {_known(Protocol)}")
+    try:
+        protocol = msgspec.convert(tree, Protocol)
+    except msgspec.ValidationError as error:
+        raise ProtocolError(f"{source}: {_explain(str(error))}") from None
+    for path, complaint in _impossible(protocol):
+        raise ProtocolError(f"{source}: {path} {complaint}")
+    return msgspec.structs.replace(protocol, toml=toml)
+
+
+def _explain(message: str) -> str:
+    """msgspec's message, path first, with the nearest known field for an unknown one."""
+    if match := _FIELD.search(message):
+        path = match["path"] or "$"
+        return f"{path}.{match['field']} is not a field; {_known(_struct_at(path), match['field'])}"
+    match = _AT.match(message)
+    assert match is not None
+    what = match["what"].replace("Object missing required field", "needs the field")
+    return f"{match['path'] or '$'}: {what[0].lower()}{what[1:]}; see protocols/README.md"
+
+
+_STRUCTS: dict[str, type[msgspec.Struct]] = {
+    "study": Study,
+    "keys": Keys,
+    "groups": Group,
+    "blocks": Block,
+    "exclusions": Exclusion,
+}
+
+
+def _struct_at(path: str) -> type[msgspec.Struct]:
+    part = path.split(".")[1].split("[")[0] if "." in path else ""
+    return _STRUCTS.get(part, Protocol)
+
+
+def _known(struct: type[msgspec.Struct], wrong: str = "") -> str:
+    names = [name for name in struct.__struct_fields__ if name != "toml"]
+    close = difflib.get_close_matches(wrong, names, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known fields: {', '.join(names)}"
+
+
+def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
+    """Every (path, complaint) about values that have the right type but make no study."""
+    return [
+        *_study_complaints(protocol.study),
+        *_keys_complaints(protocol.keys),
+        *_group_complaints(protocol),
+        *(
+            (f"$.blocks[{number}].{field}", complaint)
+            for number, block in enumerate(protocol.blocks)
+            for field, complaint in _block_complaints(block, protocol)
+        ),
+        *_carry_complaints(protocol),
+        *(
+            (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
+            for number, rule in enumerate(protocol.exclusions)
+            if rule.below is None and rule.above is None
+        ),
+    ]
+
+
+def _study_complaints(study: Study) -> list[tuple[str, str]]:
+    found = []
+    if not _NAME.fullmatch(study.name):
+        found.append(("$.study.name", f"is {study.name!r}; use lower-case letters, digits, '-' and '_'"))
+    if not 0 <= study.seed <= MAX_SEED:
+        found.append(("$.study.seed", f"is {study.seed}; a seed is 0 or more"))
+    if not 1 <= study.participants <= 100_000:
+        found.append(("$.study.participants", f"is {study.participants}; use 1 to 100000"))
+    if study.break_s < 0:
+        found.append(("$.study.break_s", f"is {study.break_s}; a break is 0 s or longer"))
+    return found
+
+
+def _keys_complaints(keys: Keys) -> list[tuple[str, str]]:
+    found = []
+    for number, key in enumerate(keys.pool):
+        if key not in KEY_NAMES:
+            close = difflib.get_close_matches(key, KEY_NAMES, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else "the names are in minihuman/study/keys.py"
+            found.append((f"$.keys.pool[{number}]", f"is {key!r}, which is no key; {hint}"))
+        elif key in RESERVED:
+            found.append((f"$.keys.pool[{number}]", f"is {key!r}, which the session itself uses; choose another"))
+        elif key in keys.pool[:number]:
+            found.append((f"$.keys.pool[{number}]", f"is {key!r} again; name each key once"))
+    return found
+
+
+def _group_complaints(protocol: Protocol) -> list[tuple[str, str]]:
+    if not protocol.groups:
+        return [("$.groups", "is empty; a study has one group or more")]
+    if not protocol.blocks:
+        return [("$.blocks", "is empty; a study has one block or more")]
+    found = [*_name_complaints("groups", protocol.groups), *_name_complaints("blocks", protocol.blocks)]
+    names = [block.name for block in protocol.blocks]
+    for number, group in enumerate(protocol.groups):
+        if not group.blocks:
+            found.append((f"$.groups[{number}].blocks", "is empty; a group plays one block or more"))
+        for place, name in enumerate(group.blocks):
+            if name not in names:
+                path = f"$.groups[{number}].blocks[{place}]"
+                found.append((path, f"is {name!r}, which is no block; blocks: {', '.join(names)}"))
+    return found
+
+
+def _name_complaints(field: str, named: tuple[Group, ...] | tuple[Block, ...]) -> list[tuple[str, str]]:
+    found = []
+    names = [item.name for item in named]
+    for number, name in enumerate(names):
+        path = f"$.{field}[{number}].name"
+        if not _NAME.fullmatch(name):
+            found.append((path, f"is {name!r}; use lower-case letters, digits, '-' and '_'"))
+        if name in names[:number]:
+            found.append((path, f"is {name!r} again; give each its own name"))
+    return found
+
+
+def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]:
+    found = []
+    pool = len(protocol.keys.pool)
+    if not block.world:
+        found.append(("world", "is empty; `minihuman worlds` lists ours"))
+    if not 1 <= block.episodes <= 10_000:
+        found.append(("episodes", f"is {block.episodes}; an episode count is 1 to 10000"))
+    if not 1 <= block.max_steps <= 1_000_000:
+        found.append(("max_steps", f"is {block.max_steps}; use 1 to 1000000"))
+    if not block.actions:
+        found.append(("actions", "is empty; name the actions that get a key"))
+    if len(set(block.actions + block.distractors)) < len(block.actions + block.distractors):
+        found.append(("actions", "and distractors name an action twice; name each once"))
+    if len(block.actions) > pool:
+        found.append(("actions", f"has {len(block.actions)} for {pool} keys in $.keys.pool; add keys"))
+    if protocol.keys.spare == "distractor" and not block.distractors:
+        found.append(("distractors", "is empty, but $.keys.spare is 'distractor'; name the actions to deal out"))
+    if protocol.keys.spare == "ignore" and block.distractors:
+        found.append(("distractors", "has actions, but $.keys.spare is 'ignore'; set it to 'distractor'"))
+    if isinstance(block.seeds, tuple):
+        if len(block.seeds) != block.episodes:
+            found.append(("seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one an episode"))
+        if any(not 0 <= seed <= MAX_SEED for seed in block.seeds):
+            found.append(("seeds", "has a negative seed; a seed is 0 or more"))
+    if block.pace == "real_time" and not 5 <= block.step_period_ms <= 60_000:
+        found.append(("step_period_ms", f"is {block.step_period_ms}; real_time needs 5 to 60000 ms"))
+    if block.pace == "on_key" and (block.step_period_ms or block.noop is not None):
+        found.append(("pace", "is 'on_key', which has no step_period_ms and no noop; remove them or use 'real_time'"))
+    if block.pace == "real_time" and block.auto_repeat:
+        found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
+    try:
+        block.feedback.format(outcome="", reward=0.0, steps=0, episode=0, episodes=0)
+    except (KeyError, IndexError, ValueError, AttributeError) as error:
+        found.append(("feedback", f"has a bad placeholder ({error}); use outcome, reward, steps, episode, episodes"))
+    return found
+
+
+def _carry_complaints(protocol: Protocol) -> list[tuple[str, str]]:
+    """A carried key map is for as many actions as the one before it; a session's first block draws its own.
+
+    So one block can serve the group that carries into it and the group that starts with it.
+    """
+    found = []
+    carried = {name for group in protocol.groups for name in group.blocks[1:]}
+    for number, group in enumerate(protocol.groups):
+        previous: Block | None = None
+        for place, name in enumerate(group.blocks):
+            block = next((block for block in protocol.blocks if block.name == name), None)
+            if block is None:
+                continue
+            path = f"$.groups[{number}].blocks[{place}]"
+            if block.key_map == "carry" and previous is None and name not in carried:
+                found.append((path, f"is {name!r}, which carries a key map, but no group plays a block before it"))
+            if block.key_map == "carry" and previous is not None and len(previous.actions) != len(block.actions):
+                counts = f"{len(block.actions)} actions carried from {len(previous.actions)}"
+                found.append((path, f"is {name!r} with {counts}; give both blocks as many, or use key_map = 'fresh'"))
+            previous = block
+    return found

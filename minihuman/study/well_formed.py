@@ -1,0 +1,126 @@
+"""What every stream of session events obeys, whatever was pressed, and what a stream breaks."""
+
+from collections.abc import Iterable
+
+from minihuman.study.events import (
+    EpisodeEnded,
+    EpisodeStarted,
+    Event,
+    FrameShown,
+    KeyMapDrawn,
+    Noted,
+    Paused,
+    Resumed,
+    SessionEnded,
+    SessionStarted,
+    Stepped,
+)
+from minihuman.study.plan import KeyMap
+
+
+def complaints(events: Iterable[Event]) -> list[str]:
+    """Every rule a stream breaks, in words; empty for a well-formed one. A stream that is cut short breaks none."""
+    reader = _Reader()
+    for number, event in enumerate(events):
+        reader.read(number, event)
+    return reader.found
+
+
+class _Reader:
+    """Reads a stream once and remembers what the rules need."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+        self._where = ""
+        self._t_ns = 0
+        self._first = 0
+        self._next = 0
+        self._playing: EpisodeStarted | None = None
+        self._last_step: Stepped | None = None
+        self._steps = 0
+        self._return = 0.0
+        self._paused = False
+        self._ended = False
+        self._key_map: KeyMap | None = None
+
+    def read(self, number: int, event: Event) -> None:
+        """Hold one event against what came before."""
+        self._where = f"event {number}, {type(event).__name__}"
+        self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
+        self._rule(not self._ended, "nothing follows SessionEnded")
+        self._rule(event.t_ns >= self._t_ns, f"time goes back from {self._t_ns} to {event.t_ns} ns")
+        self._t_ns = event.t_ns
+        match event:
+            case SessionStarted():
+                self._first = self._next = event.plan.first_episode
+            case KeyMapDrawn():
+                self._rule(self._playing is None, "key maps change between episodes")
+                self._key_map = event.key_map
+            case EpisodeStarted():
+                self._episode_started(event)
+            case Stepped():
+                self._stepped(event)
+            case FrameShown():
+                inside = self._playing is not None and event.episode == self._playing.plan.episode
+                self._rule(inside and event.step <= self._steps, "a frame shows a step of the running episode")
+                self._rule(event.submit_ns <= event.flip_ns, "a frame is submitted before it is flipped")
+            case EpisodeEnded():
+                self._episode_ended(event)
+            case Paused():
+                self._rule(self._playing is not None and not self._paused, "only play can be paused, once")
+                self._paused = True
+            case Resumed():
+                self._rule(self._paused, "only a pause can be resumed")
+                self._paused = False
+            case SessionEnded():
+                self._ended = True
+                self._rule(self._playing is None, "an episode ends before its session")
+                self._rule(event.episodes_completed == self._next - self._first, "completed episodes are counted")
+            case Noted():
+                self._rule(bool(event.kind), "a note says of what kind it is")
+
+    def _episode_started(self, event: EpisodeStarted) -> None:
+        self._rule(self._playing is None, "one episode at a time")
+        self._rule(event.plan.episode == self._next, f"episode {self._next} is next, not {event.plan.episode}")
+        self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
+        self._playing, self._last_step, self._steps, self._return, self._paused = event, None, 0, 0.0, False
+
+    def _stepped(self, event: Stepped) -> None:
+        playing = self._playing
+        if playing is None or event.episode != playing.plan.episode:
+            self._rule(False, "steps belong to the running episode")
+            return
+        self._steps += 1
+        self._return += event.reward
+        self._rule(not self._paused, "nothing steps in a pause")
+        self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
+        self._rule(event.return_ == self._return, f"rewards sum to {self._return}, not {event.return_}")
+        self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
+        self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")
+        self._rule(event.rt_ms is None or event.rt_ms >= 0, "a reaction follows what it answers")
+        spent = event.step >= playing.plan.max_steps
+        self._rule(event.terminated or event.truncated or not spent, "the plan's step limit ends an episode")
+        last = self._last_step
+        self._rule(last is None or not (last.terminated or last.truncated), "nothing steps after the end")
+        self._last_step = event
+
+    def _episode_ended(self, event: EpisodeEnded) -> None:
+        playing, last = self._playing, self._last_step
+        if playing is None or event.episode != playing.plan.episode:
+            self._rule(False, "only the running episode ends")
+            return
+        self._rule((event.steps, event.return_) == (self._steps, self._return), "an end counts the episode's steps")
+        final = playing.state_hash if last is None else last.state_hash
+        self._rule(event.state_hash == final, "an episode ends in the state of its last step")
+        expected = "abandoned"
+        if last is not None and last.terminated:
+            expected = "goal" if last.reward > 0 else "failure"
+        elif last is not None and last.truncated:
+            expected = "timeout"
+        self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
+        self._playing, self._paused = None, False
+        self._next += event.outcome != "abandoned"
+
+    def _rule(self, holds: bool, rule: str) -> None:
+        if not holds:
+            self.found.append(f"{self._where}: {rule}")

@@ -1,0 +1,76 @@
+"""What windows on a real display have in common: a deadline to block until, auto-repeat, the picture of a screen."""
+
+import abc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.study.inputs import FocusChanged, Input, Shown
+from minihuman.study.screens import Screen
+from minihuman.windows.compose import Size, compose, picture_size_px
+from minihuman.windows.held import HeldKeys
+from minihuman.windows.port import Clock, Window
+
+DEFAULT_SIZE_PX: Size = (1280, 720)
+TITLE = "minihuman"
+
+
+class BlockingWindow(Window):
+    """A window whose toolkit can block for input; a toolkit adds three methods and the port's last two."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._held = HeldKeys()
+        self._focused = False
+
+    @property
+    @abc.abstractmethod
+    def size_px(self) -> Size:
+        """Width and height of what is drawn."""
+
+    @abc.abstractmethod
+    def _flip(self, frame: NDArray[np.uint8]) -> None:
+        """Bring uint8[H, W, 3] of the window's size to the display; return when it is there."""
+
+    @abc.abstractmethod
+    def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        """Block until something comes or time is up (None: for ever), and say what came, stamped; [] is no promise."""
+
+    @abc.abstractmethod
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into the toolkit's queue; from any thread, to measure with."""
+
+    @property
+    def picture_px(self) -> Size:
+        """The largest picture of a world there is room for."""
+        return picture_size_px(self.size_px)
+
+    def show(self, screen: Screen) -> Shown:
+        """Draw a screen, flip, and say when it was submitted and when the flip returned."""
+        frame = compose(screen, self.size_px)
+        submit_ns = self._clock()
+        self._flip(frame)
+        flip_ns = self._clock()
+        return Shown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        """Block until an input comes or the clock reaches ``until_ns``; what has arrived is returned even so."""
+        while True:
+            due_ns = min((t for t in (until_ns, self._held.next_repeat_ns) if t is not None), default=None)
+            arrived = self._arrived(None if due_ns is None else max(0, due_ns - self._clock()))
+            if arrived:
+                return arrived
+            now_ns = self._clock()
+            if repeats := self._held.repeats(now_ns):
+                return list(repeats)
+            if until_ns is not None and now_ns >= until_ns:
+                return []
+
+    def _focus(self, t_ns: int, focused: bool) -> list[Input]:
+        """What a word about the focus amounts to: toolkits say the same thing twice, and "lost" before any was had."""
+        if focused == self._focused:
+            return []
+        self._focused = focused
+        if not focused:
+            self._held.forget()
+        return [FocusChanged(t_ns, focused)]

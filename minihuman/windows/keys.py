@@ -1,0 +1,89 @@
+"""Where a key is on the keyboard, from what each toolkit says about it. The one table between their names and ours.
+
+SDL gives USB positions (scancodes), X11 gives positions by name through XKB, pyglet elsewhere gives only symbols.
+A key without a name of ours is called after its number, so that it still reaches the log.
+"""
+
+from collections.abc import Mapping
+
+from minihuman.study.keys import DIGITS, FUNCTION, KEY_NAMES, LETTERS
+
+
+def _numbered(first: int, names: tuple[str, ...]) -> dict[int, str]:
+    return {first + offset: name for offset, name in enumerate(names)}
+
+
+# USB HID Usage Tables 1.5, page 0x07: what SDL calls a scancode.
+_BY_SCANCODE: Mapping[int, str] = (
+    _numbered(4, LETTERS)
+    | _numbered(30, DIGITS)
+    | _numbered(40, ("enter", "escape", "backspace", "tab", "space"))
+    | _numbered(45, ("minus", "equals", "left_bracket", "right_bracket", "backslash"))
+    | _numbered(51, ("semicolon", "quote", "grave", "comma", "period", "slash", "caps_lock"))
+    | _numbered(58, FUNCTION)
+    | _numbered(73, ("insert", "home", "page_up", "delete", "end", "page_down"))
+    | _numbered(79, ("right", "left", "down", "up", "num_lock"))
+    | _numbered(84, ("kp_divide", "kp_multiply", "kp_minus", "kp_plus", "kp_enter"))
+    | _numbered(89, tuple(f"kp_{digit}" for digit in DIGITS))
+    | {99: "kp_period"}
+    | _numbered(224, ("left_ctrl", "left_shift", "left_alt"))
+    | _numbered(228, ("right_ctrl", "right_shift", "right_alt"))
+)
+
+
+def _row(letter: str, names: str) -> dict[str, str]:
+    return {f"A{letter}{number:02}": name for number, name in enumerate(names.split(), start=1)}
+
+
+# XKB's names of positions (xkeyboard-config, keycodes/evdev): row A is the space bar's, E the digits'.
+_BY_XKB: Mapping[str, str] = (
+    _row("E", "1 2 3 4 5 6 7 8 9 0 minus equals")
+    | _row("D", "q w e r t y u i o p left_bracket right_bracket")
+    | _row("C", "a s d f g h j k l semicolon quote")
+    | _row("B", "z x c v b n m comma period slash")
+    | {f"FK{number:02}": f"f{number}" for number in range(1, 13)}
+    | {f"KP{digit}": f"kp_{digit}" for digit in DIGITS}
+    | {"KPEN": "kp_enter", "KPAD": "kp_plus", "KPSU": "kp_minus", "KPMU": "kp_multiply", "KPDV": "kp_divide"}
+    | {"KPDL": "kp_period", "NMLK": "num_lock", "CAPS": "caps_lock", "TLDE": "grave", "BKSL": "backslash"}
+    | {"SPCE": "space", "RTRN": "enter", "ESC": "escape", "TAB": "tab", "BKSP": "backspace"}
+    | {"INS": "insert", "DELE": "delete", "HOME": "home", "END": "end", "PGUP": "page_up", "PGDN": "page_down"}
+    | {"UP": "up", "DOWN": "down", "LEFT": "left", "RGHT": "right"}
+    | {"LFSH": "left_shift", "RTSH": "right_shift", "LCTL": "left_ctrl", "RCTL": "right_ctrl"}
+    | {"LALT": "left_alt", "RALT": "right_alt", "LVL3": "right_alt", "ALGR": "right_alt"}
+)
+
+# pyglet's names of symbols, where they are not ours in capitals.
+_BY_SYMBOL: Mapping[str, str] = (
+    {f"_{digit}": digit for digit in DIGITS}
+    | {f"NUM_{digit}": f"kp_{digit}" for digit in DIGITS}
+    | {"NUM_ENTER": "kp_enter", "NUM_ADD": "kp_plus", "NUM_SUBTRACT": "kp_minus", "NUM_MULTIPLY": "kp_multiply"}
+    | {"NUM_DIVIDE": "kp_divide", "NUM_DECIMAL": "kp_period", "NUMLOCK": "num_lock", "CAPSLOCK": "caps_lock"}
+    | {"NUM_END": "kp_1", "NUM_DOWN": "kp_2", "NUM_NEXT": "kp_3", "NUM_PAGE_DOWN": "kp_3", "NUM_LEFT": "kp_4"}
+    | {"NUM_BEGIN": "kp_5", "NUM_RIGHT": "kp_6", "NUM_HOME": "kp_7", "NUM_UP": "kp_8", "NUM_PRIOR": "kp_9"}
+    | {"NUM_PAGE_UP": "kp_9", "NUM_INSERT": "kp_0", "NUM_DELETE": "kp_period"}
+    | {"RETURN": "enter", "PAGEUP": "page_up", "PAGEDOWN": "page_down", "EQUAL": "equals"}
+    | {"BRACKETLEFT": "left_bracket", "BRACKETRIGHT": "right_bracket", "APOSTROPHE": "quote", "QUOTELEFT": "grave"}
+    | {"LSHIFT": "left_shift", "RSHIFT": "right_shift", "LCTRL": "left_ctrl", "RCTRL": "right_ctrl"}
+    | {"LALT": "left_alt", "RALT": "right_alt", "LOPTION": "left_alt", "ROPTION": "right_alt"}
+)
+
+
+def from_scancode(scancode: int) -> str:
+    """Our name for an SDL scancode; "scancode_50" for one without."""
+    return _BY_SCANCODE.get(scancode, f"scancode_{scancode}")
+
+
+def to_scancode(key: str) -> int:
+    """The SDL scancode of one of our names."""
+    return next(scancode for scancode, name in _BY_SCANCODE.items() if name == key)
+
+
+def from_xkb(position: str, keycode: int) -> str:
+    """Our name for XKB's name of a position; "keycode_94" for one without."""
+    return _BY_XKB.get(position, f"keycode_{keycode}")
+
+
+def from_symbol(name: str) -> str:
+    """Our name for a pyglet symbol, taken to sit where it sits on a US keyboard; "symbol_plus" for one without."""
+    known = _BY_SYMBOL.get(name, name.lower())
+    return known if known in KEY_NAMES else f"symbol_{name.lower()}"

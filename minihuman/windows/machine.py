@@ -1,0 +1,47 @@
+"""What is to be known of the machine a session ran on, and its clock. Nothing that names a person or a machine."""
+
+import platform
+import subprocess
+import time
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+_PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
+
+
+class SessionClock:
+    """The session's monotonic clock, 0 when it was made; ``started_unix_ns`` is the wall clock at that moment."""
+
+    def __init__(self) -> None:
+        self.started_unix_ns = time.time_ns()
+        self._start_ns = time.monotonic_ns()
+
+    def __call__(self) -> int:
+        """Nanoseconds since it was made."""
+        return time.monotonic_ns() - self._start_ns
+
+
+def machine_facts() -> dict[str, str]:
+    """Versions, platform, processor, and the commit of a checked-out minihuman; by name."""
+    facts = {
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()}",
+        "machine": platform.machine(),
+    }
+    for package in _PACKAGES:
+        try:
+            facts[f"version_{package}"] = version(package)
+        except PackageNotFoundError:
+            continue
+    if commit := _git_commit(Path(__file__).parent):
+        facts["git_commit"] = commit
+    return facts
+
+
+def _git_commit(folder: Path) -> str:
+    """The commit that a checkout is at, with "+" where files were changed; "" where there is no checkout."""
+    command = ("git", "-C", str(folder), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""

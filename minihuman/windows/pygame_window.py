@@ -1,0 +1,148 @@
+"""The window in pygame-ce (SDL 2). Keys are known by position (scancode), whatever the layout."""
+
+import os
+import sys
+import time
+
+import numpy as np
+import pygame
+from numpy.typing import NDArray
+
+from minihuman.errors import WindowError
+from minihuman.study.inputs import Input, Stop
+from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
+from minihuman.windows.compose import Size
+from minihuman.windows.keys import from_scancode, to_scancode
+from minihuman.windows.port import Clock
+
+_NS_PER_MS = 1_000_000
+_SAY_WHERE = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
+_NO_DISPLAY = ("offscreen", "dummy")  # what SDL falls back to by itself
+_EVENTS = (
+    pygame.KEYDOWN,
+    pygame.KEYUP,
+    pygame.WINDOWFOCUSGAINED,
+    pygame.WINDOWFOCUSLOST,
+    pygame.WINDOWEXPOSED,
+    pygame.QUIT,
+)
+
+
+class PygameWindow(BlockingWindow):
+    """A pygame window, or the whole screen.
+
+    Args:
+        clock: stamps inputs and flips.
+        fullscreen: take the whole screen; ``size_px`` is then the screen's.
+        size_px: width and height of a window; smaller on a screen that is smaller.
+
+    Raises:
+        WindowError: if there is no display.
+    """
+
+    def __init__(self, clock: Clock, *, fullscreen: bool = False, size_px: Size = DEFAULT_SIZE_PX) -> None:
+        super().__init__(clock)
+        # Without vsync a frame goes straight to the X server in about 1 ms; through an OpenGL texture, which is SDL's
+        # preference, it takes 17 ms where OpenGL is done in software.
+        os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
+        try:
+            if sys.platform == "linux" and not any(map(os.environ.get, _SAY_WHERE)):
+                raise pygame.error("none of DISPLAY, WAYLAND_DISPLAY and SDL_VIDEODRIVER is set")
+            pygame.display.init()  # never pygame.init(): it opens the sound device
+            driver = pygame.display.get_driver()
+            if driver in _NO_DISPLAY and os.environ.get("SDL_VIDEODRIVER") != driver:
+                raise pygame.error("SDL found no screen")
+            pygame.display.set_caption(TITLE)
+            self._surface = self._open(size_px, fullscreen=fullscreen)
+        except pygame.error as error:
+            pygame.display.quit()
+            raise WindowError(
+                f"pygame cannot open a window here ({error}); log in to a desktop or set DISPLAY, "
+                "or use `minihuman simulate` to play without a window"
+            ) from error
+        self._fullscreen = fullscreen
+        self._closed = False
+        pygame.mouse.set_visible(False)
+        pygame.key.stop_text_input()  # an input method would swallow keys
+        pygame.event.set_blocked(None)
+        pygame.event.set_allowed(_EVENTS)
+
+    @staticmethod
+    def _open(size_px: Size, *, fullscreen: bool) -> pygame.Surface:
+        """Open with vsync where the display has a refresh rate and the driver grants it, else without."""
+        screen_px = pygame.display.get_desktop_sizes()[0]
+        size_px = screen_px if fullscreen else (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
+        flags = pygame.FULLSCREEN if fullscreen else 0
+        if any(pygame.display.get_desktop_refresh_rates()):
+            try:
+                return pygame.display.set_mode(size_px, flags | pygame.SCALED, vsync=1)
+            except pygame.error:
+                pass  # a driver without vsync; the facts say so
+        return pygame.display.set_mode(size_px, flags)
+
+    @property
+    def size_px(self) -> Size:
+        """Width and height of what is drawn."""
+        return self._surface.get_size()
+
+    def _flip(self, frame: NDArray[np.uint8]) -> None:
+        self._surface.blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), (0, 0))
+        pygame.display.flip()
+
+    def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        events = []
+        if timeout_ns is None:
+            events.append(pygame.event.wait())
+        elif timeout_ns >= _NS_PER_MS:
+            events.append(pygame.event.wait(timeout_ns // _NS_PER_MS))
+        else:
+            time.sleep(timeout_ns * 1e-9)
+        t_ns = self._clock()
+        events += pygame.event.get()
+        return [arrived for event in events for arrived in self._inputs(event, t_ns)]
+
+    def _inputs(self, event: pygame.event.Event, t_ns: int) -> list[Input]:
+        match event.type:
+            case pygame.KEYDOWN:
+                return [*self._held.press(t_ns, from_scancode(event.scancode), _symbol(event))]
+            case pygame.KEYUP:
+                return [*self._held.release(t_ns, from_scancode(event.scancode), _symbol(event))]
+            case pygame.WINDOWFOCUSGAINED:
+                return self._focus(t_ns, True)
+            case pygame.WINDOWFOCUSLOST:
+                return self._focus(t_ns, False)
+            case pygame.WINDOWEXPOSED:
+                pygame.display.flip()
+            case pygame.QUIT:
+                return [Stop(t_ns, "window_closed")]
+        return []
+
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into SDL's queue; from any thread."""
+        for kind in (pygame.KEYDOWN, pygame.KEYUP):
+            pygame.event.post(pygame.event.Event(kind, scancode=to_scancode(key), key=pygame.K_UNKNOWN))
+
+    def facts(self) -> dict[str, str]:
+        """Toolkit, version, display size, refresh rate, how keys are identified."""
+        width, height = self.size_px
+        return {
+            "window": "pygame",
+            "window_version": f"pygame-ce {pygame.version.ver}, SDL {'.'.join(map(str, pygame.get_sdl_version()))}",
+            "window_driver": pygame.display.get_driver(),
+            "window_size_px": f"{width}x{height}",
+            "fullscreen": str(self._fullscreen).lower(),
+            "vsync": "on" if pygame.display.is_vsync() else "off",
+            "refresh_hz_reported": str(pygame.display.get_current_refresh_rate() or "unknown"),
+            "key_identity": "position (SDL scancode)",
+        }
+
+    def close(self) -> None:
+        """Give the display back."""
+        if not self._closed:
+            self._closed = True
+            pygame.display.quit()
+
+
+def _symbol(event: pygame.event.Event) -> str:
+    """What the key is called on this layout, without modifiers."""
+    return pygame.key.name(event.key, use_compat=False)

@@ -1,0 +1,140 @@
+"""pyglet's own window, made to say where keys are and to show finished pictures. Works with pyglet 1.5 and 2.
+
+Importing this opens pyglet's connection to the display, so only ``pyglet_window`` does, when a window is wanted.
+"""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import pyglet
+import pyglet.window
+from numpy.typing import NDArray
+from pyglet import gl
+
+from minihuman.windows.compose import Size
+from minihuman.windows.keys import from_symbol, from_xkb
+from minihuman.windows.xkb import positions
+
+ON_X11 = pyglet.compat_platform.startswith("linux")
+if ON_X11:
+    from pyglet.libs.x11 import xlib
+
+EVENT_HANDLED = pyglet.event.EVENT_HANDLED
+
+
+def screen_now() -> Any:
+    """The screen that windows open on."""
+    displays = pyglet.canvas if hasattr(pyglet, "canvas") else pyglet.display  # pyglet 1.5, pyglet 2
+    return displays.get_display().get_default_screen()
+
+
+class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 has no types
+    """Dispatches ``on_key(down, key, symbol)`` in our key names, beside pyglet's own events.
+
+    On X11 the key is read from the keycode of the X event, before pyglet reduces it to a symbol and drops what it
+    takes for auto-repeat. Elsewhere pyglet's symbol is all there is.
+    """
+
+    _enable_event_queue = False  # deliver at once and in order, as pyglet's own event loop has it
+
+    def __init__(self, title: str, size_px: Size | None) -> None:
+        """Open a window of that size, no larger than the screen; None takes the whole screen."""
+        self._positions: dict[int, str] = {}
+        screen = screen_now()
+        settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
+        if size_px is not None:
+            settings = {"width": min(size_px[0], screen.width), "height": min(size_px[1], screen.height)}
+        super().__init__(caption=title, vsync=True, **settings)
+        if ON_X11:
+            self._positions = positions(xlib._lib, self.display._display)
+        self._frame_size: Size | None = None
+
+    # Keys on X11
+
+    def dispatch_platform_event(self, event: Any) -> None:
+        """Take key events of the window; the rest is pyglet's."""
+        if not self._key_of_x11(event):
+            super().dispatch_platform_event(event)
+
+    def dispatch_platform_event_view(self, event: Any) -> None:
+        """Take key events of the area inside the window; the rest is pyglet's."""
+        if not self._key_of_x11(event):
+            super().dispatch_platform_event_view(event)
+
+    def _key_of_x11(self, event: Any) -> bool:
+        if not ON_X11 or event.type not in (xlib.KeyPress, xlib.KeyRelease):
+            return False
+        keycode = event.xkey.keycode
+        keysym = xlib.KeySym()
+        text = ctypes.create_string_buffer(32)
+        xlib.XLookupString(event.xkey, text, len(text), ctypes.byref(keysym), None)
+        symbol = xlib.XKeysymToString(keysym.value) or b""
+        key = from_xkb(self._positions.get(keycode, ""), keycode)
+        self.dispatch_event("on_key", event.type == xlib.KeyPress, key, symbol.decode("ascii", "replace"))
+        return True
+
+    # Keys elsewhere
+
+    def on_key_press(self, symbol: int, modifiers: int) -> bool:
+        """Say which key pyglet means; its own handler would close the window at Escape."""
+        return self._key_of_symbol(True, symbol)
+
+    def on_key_release(self, symbol: int, modifiers: int) -> bool:
+        """Say which key pyglet means."""
+        return self._key_of_symbol(False, symbol)
+
+    def _key_of_symbol(self, down: bool, symbol: int) -> bool:
+        name = pyglet.window.key.symbol_string(symbol)
+        self.dispatch_event("on_key", down, from_symbol(name), name)
+        return bool(EVENT_HANDLED)
+
+    # Pictures
+
+    def present(self, frame: NDArray[np.uint8]) -> None:
+        """Show uint8[H, W, 3] of the framebuffer's size; return when the display has it.
+
+        A copy between framebuffers needs no shader and turns the picture the right way up, in either major's OpenGL.
+        """
+        height, width = frame.shape[:2]
+        self.switch_to()
+        if self._frame_size != (width, height):
+            self._make_frame(width, height)
+        pixels = np.ascontiguousarray(frame).ctypes.data_as(ctypes.c_void_p)
+        gl.glTexSubImage2D(gl.GL_TEXTURE_2D, 0, 0, 0, width, height, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, pixels)
+        self.present_again()
+
+    def present_again(self) -> None:
+        """Show the last picture once more, after something covered it."""
+        if self._frame_size is None:
+            return
+        width, height = self._frame_size
+        self.switch_to()
+        gl.glBlitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST)
+        self.flip()
+        gl.glFinish()  # a flip only queues the frame
+
+    def _make_frame(self, width: int, height: int) -> None:
+        """A texture the frame is uploaded into, bound for reading ever after."""
+        texture, framebuffer = gl.GLuint(), gl.GLuint()
+        gl.glGenTextures(1, ctypes.byref(texture))
+        gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
+        gl.glTexParameteri(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_MIN_FILTER, gl.GL_NEAREST)
+        gl.glPixelStorei(gl.GL_UNPACK_ALIGNMENT, 1)
+        gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_RGB8, width, height, 0, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, None)
+        gl.glGenFramebuffers(1, ctypes.byref(framebuffer))
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, framebuffer)
+        gl.glFramebufferTexture2D(gl.GL_READ_FRAMEBUFFER, gl.GL_COLOR_ATTACHMENT0, gl.GL_TEXTURE_2D, texture, 0)
+        self._frame_size = (width, height)
+
+    def renderer(self) -> str:
+        """Who draws, as OpenGL names it."""
+        return (ctypes.cast(gl.glGetString(gl.GL_RENDERER), ctypes.c_char_p).value or b"unknown").decode()
+
+    def refresh_hz(self) -> str:
+        """What the display claims; "unknown" where it claims nothing."""
+        mode = self.screen.get_mode()
+        return str(mode.rate) if mode is not None and mode.rate else "unknown"
+
+
+NativeWindow.register_event_type("on_key")

@@ -1,0 +1,130 @@
+"""The window in pyglet 1.5 or 2. Keys are known by position on X11; elsewhere pyglet tells only the symbol."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WindowError
+from minihuman.study.inputs import Input, Stop
+from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
+from minihuman.windows.compose import Size
+from minihuman.windows.port import Clock
+
+if TYPE_CHECKING:
+    from minihuman.windows.pyglet_native import NativeWindow
+
+
+class PygletWindow(BlockingWindow):
+    """A pyglet window, or the whole screen.
+
+    Args:
+        clock: stamps inputs and flips.
+        fullscreen: take the whole screen; ``size_px`` is then the screen's.
+        size_px: width and height of a window; smaller on a screen that is smaller.
+
+    Raises:
+        WindowError: if there is no display, or none with OpenGL 3.
+    """
+
+    def __init__(self, clock: Clock, *, fullscreen: bool = False, size_px: Size = DEFAULT_SIZE_PX) -> None:
+        super().__init__(clock)
+        self._inputs: list[Input] = []
+        self._native: NativeWindow | None = _open(fullscreen=fullscreen, size_px=size_px)
+        self._native.push_handlers(
+            on_key=self._on_key,
+            on_activate=lambda: self._on_focus(True),
+            on_deactivate=lambda: self._on_focus(False),
+            on_close=self._on_close,
+            on_expose=self._native.present_again,
+        )
+
+    @property
+    def _window(self) -> "NativeWindow":
+        if self._native is None:
+            raise WindowError("the window has been closed; open another")
+        return self._native
+
+    @property
+    def size_px(self) -> Size:
+        """Width and height of what is drawn."""
+        width, height = self._window.get_framebuffer_size()
+        return int(width), int(height)
+
+    def _flip(self, frame: NDArray[np.uint8]) -> None:
+        self._window.present(frame)
+
+    def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        import pyglet
+
+        if not self._inputs:
+            pyglet.app.platform_event_loop.step(None if timeout_ns is None else timeout_ns * 1e-9)
+        arrived, self._inputs = self._inputs, []
+        return arrived
+
+    def _on_key(self, down: bool, key: str, symbol: str) -> None:
+        t_ns = self._clock()
+        if down:
+            self._inputs += self._held.press(t_ns, key, symbol)
+        else:
+            self._inputs += self._held.release(t_ns, key, symbol)
+
+    def _on_focus(self, focused: bool) -> None:
+        self._inputs += self._focus(self._clock(), focused)
+
+    def _on_close(self) -> bool:
+        self._inputs.append(Stop(self._clock(), "window_closed"))
+        return True  # handled: pyglet is not to close it itself
+
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into pyglet's queue; from any thread."""
+        import pyglet
+
+        for down in (True, False):
+            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "")
+
+    def facts(self) -> dict[str, str]:
+        """Toolkit, version, display size, refresh rate, how keys are identified."""
+        import pyglet
+
+        from minihuman.windows.pyglet_native import ON_X11
+
+        window = self._window
+        width, height = self.size_px
+        return {
+            "window": "pyglet",
+            "window_version": f"pyglet {pyglet.version}",
+            "window_driver": f"{pyglet.compat_platform}, {window.renderer()}",
+            "window_size_px": f"{width}x{height}",
+            "fullscreen": str(bool(window.fullscreen)).lower(),
+            "vsync": "on" if window.vsync else "off",
+            "refresh_hz_reported": window.refresh_hz(),
+            "key_identity": "position (X11 keycode)" if ON_X11 else "symbol (US layout assumed)",
+        }
+
+    def close(self) -> None:
+        """Give the display back."""
+        if self._native is not None:
+            self._native.close()
+            self._native = None
+
+
+def _open(*, fullscreen: bool, size_px: Size) -> "NativeWindow":
+    try:
+        import pyglet
+
+        if pyglet.options["headless"]:
+            raise WindowError("pyglet has been put into headless mode in this process; use --window pygame")
+        from minihuman.windows.pyglet_native import NativeWindow
+
+        window = NativeWindow(TITLE, None if fullscreen else size_px)
+        pyglet.app.platform_event_loop.start()
+    except WindowError:
+        raise
+    except Exception as error:  # pyglet's own share no base, and the missing OpenGL library is an ImportError
+        raise WindowError(
+            f"pyglet cannot open a window here ({type(error).__name__}: {error}); log in to a desktop or set DISPLAY, "
+            "or use `minihuman simulate` to play without a window"
+        ) from error
+    window.set_mouse_visible(False)
+    return window

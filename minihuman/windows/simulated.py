@@ -1,0 +1,89 @@
+"""A window with nobody in front of it: a player presses the keys, on a virtual clock, and no picture is drawn."""
+
+from collections.abc import Callable
+
+from minihuman.players.port import Player
+from minihuman.study.inputs import Input, KeyDown, KeyUp, Shown
+from minihuman.study.screens import PlayScreen, Screen, TextScreen
+from minihuman.study.session import Session
+from minihuman.windows.port import Window
+from minihuman.windows.scripted import VirtualClock
+
+NS_PER_MS = 1_000_000
+FRAME_NS = 16_666_667
+READING_MS = 1_000.0
+HOLD_MS = 90.0
+
+
+class SimulatedWindow(Window):
+    """Hands the session what a player presses; texts are read in a second and answered as they ask.
+
+    Args:
+        player: presses the keys while playing.
+        session: the session it sits in, for the world that the player looks at.
+        clock: the session's; waiting moves it.
+        at_rest: called between episodes, when nothing is urgent.
+    """
+
+    def __init__(
+        self, player: Player, session: Session, clock: VirtualClock, *, at_rest: Callable[[], None] = lambda: None
+    ) -> None:
+        self._player = player
+        self._session = session
+        self._clock = clock
+        self._at_rest = at_rest
+        self._screen: Screen = TextScreen("", "", "")
+        self._episode = -1
+        self._coming: list[Input] = []  # in order of time
+
+    def show(self, screen: Screen) -> Shown:
+        """Look at a screen; it is there one frame later."""
+        self._screen = screen
+        submit_ns = self._clock()
+        self._clock.advance_to(submit_ns + FRAME_NS)
+        if isinstance(screen, TextScreen):
+            self._at_rest()
+        return Shown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        """Move the clock to the player's next key, or to ``until_ns``."""
+        if not any(isinstance(happened, KeyDown) for happened in self._coming):
+            self._think()
+        if not self._coming or (until_ns is not None and until_ns < self._coming[0].t_ns):
+            assert until_ns is not None, "neither a key nor a deadline: this would wait for ever"
+            self._clock.advance_to(until_ns)
+            return []
+        happened = self._coming.pop(0)
+        self._clock.advance_to(happened.t_ns)
+        return [happened]
+
+    def facts(self) -> dict[str, str]:
+        """What it is."""
+        return {"window": "simulated"}
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def _think(self) -> None:
+        """Decide on the next key."""
+        match self._screen:
+            case PlayScreen():
+                self._press(*self._play())
+            case TextScreen(keys=keys) if missing := [key for key, pressed in keys if not pressed]:
+                self._press(missing[0], READING_MS)
+            case TextScreen() if self._session.next_tick_ns is None:  # else a rest is running: nothing to press yet
+                self._press("enter", READING_MS)
+
+    def _play(self) -> tuple[str, float]:
+        play = self._session.play
+        assert play is not None
+        if play.plan.episode != self._episode:
+            self._episode = play.plan.episode
+            self._player.begin(play.plan, self._session.plan.key_pool, play.world)
+        press = self._player.press(play.world)
+        return press.key, press.delay_ms
+
+    def _press(self, key: str, delay_ms: float) -> None:
+        down_ns = self._clock() + round(delay_ms * NS_PER_MS)
+        self._coming += [KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)]
+        self._coming.sort(key=lambda happened: happened.t_ns)

@@ -1,0 +1,358 @@
+"""A first-person world as a Gymnasium environment: subclass it, say what stands where and when it ends."""
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.first_person import rules
+from minihuman.worlds.first_person.agent import Agent
+from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
+from minihuman.worlds.first_person.map import floor_map
+from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
+from minihuman.worlds.first_person.picture import Glimpse, Pictures, glimpse
+from minihuman.worlds.first_person.rooms import WALL_HEIGHT, Limits, Point, Room, rectangle
+from minihuman.worlds.first_person.stage import Stage
+from minihuman.worlds.first_person.state import state_hash
+from minihuman.worlds.pose import Map, Pose
+
+_NOT_STATE = frozenset(
+    {
+        "action_names",
+        "action_space",
+        "observation_space",
+        "max_steps",
+        "parameters",
+        "domain_rand",
+        "render_mode",
+        "view",
+    }
+    | {"window_px", "spec", "_pictures", "_before"}
+)
+
+EntityT = TypeVar("EntityT", bound=Entity)
+FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
+
+
+@dataclass(frozen=True, slots=True)
+class Saved:
+    """A state of one world in mid-episode; made by ``save`` and read by ``restore`` only."""
+
+    world: str
+    state: dict[str, Any]
+
+
+class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
+    """Base of all first-person worlds.
+
+    A world says in ``build`` what stands where, and in ``judge`` what a step earned and whether it ended the episode.
+    Whatever it keeps on ``self`` there is part of the state: it is saved, restored and hashed with the rest, so it is
+    made of numbers, text, entities, arrays, and tuples, lists and dicts of them.
+
+    Args:
+        max_steps: an episode is truncated after so many steps; None for never.
+        actions: the names of the discrete actions, out of ``rules.ACTIONS``.
+        obs_width: width of an observation in pixels.
+        obs_height: height of an observation in pixels.
+        render_mode: "rgb_array" or None.
+        window_width: width of what ``render`` draws, pixels.
+        window_height: height of what ``render`` draws, pixels.
+        view: what ``render`` draws: the "agent"'s eyes or the world from the "top".
+        parameters: step length, turn, camera and light, with their ranges.
+        domain_rand: draw the parameters from their ranges.
+        assets: a folder with ``textures/NAME.png`` and ``meshes/NAME.obj`` to draw with; None for our own.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
+    motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
+
+    def __init__(
+        self,
+        *,
+        max_steps: int | None = 1500,
+        actions: tuple[str, ...] = rules.ACTIONS,
+        obs_width: int = 80,
+        obs_height: int = 60,
+        render_mode: str | None = None,
+        window_width: int = 800,
+        window_height: int = 600,
+        view: str = "agent",
+        parameters: Parameters = DEFAULTS,
+        domain_rand: bool = False,
+        assets: str | None = None,
+    ) -> None:
+        if max_steps is not None and max_steps < 1:
+            raise WorldError(f"max_steps is {max_steps}; an episode has 1 step or more, or None for no end")
+        if min(obs_width, obs_height) < 1:
+            raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
+        if view not in ("agent", "top"):
+            raise WorldError(f"view is {view!r}; render() draws the 'agent' view or the 'top' view")
+        if render_mode not in (None, "rgb_array"):
+            raise WorldError(f"render_mode is {render_mode!r}; a first-person world renders as 'rgb_array'")
+        if unknown := set(actions) - set(rules.ACTIONS):
+            raise WorldError(f"no action is called {', '.join(sorted(unknown))}; there are {', '.join(rules.ACTIONS)}")
+        self.action_names = actions
+        self.action_space = gymnasium.spaces.Discrete(len(actions))
+        self.observation_space = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
+        self.max_steps = max_steps
+        self.parameters = parameters
+        self.domain_rand = domain_rand
+        self.render_mode = render_mode
+        self.view = view
+        self.window_px = (window_width, window_height)
+        self.step_count = 0
+        self._stage: Stage | None = None
+        self._before: Glimpse | None = None  # how the last step began; None after a reset or restore
+        self._pictures = Pictures((obs_width, obs_height), assets)
+
+    # What a world says of itself.
+
+    def build(self) -> None:
+        """Add rooms, connect them, place things and the agent. Called at every reset, on an empty stage."""
+        raise NotImplementedError(f"{type(self).__name__} has no build(); say there what stands where")
+
+    def judge(self, action: str) -> tuple[float, bool]:
+        """After each step: what it earned, and whether it ended the episode."""
+        return 0.0, False
+
+    def info(self) -> dict[str, Any]:
+        """What ``reset`` and ``step`` tell beside the observation."""
+        return {}
+
+    def off_limits(self) -> tuple[Room, ...]:
+        """The rooms that a way should not lead through, for planners."""
+        return ()
+
+    def observe(self) -> Any:
+        """What the agent is given: its view, uint8[obs_height, obs_width, 3]."""
+        return self._pictures.observation(self.stage)
+
+    # The words to build a world with.
+
+    def add_rect_room(self, *, min_x: float, max_x: float, min_z: float, max_z: float, **looks: Any) -> Room:
+        """Add a rectangular room; ``looks`` as in ``add_room``."""
+        return self.add_room(rectangle(min_x, max_x, min_z, max_z), **looks)
+
+    def add_room(
+        self,
+        outline: tuple[Point, ...],
+        *,
+        wall_height: float = WALL_HEIGHT,
+        floor: str = "floor_tiles_bw",
+        wall: str = "concrete",
+        ceiling: str | None = "concrete_tiles",
+    ) -> Room:
+        """Add a room with corners (x, z) in metres, convex and counter-clockwise as seen from above.
+
+        ``floor``, ``wall`` and ``ceiling`` are names of textures; ``ceiling=None`` is open to the sky.
+
+        Raises:
+            WorldError: if the outline does not close, is not convex, or goes round the wrong way.
+        """
+        return self.stage.add_room(Room(outline, wall_height, floor, wall, ceiling))
+
+    def connect_rooms(
+        self,
+        a: Room,
+        b: Room,
+        *,
+        min_x: float | None = None,
+        max_x: float | None = None,
+        min_z: float | None = None,
+        max_z: float | None = None,
+        max_y: float | None = None,
+    ) -> None:
+        """Open two rooms to each other between two x or two z, up to ``max_y`` (None: as high as the walls).
+
+        Raises:
+            WorldError: if the rooms do not face each other or the opening does not fit their walls.
+        """
+        self.stage.connect_rooms(a, b, limits=Limits(min_x, max_x, min_z, max_z), top=max_y)
+
+    def place_entity(
+        self,
+        entity: EntityT,
+        *,
+        room: Room | None = None,
+        pos: Position | None = None,
+        dir: float | None = None,
+        min_x: float | None = None,
+        max_x: float | None = None,
+        min_z: float | None = None,
+        max_z: float | None = None,
+    ) -> EntityT:
+        """Place a thing at ``pos``, or by chance where it touches nothing, and give it back.
+
+        Args:
+            entity: the thing.
+            room: the room it may stand in; None for any, drawn by floor area.
+            pos: an exact place (x, y, z), where it may touch anything.
+            dir: its heading in radians; None draws one.
+            min_x: with max_x, min_z and max_z: the part of the room it may stand in.
+            max_x: see min_x.
+            min_z: see min_x.
+            max_z: see min_x.
+
+        Raises:
+            WorldError: if no free place is found.
+        """
+        if pos is None:
+            self.stage.place(entity, room=room, dir=dir, x=(min_x, max_x), z=(min_z, max_z))
+        else:
+            self.stage.put(entity, (float(pos[0]), float(pos[1]), float(pos[2])), dir)
+        return entity
+
+    def hang(self, frame: FrameT) -> FrameT:
+        """Hang a frame on a wall, where it was made to hang, and give it back."""
+        self.stage.put(frame, frame.pos, frame.dir)
+        return frame
+
+    def place_agent(self, **where: Any) -> Agent:
+        """Place the agent; ``where`` as in ``place_entity``."""
+        return self.place_entity(self.agent, **where)
+
+    def near(self, a: Entity, b: Entity | None = None) -> bool:
+        """Is a thing within a step of touching another, or the agent?"""
+        return self.stage.near(a, b or self.agent)
+
+    def prompt_reward(self) -> float:
+        """1 for an arrival at once, falling to 0.8 at the last step."""
+        assert self.max_steps is not None
+        return 1.0 - 0.2 * (self.step_count / self.max_steps)
+
+    @property
+    def stage(self) -> Stage:
+        """The episode's world.
+
+        Raises:
+            WorldError: before the first reset.
+        """
+        if self._stage is None:
+            raise self._not_reset()
+        return self._stage
+
+    @property
+    def agent(self) -> Agent:
+        """The agent."""
+        return self.stage.agent
+
+    @property
+    def entities(self) -> list[Entity]:
+        """Everything placed, in order, the agent included."""
+        return self.stage.entities
+
+    # Gymnasium.
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Build a new episode; the same seed builds the same one. There are no options."""
+        self.begin(seed=seed)
+        return self.observe(), self.info()
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Do one action.
+
+        Raises:
+            WorldError: if the action is not one of the action space, or before the first reset.
+        """
+        reward, terminated, truncated = self.advance(action)
+        return self.observe(), reward, terminated, truncated, self.info()
+
+    def begin(self, *, seed: int | None = None) -> None:
+        """A reset without its observation."""
+        super().reset(seed=seed)
+        self.step_count = 0
+        self._before = None
+        self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
+        self.build()
+        if self.agent not in self.entities:
+            raise WorldError(f"{type(self).__name__}.build() placed no agent; end it with self.place_agent()")
+        self._stage.randomise()
+
+    def advance(self, action: Any) -> tuple[float, bool, bool]:
+        """A step without its observation: reward, terminated, truncated."""
+        self.check(action)
+        stage = self.stage
+        name = self.action_names[action]
+        self._before = glimpse(stage)
+        self.step_count += 1
+        rules.act(stage, self.motions.get(name, name))
+        reward, terminated = self.judge(name)
+        return reward, terminated, self.max_steps is not None and self.step_count >= self.max_steps
+
+    def check(self, action: Any) -> None:
+        """Raise what ``step`` would raise for this action now; nothing changes."""
+        if self._stage is None:
+            raise self._not_reset()
+        if not 0 <= action < len(self.action_names):
+            raise WorldError(f"action {action!r} is not one of 0 to {len(self.action_names) - 1}")
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The view asked for at construction, uint8[window_height, window_width, 3]; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return self.picture(view="full" if self.view == "top" else "partial", size_px=self.window_px)
+
+    # NativeWorld.
+
+    def pose(self) -> Pose:
+        """Where the agent's feet are, metres, and where it heads; the heading is not wrapped to one turn."""
+        x, y, z = self.agent.pos
+        return Pose(x, y, z, self.agent.dir)
+
+    def map(self) -> Map:
+        """Walls that stop a body, and everything placed but the agent."""
+        return floor_map(self.stage)
+
+    def picture(
+        self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
+        return self._pictures.draw(self.stage, view=view, size_px=size_px, palette=palette)
+
+    def glide(
+        self, fraction: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The agent's view on the way of the last step, 0 where it began to 1 where it ended. It changes no state."""
+        between = None if self._before is None else (self._before, fraction)
+        return self._pictures.draw(self.stage, view="partial", size_px=size_px, palette=palette, between=between)
+
+    def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
+        """How far away what the agent sees is, metres along its view, float32[H, W]."""
+        return self._pictures.depth(self.stage, size_px=size_px)
+
+    def visible_entities(self) -> list[Entity]:
+        """The things of which some part is in the agent's view, in the order they were placed."""
+        return self._pictures.visible(self.stage)
+
+    def state_hash(self) -> int:
+        """A uint64 over floor plan, things, step count, random stream and the world's own attributes."""
+        return state_hash(type(self).__name__, self._state())
+
+    def save(self) -> Saved:
+        """An exact copy of the state; it may be pickled, and restored into any world of the same class."""
+        return Saved(type(self).__name__, copy.deepcopy(self._state()))
+
+    def restore(self, saved: Any) -> None:
+        """Go back to a saved state.
+
+        Raises:
+            WorldError: if it was saved by another kind of world.
+        """
+        if not isinstance(saved, Saved) or saved.world != type(self).__name__:
+            raise WorldError(f"{saved!r} was not saved by a {type(self).__name__}; restore what this world saved")
+        for name in self._state().keys() - saved.state.keys():
+            delattr(self, name)
+        vars(self).update(copy.deepcopy(saved.state))
+        self._before = None
+
+    def _not_reset(self) -> WorldError:
+        return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")
+
+    def _state(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in _NOT_STATE}

@@ -1,0 +1,1 @@
+"""What stands where in each world, and when it ends."""

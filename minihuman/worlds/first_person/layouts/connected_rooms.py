@@ -1,0 +1,83 @@
+"""Rooms side by side: FourRooms, ThreeRooms, Hallway, WallGap."""
+
+import math
+from typing import Any
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.chance import uniform
+from minihuman.worlds.first_person.entities import Ball, Box, ImageFrame, Key, Mesh
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.layouts.goal import GoalEnv
+from minihuman.worlds.first_person.rules import MOVES
+
+
+class FourRooms(GoalEnv):
+    """Four rooms in a square, a passage between each two that touch, a red box somewhere."""
+
+    def build(self) -> None:
+        """Lay the rooms out."""
+        south_west = self.add_rect_room(min_x=-7, max_x=-1, min_z=1, max_z=7)
+        south_east = self.add_rect_room(min_x=1, max_x=7, min_z=1, max_z=7)
+        north_east = self.add_rect_room(min_x=1, max_x=7, min_z=-7, max_z=-1)
+        north_west = self.add_rect_room(min_x=-7, max_x=-1, min_z=-7, max_z=-1)
+        self.connect_rooms(south_west, south_east, min_z=3, max_z=5, max_y=2.2)
+        self.connect_rooms(south_east, north_east, min_x=3, max_x=5, max_y=2.2)
+        self.connect_rooms(north_east, north_west, min_z=-5, max_z=-3, max_y=2.2)
+        self.connect_rooms(north_west, south_west, min_x=-5, max_x=-3, max_y=2.2)
+        self.box = self.place_entity(Box("red"))
+        self.place_agent()
+
+
+class ThreeRooms(FirstPersonEnv):
+    """One large room, two small ones, five things to look at; nothing is rewarded."""
+
+    def __init__(self, *, max_steps: int | None = 400, **options: Any) -> None:
+        super().__init__(max_steps=max_steps, actions=MOVES, **options)
+
+    def build(self) -> None:
+        """Lay the rooms out."""
+        large = self.add_rect_room(min_x=-7, max_x=7, min_z=0.5, max_z=7)
+        left = self.add_rect_room(min_x=-7, max_x=-1, min_z=-7, max_z=-0.5)
+        right = self.add_rect_room(min_x=1, max_x=7, min_z=-7, max_z=-0.5)
+        self.connect_rooms(large, left, min_x=-5.25, max_x=-2.75)
+        self.connect_rooms(large, right, min_x=2.75, max_x=5.25)
+        self.place_entity(Box("red"))
+        self.place_entity(Box("green", 0.6))
+        self.hang(ImageFrame((0.0, 1.35, 7.0), math.pi / 2, "logo_mila", 1.8, aspect=510 / 1024))
+        self.place_entity(Mesh("duckie", 0.25, static=False))
+        self.place_entity(Key("blue"))
+        self.place_entity(Ball("green"))
+        self.place_agent()
+
+
+class Hallway(GoalEnv):
+    """A hallway of ``length`` metres with a red box at its far end."""
+
+    def __init__(self, *, length: float = 12, **options: Any) -> None:
+        if length < 2:
+            raise WorldError(f"length is {length!r}; a hallway is 2 m long or more")
+        self.length = length
+        super().__init__(**options)
+
+    def build(self) -> None:
+        """Lay the hallway out; the agent starts looking roughly towards the box."""
+        room = self.add_rect_room(min_x=-1, max_x=-1 + self.length, min_z=-2, max_z=2)
+        self.box = self.place_entity(Box("red"), min_x=room.max_x - 2)
+        self.place_agent(dir=uniform(self.np_random, -math.pi / 4, math.pi / 4), max_x=room.max_x - 2)
+
+
+class WallGap(GoalEnv):
+    """Two yards under the sky, a gap in the wall between them, a red box in the other one."""
+
+    def __init__(self, *, max_steps: int | None = 300, **options: Any) -> None:
+        super().__init__(max_steps=max_steps, **options)
+
+    def build(self) -> None:
+        """Lay the yards out, and a building far behind them."""
+        yard = {"wall": "brick_wall", "floor": "asphalt", "ceiling": None}
+        start = self.add_rect_room(min_x=-7, max_x=7, min_z=0.5, max_z=8, **yard)
+        other = self.add_rect_room(min_x=-7, max_x=7, min_z=-8, max_z=-0.5, **yard)
+        self.connect_rooms(start, other, min_x=-1.5, max_x=1.5)
+        self.box = self.place_entity(Box("red"), room=other)
+        self.place_entity(Mesh("building", 30), pos=(30, 0, 30), dir=-math.pi)
+        self.place_agent(room=start)

@@ -1,0 +1,20 @@
+"""Worlds about getting to one red box soon: the reward is for being near it, and falls with every step."""
+
+from typing import Any
+
+from minihuman.worlds.first_person.entities import Box
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.rules import MOVES
+
+
+class GoalEnv(FirstPersonEnv):
+    """Base of the worlds that end near ``self.box``, which their ``build`` places."""
+
+    box: Box
+
+    def __init__(self, *, max_steps: int | None = 250, **options: Any) -> None:
+        super().__init__(max_steps=max_steps, actions=MOVES, **options)
+
+    def judge(self, action: str) -> tuple[float, bool]:
+        """1 down to 0.8 near the box, which ends the episode."""
+        return (self.prompt_reward(), True) if self.near(self.box) else (0.0, False)

@@ -1,0 +1,137 @@
+"""Corridors that branch: TMaze, YMaze, Maze."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.chance import uniform
+from minihuman.worlds.first_person.entities import Box, Position
+from minihuman.worlds.first_person.layouts.goal import GoalEnv
+from minihuman.worlds.first_person.rooms import Point, Room
+
+_GAP = 0.25  # between the rooms of a maze
+
+
+class _Fork(GoalEnv):
+    """A corridor that ends in two arms; the box is in one of them, by chance or at ``goal_pos``."""
+
+    def __init__(self, *, goal_pos: Position | None = None, max_steps: int | None = 280, **options: Any) -> None:
+        self.goal_pos = goal_pos
+        super().__init__(max_steps=max_steps, **options)
+
+    def place_box(self, left: tuple[Room, float], right: tuple[Room, float]) -> None:
+        """Place the box at ``goal_pos``, or by chance: below a z in the left arm or above one in the right."""
+        if self.goal_pos is not None:
+            x, _, z = self.goal_pos
+            self.box = self.place_entity(Box("red"), min_x=x, max_x=x, min_z=z, max_z=z)
+        elif self.np_random.integers(2) == 0:
+            self.box = self.place_entity(Box("red"), room=left[0], max_z=left[1])
+        else:
+            self.box = self.place_entity(Box("red"), room=right[0], min_z=right[1])
+
+    def place_agent_in(self, room: Room) -> None:
+        """Place the agent in the corridor, looking roughly along it."""
+        self.place_agent(dir=uniform(self.np_random, -math.pi / 4, math.pi / 4), room=room)
+
+    def info(self) -> dict[str, Any]:
+        """Where the box is."""
+        return {"goal_pos": np.array(self.box.pos)}
+
+
+class TMaze(_Fork):
+    """A corridor that ends in a crosswise one."""
+
+    def build(self) -> None:
+        """Lay the corridors out."""
+        stem = self.add_rect_room(min_x=-1, max_x=8, min_z=-2, max_z=2)
+        arms = self.add_rect_room(min_x=8, max_x=12, min_z=-8, max_z=8)
+        self.connect_rooms(stem, arms, min_z=-2, max_z=2)
+        self.place_box((arms, arms.min_z + 2), (arms, arms.max_z - 2))
+        self.place_agent_in(stem)
+
+
+class YMaze(_Fork):
+    """Three corridors that meet in a triangle, 120 degrees apart."""
+
+    def build(self) -> None:
+        """Lay the corridors out."""
+        outline = ((-9.15, -2.0), (-9.15, 2.0), (-1.15, 2.0), (-1.15, -2.0))
+        stem = self.add_room(outline)
+        hub = self.add_room(((-1.15, -2.0), (-1.15, 2.0), (2.31, 0.0)))
+        left = self.add_room(_turned(outline, -120))
+        right = self.add_room(_turned(outline, 120))
+        self.connect_rooms(stem, hub, min_z=-2, max_z=2)
+        self.connect_rooms(left, hub, min_z=-1.995, max_z=0)
+        self.connect_rooms(right, hub, min_z=0, max_z=1.995)
+        self.place_box((left, left.min_z + 2.5), (right, right.max_z - 2.5))
+        self.place_agent_in(stem)
+
+
+class Maze(GoalEnv):
+    """A maze of square rooms without loops, and a red box in it."""
+
+    def __init__(
+        self,
+        *,
+        num_rows: int = 8,
+        num_cols: int = 8,
+        room_size: float = 3,
+        max_steps: int | None = None,
+        **options: Any,
+    ) -> None:
+        if num_rows < 1 or num_cols < 1:
+            raise WorldError(f"a maze of {num_rows} rows and {num_cols} columns has no room; each is 1 or more")
+        self.num_rows = num_rows
+        self.num_cols = num_cols
+        self.room_size = room_size
+        super().__init__(max_steps=max_steps or num_rows * num_cols * 24, **options)
+
+    def build(self) -> None:
+        """Lay the rooms out in rows, and open walls along a random walk that turns back where it is stuck."""
+        pitch = self.room_size + _GAP
+        rooms = {
+            (column, row): self.add_rect_room(
+                min_x=column * pitch,
+                max_x=column * pitch + self.room_size,
+                min_z=row * pitch,
+                max_z=row * pitch + self.room_size,
+                wall="brick_wall",
+            )
+            for row in range(self.num_rows)
+            for column in range(self.num_cols)
+        }
+        seen = {(0, 0)}
+        trail = [((0, 0), self._directions())]
+        while trail:
+            (column, row), directions = trail[-1]
+            if not directions:
+                trail.pop()
+                continue
+            right, down = directions.pop(0)
+            there = column + right, row + down
+            if there not in rooms or there in seen:
+                continue
+            here = rooms[column, row]
+            if right == 0:
+                self.connect_rooms(here, rooms[there], min_x=here.min_x, max_x=here.max_x)
+            else:
+                self.connect_rooms(here, rooms[there], min_z=here.min_z, max_z=here.max_z)
+            seen.add(there)
+            trail.append((there, self._directions()))
+        self.box = self.place_entity(Box("red"))
+        self.place_agent()
+
+    def _directions(self) -> list[tuple[int, int]]:
+        """The four ways on, (columns to the right, rows down), in random order."""
+        left = [(1, 0), (-1, 0), (0, -1), (0, 1)]
+        return [left.pop(self.np_random.integers(len(left))) for _ in range(4)]
+
+
+def _turned(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:
+    """The outline turned about the origin, clockwise as seen from above."""
+    half = degrees * (math.pi / 180) / 2.0
+    a, c = math.cos(half), -math.sin(half)
+    cosine, sine = a * a - c * c, 2 * (a * c)
+    return tuple((x * cosine - z * sine, x * sine + z * cosine) for x, z in outline)

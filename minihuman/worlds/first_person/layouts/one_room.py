@@ -1,0 +1,137 @@
+"""Single rooms: OneRoom, PickupObjects, PutNext, RoomObjects, CollectHealth."""
+
+from typing import Any
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.chance import uniform
+from minihuman.worlds.first_person.colours import COLOUR_NAMES
+from minihuman.worlds.first_person.entities import Ball, Box, Key, Mesh
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.layouts.goal import GoalEnv
+from minihuman.worlds.first_person.rules import ACTIONS
+
+
+class OneRoom(GoalEnv):
+    """A square room of ``size`` metres with a red box."""
+
+    def __init__(self, *, size: float = 10, max_steps: int | None = 180, **options: Any) -> None:
+        self.size = _checked(size)
+        super().__init__(max_steps=max_steps, **options)
+
+    def build(self) -> None:
+        """Lay the room out."""
+        self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size)
+        self.box = self.place_entity(Box("red"))
+        self.place_agent()
+
+
+class PickupObjects(FirstPersonEnv):
+    """A yard of ``size`` metres with ``num_objs`` things; each one picked up earns 1 and is gone."""
+
+    def __init__(self, *, size: float = 12, num_objs: int = 5, max_steps: int | None = 400, **options: Any) -> None:
+        if num_objs < 1:
+            raise WorldError(f"num_objs is {num_objs}; there is 1 thing to pick up or more")
+        self.size = _checked(size)
+        self.num_objs = num_objs
+        super().__init__(max_steps=max_steps, actions=ACTIONS[:5], **options)
+
+    def build(self) -> None:
+        """Lay the yard out, with balls, boxes and keys of any colour."""
+        self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size, **_YARD)
+        for _ in range(self.num_objs):
+            kind = self.np_random.integers(3)
+            colour = _any_colour(self)
+            self.place_entity(Ball(colour, 0.9) if kind == 0 else Box(colour, 0.9) if kind == 1 else Key(colour))
+        self.place_agent()
+        self.num_picked_up = 0
+
+    def judge(self, action: str) -> tuple[float, bool]:
+        """1 for each thing; the last one ends the episode."""
+        if self.agent.carrying is None:
+            return 0.0, False
+        self.entities.remove(self.agent.carrying)
+        self.agent.carrying = None
+        self.num_picked_up += 1
+        return 1.0, self.num_picked_up == self.num_objs
+
+
+class PutNext(FirstPersonEnv):
+    """A room with a box of each colour; the red one is to be put next to the yellow one."""
+
+    def __init__(self, *, size: float = 12, max_steps: int | None = 250, **options: Any) -> None:
+        self.size = _checked(size)
+        super().__init__(max_steps=max_steps, **options)
+
+    def build(self) -> None:
+        """Lay the room out, with boxes of slightly different sizes."""
+        self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size)
+        boxes = {colour: self.place_entity(Box(colour, uniform(self.np_random, 0.6, 0.85))) for colour in COLOUR_NAMES}
+        self.red_box, self.yellow_box = boxes["red"], boxes["yellow"]
+        self.place_agent()
+
+    def judge(self, action: str) -> tuple[float, bool]:
+        """1 down to 0.8 when the boxes stand side by side and nothing is carried."""
+        if self.agent.carrying is None and self.near(self.red_box, self.yellow_box):
+            return self.prompt_reward(), True
+        return 0.0, False
+
+
+class RoomObjects(FirstPersonEnv):
+    """A yard with a box, a ball and a key to look at; nothing is rewarded and nothing ends it."""
+
+    def __init__(self, *, size: float = 10, max_steps: int | None = None, **options: Any) -> None:
+        self.size = _checked(size)
+        super().__init__(max_steps=max_steps, **options)
+
+    def build(self) -> None:
+        """Lay the yard out; the agent is wide, so that it starts well away from the things and stays there."""
+        self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size, **_YARD)
+        self.agent.radius = 1.5
+        self.place_entity(Box(_any_colour(self), 0.9))
+        self.place_entity(Ball(_any_colour(self), 0.9))
+        self.place_entity(Key(_any_colour(self)))
+        self.place_agent()
+
+
+class CollectHealth(FirstPersonEnv):
+    """A room of slime that costs 2 health a step, with 18 medical kits; each one picked up restores all 100."""
+
+    def __init__(self, *, size: float = 16, max_steps: int | None = 1000, **options: Any) -> None:
+        self.size = _checked(size)
+        super().__init__(max_steps=max_steps, **options)
+
+    def build(self) -> None:
+        """Lay the room out."""
+        self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size, wall="cinder_blocks", floor="slime")
+        for _ in range(18):
+            self.place_entity(Mesh("medkit", 0.40, static=False))
+        self.place_agent()
+        self.health = 100
+
+    def judge(self, action: str) -> tuple[float, bool]:
+        """2 for each step alive, -100 for dying; a kit that is picked up turns up elsewhere."""
+        self.health -= 2
+        kit = self.agent.carrying
+        if action == "pickup" and kit is not None:
+            self.entities.remove(kit)
+            self.place_entity(kit)
+            self.agent.carrying = None
+            self.health = 100
+        return (2.0, False) if self.health > 0 else (-100.0, True)
+
+    def info(self) -> dict[str, Any]:
+        """The health left."""
+        return {"health": self.health}
+
+
+_YARD = {"wall": "brick_wall", "floor": "asphalt", "ceiling": None}
+
+
+def _any_colour(world: FirstPersonEnv) -> str:
+    return COLOUR_NAMES[world.np_random.integers(len(COLOUR_NAMES))]
+
+
+def _checked(size: float) -> float:
+    if size < 2:
+        raise WorldError(f"size is {size!r}; a room is 2 m wide or more")
+    return size

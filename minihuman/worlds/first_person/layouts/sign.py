@@ -1,0 +1,75 @@
+"""Sign: a sign on the wall names a colour, the observation names a kind of thing; touch the one that is both."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import gymnasium
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.entities import Box, Key, TextFrame
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.parameters import DEFAULTS
+from minihuman.worlds.first_person.rules import MOVES
+
+_GAP = 0.25
+_COLOURS = ("blue", "red", "green")
+
+
+class Sign(FirstPersonEnv):
+    """A U-shaped corridor with a box and a key of each of three colours (Liu et al., 2020).
+
+    The observation is a dict: the picture under "obs", 0 (box) or 1 (key) under "goal". Touching the thing whose colour
+    is on the sign and whose kind is the goal earns 1, any other -1; both end the episode. So does the action "done",
+    which also steps back, as in Miniworld.
+    """
+
+    motions: ClassVar[Mapping[str, str]] = {"done": "move_back"}
+
+    def __init__(
+        self, *, size: float = 10, max_steps: int | None = 20, color_index: int = 0, goal: int = 0, **options: Any
+    ) -> None:
+        if color_index not in (0, 1, 2):
+            raise WorldError(f"color_index is {color_index!r}; it is 0 (blue), 1 (red) or 2 (green)")
+        if goal not in (0, 1):
+            raise WorldError(f"goal is {goal!r}; it is 0 (box) or 1 (key)")
+        self.size = size
+        self.color_index = color_index
+        self.goal = goal
+        options = {"parameters": DEFAULTS.fixed(forward_step=0.7, turn_step=45.0)} | options
+        super().__init__(max_steps=max_steps, actions=(*MOVES, "done"), **options)
+        self.observation_space = gymnasium.spaces.Dict(obs=self.observation_space, goal=gymnasium.spaces.Discrete(2))
+
+    def build(self) -> None:
+        """Lay the corridor out."""
+        size, middle = self.size, self.size * 0.65
+        top = self.add_rect_room(min_x=0, max_x=size, min_z=0, max_z=middle)
+        left = self.add_rect_room(min_x=0, max_x=size * 3 / 5, min_z=middle + _GAP, max_z=size * 1.3)
+        right = self.add_rect_room(min_x=size * 3 / 5, max_x=size, min_z=middle + _GAP, max_z=size * 1.3)
+        self.connect_rooms(top, left, min_x=0, max_x=size * 3 / 5)
+        self.connect_rooms(left, right, min_z=middle + _GAP, max_z=size * 1.3)
+        boxes = [
+            self.place_entity(Box(colour), pos=pos)
+            for colour, pos in zip(_COLOURS, ((1, 0, 1), (9, 0, 1), (9, 0, 5)), strict=True)
+        ]
+        keys = [
+            self.place_entity(Key(colour, 0.6), pos=pos)
+            for colour, pos in zip(_COLOURS, ((5, 0, 1), (1, 0, 5), (1, 0, 9)), strict=True)
+        ]
+        self.objects: tuple[list[Box], list[Key]] = (boxes, keys)
+        self.hang(TextFrame((size, 1.35, size + _GAP), math.pi, _COLOURS[self.color_index].upper(), height=1.0))
+        self.place_agent(min_x=4, max_x=5, min_z=4, max_z=6)
+
+    def judge(self, action: str) -> tuple[float, bool]:
+        """1 for the right thing, -1 for a wrong one; of several in reach the last counts."""
+        reward, ended = 0.0, action == "done"
+        boxes, keys = self.objects
+        wanted = (keys if self.goal else boxes)[self.color_index]
+        for thing in (*boxes, *keys):
+            if self.near(thing):
+                reward, ended = (1.0 if thing is wanted else -1.0), True
+        return reward, ended
+
+    def observe(self) -> Any:
+        """The picture and the goal."""
+        return {"obs": super().observe(), "goal": self.goal}

@@ -1,0 +1,103 @@
+"""The parameters of a world that may vary from episode to episode or step to step (domain randomisation)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.chance import uniform
+
+Value = float | tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A default, and the range it is drawn from (evenly) when a world is randomised."""
+
+    default: Value
+    low: Value
+    high: Value
+
+    def __post_init__(self) -> None:
+        rows = [value if isinstance(value, tuple) else (value,) for value in (self.low, self.default, self.high)]
+        if len({len(row) for row in rows}) != 1 or any(not a <= b <= c for a, b, c in zip(*rows, strict=True)):
+            raise WorldError(f"{self!r} needs low <= default <= high, all of one length")
+
+    def sample(self, rng: np.random.Generator | None) -> Value:
+        """A value from the range, or the default where there is no stream to draw from."""
+        if rng is None:
+            return self.default
+        match self.low, self.high:
+            case tuple() as low, tuple() as high:
+                return uniform(rng, low[0], high[0]), uniform(rng, low[1], high[1]), uniform(rng, low[2], high[2])
+            case low, high:
+                assert not isinstance(low, tuple)
+                assert not isinstance(high, tuple)
+                return uniform(rng, low, high)
+
+
+class Parameters:
+    """A frozen table of parameters by name."""
+
+    __slots__ = ("_table",)
+
+    def __init__(self, table: Mapping[str, Parameter]) -> None:
+        self._table = dict(table)
+
+    def __getitem__(self, name: str) -> Parameter:
+        try:
+            return self._table[name]
+        except KeyError:
+            raise WorldError(f"no parameter is called {name!r}; there are {', '.join(self._table)}") from None
+
+    def __deepcopy__(self, memo: dict[int, object]) -> "Parameters":
+        return self
+
+    def fixed(self, **defaults: Value) -> "Parameters":
+        """A copy in which nothing varies, with some defaults replaced: ``DEFAULTS.fixed(forward_step=0.7)``."""
+        table = {name: Parameter(p.default, p.default, p.default) for name, p in self._table.items()}
+        table |= {name: Parameter(value, value, value) for name, value in defaults.items() if self[name]}
+        return Parameters(table)
+
+    def varied(self, **ranges: Parameter) -> "Parameters":
+        """A copy with some parameters replaced: ``DEFAULTS.varied(turn_step=Parameter(30, 20, 40))``."""
+        return Parameters(self._table | {name: value for name, value in ranges.items() if self[name]})
+
+    def number(self, name: str, rng: np.random.Generator | None) -> float:
+        """Sample a parameter that is one number."""
+        value = self[name].sample(rng)
+        assert not isinstance(value, tuple), name
+        return value
+
+    def triple(self, name: str, rng: np.random.Generator | None) -> tuple[float, float, float]:
+        """Sample a parameter that is three numbers."""
+        value = self[name].sample(rng)
+        assert isinstance(value, tuple), name
+        return value
+
+    def largest(self, name: str) -> float:
+        """The upper end of a number's range."""
+        value = self[name].high
+        assert not isinstance(value, tuple), name
+        return value
+
+
+# Colours are red, green, blue from 0 to 1; lengths metres; angles degrees. The numbers are Miniworld's.
+DEFAULTS = Parameters(
+    {
+        "sky_color": Parameter((0.25, 0.82, 1.0), (0.1, 0.1, 0.1), (1.0, 1.0, 1.0)),
+        "light_pos": Parameter((0.0, 2.5, 0.0), (-40.0, 2.5, -40.0), (40.0, 5.0, 40.0)),
+        "light_color": Parameter((0.7, 0.7, 0.7), (0.45, 0.45, 0.45), (0.8, 0.8, 0.8)),
+        "light_ambient": Parameter((0.45, 0.45, 0.45), (0.35, 0.35, 0.35), (0.55, 0.55, 0.55)),
+        "obj_color_bias": Parameter((0.0, 0.0, 0.0), (-0.2, -0.2, -0.2), (0.2, 0.2, 0.2)),
+        "forward_step": Parameter(0.15, 0.12, 0.17),
+        "forward_drift": Parameter(0.0, -0.05, 0.05),
+        "turn_step": Parameter(15.0, 10.0, 20.0),
+        "bot_radius": Parameter(0.4, 0.38, 0.42),
+        "cam_pitch": Parameter(0.0, -5.0, 5.0),
+        "cam_fov_y": Parameter(60.0, 55.0, 65.0),
+        "cam_height": Parameter(1.5, 1.45, 1.55),
+        "cam_fwd_disp": Parameter(0.0, -0.05, 0.10),
+    }
+)

@@ -1,0 +1,241 @@
+"""Assets: the textures and meshes a scene names, whoever drew them; kept once, as the kernels read them."""
+
+import abc
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.render.tables import F64, Faces, Textures
+
+MOST_LEVELS = 12  # a texture's sizes, each half the one before: up to 2048 texels a side
+CUBE = "cube"  # the first six faces of every library
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """A picture that can repeat: uint8[h, w, 3], first row on top, and how many metres it covers."""
+
+    pixels: NDArray[np.uint8]
+    size_m: tuple[float, float]  # right, up
+
+    def __post_init__(self) -> None:
+        height, width = self.pixels.shape[:2]
+        if self.pixels.dtype != np.uint8 or self.pixels.shape != (height, width, 3):
+            raise WorldError(f"a texture is uint8[h, w, 3], not {self.pixels.dtype}{list(self.pixels.shape)}")
+        if not 1 <= max(height, width) < 2**MOST_LEVELS:
+            raise WorldError(
+                f"a texture of {width}x{height} texels is too large; {2**MOST_LEVELS - 1} a side is the most"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Triangles, counter-clockwise from outside, resting on y = 0 around the axis x = z = 0."""
+
+    corners: F64  # (n, 3, 3)
+    normals: F64  # (n, 3, 3)
+    texture_places: F64  # (n, 3, 2) 0 to 1 over the texture, right and up
+    colours: F64  # (n, 3)
+    textures: tuple[str | None, ...]  # (n,)
+    light_scales: bool = False  # lit the brighter the smaller it is drawn, as OpenGL lights a scaled mesh
+
+    @property
+    def height(self) -> float:
+        """How high it is, in its own units."""
+        return float(self.corners[:, :, 1].max())
+
+
+class Assets(abc.ABC):
+    """A set of textures and meshes by name."""
+
+    @abc.abstractmethod
+    def texture(self, name: str) -> Texture:
+        """The texture of this name, variant included: "brick_wall_1".
+
+        Raises:
+            WorldError: if there is none.
+        """
+
+    @abc.abstractmethod
+    def mesh(self, name: str) -> Mesh:
+        """The mesh of this name: "duckie".
+
+        Raises:
+            WorldError: if there is none, or it makes no sense.
+        """
+
+
+class Library:
+    """What has been asked of an asset set so far, in the kernels' tables.
+
+    Tables only grow: a scene laid out earlier keeps reading the tables it was given.
+    """
+
+    def __init__(self, assets: Assets) -> None:
+        self._assets = assets
+        self._texture_rows: dict[str, int] = {}
+        self._sizes_m: list[tuple[float, float]] = []
+        self._mesh_ranges: dict[str, tuple[int, int]] = {}
+        self._meshes: dict[str, Mesh] = {}
+        self.textures = Textures(np.zeros(0, np.uint32), np.zeros((0, MOST_LEVELS, 3), np.int64), np.zeros(0, np.int64))
+        sides = unit_cube()
+        self.faces = pack(sides, [np.zeros((4, 2))] * len(sides))
+        self._mesh_ranges[CUBE] = 0, len(sides)
+
+    def texture_row(self, name: str) -> int:
+        """The row of a texture in ``textures``, loading it if need be."""
+        if name not in self._texture_rows:
+            texture = self._assets.texture(name)
+            self.textures = _append(self.textures, texture.pixels)
+            self._texture_rows[name] = len(self._sizes_m)
+            self._sizes_m.append(texture.size_m)
+        return self._texture_rows[name]
+
+    def texture_size_m(self, name: str) -> tuple[float, float]:
+        """How many metres right and up a texture covers before it repeats."""
+        return self._sizes_m[self.texture_row(name)]
+
+    def mesh_faces(self, name: str) -> tuple[int, int]:
+        """The first face of a mesh in ``faces`` and one past its last, loading it if need be."""
+        if name not in self._mesh_ranges:
+            self._add(name, self._assets.mesh(name))
+        return self._mesh_ranges[name]
+
+    def mesh_scale(self, name: str, height_m: float) -> tuple[float, float]:
+        """How much to scale a mesh for a height in metres, and how much that scales its normals."""
+        self.mesh_faces(name)
+        mesh = self._meshes[name]
+        scale = height_m / mesh.height
+        return scale, 1.0 / scale if mesh.light_scales else 1.0
+
+    def mesh_reach(self, name: str) -> tuple[float, float]:
+        """How far a mesh reaches from its axis, and from the middle of its base, in its own units."""
+        first, last = self.mesh_faces(name)
+        points = self.faces.position[self.faces.start[first] : self.faces.start[last]]
+        around = points[:, 0] ** 2 + points[:, 2] ** 2
+        return float(np.sqrt(around.max())), float(np.sqrt((around + points[:, 1] ** 2).max()))
+
+    def _add(self, name: str, mesh: Mesh) -> None:
+        rows = np.array([-1 if key is None else self.texture_row(key) for key in mesh.textures], np.int32)
+        first = len(self.faces.texture)
+        self.faces = join(self.faces, mesh_table(mesh, rows))
+        self._mesh_ranges[name] = first, len(self.faces.texture)
+        self._meshes[name] = mesh
+
+
+def mesh_table(mesh: Mesh, texture_rows: NDArray[np.int32]) -> Faces:
+    """A mesh as a table of faces, without its slivers."""
+    edge_a, edge_b = mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0]
+    normal = np.cross(edge_a, edge_b)
+    kept = np.any(normal != 0.0, axis=1)
+    normal = normal[kept]
+    count = int(kept.sum())
+    offset = -np.einsum("ij,ij->i", normal, mesh.corners[kept, 0])
+    return Faces(
+        np.arange(0, 3 * count + 1, 3, dtype=np.int32),
+        np.ascontiguousarray(mesh.corners[kept]).reshape(-1, 3),
+        np.ascontiguousarray(mesh.texture_places[kept]).reshape(-1, 2),
+        np.ascontiguousarray(mesh.normals[kept]).reshape(-1, 3),
+        np.ascontiguousarray(mesh.colours[kept]),
+        texture_rows[kept],
+        np.column_stack([normal, offset]),
+    )
+
+
+def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None = None) -> Faces:
+    """White flat polygons (n, 3), with their places on their textures (n, 2), as a table of faces."""
+    normals = [newell(polygon) for polygon in polygons]
+    sizes = [len(polygon) for polygon in polygons]
+    offsets = [-float(normal @ polygon.mean(axis=0)) for normal, polygon in zip(normals, polygons, strict=True)]
+    return Faces(
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32),
+        np.concatenate([np.zeros((0, 3)), *polygons]),
+        np.concatenate([np.zeros((0, 2)), *places]),
+        np.repeat(np.array(normals).reshape(-1, 3), sizes, axis=0),
+        np.ones((len(polygons), 3)),
+        np.array(texture_rows if texture_rows is not None else [-1] * len(polygons), np.int32),
+        np.column_stack([np.array(normals).reshape(-1, 3), np.array(offsets)]),
+    )
+
+
+def join(a: Faces, b: Faces) -> Faces:
+    """Two tables of faces, one after the other."""
+    return Faces(
+        np.concatenate([a.start, b.start[1:] + a.start[-1]]).astype(np.int32),
+        np.concatenate([a.position, b.position]),
+        np.concatenate([a.texture_place, b.texture_place]),
+        np.concatenate([a.normal, b.normal]),
+        np.concatenate([a.colour, b.colour]),
+        np.concatenate([a.texture, b.texture]),
+        np.concatenate([a.plane, b.plane]),
+    )
+
+
+def newell(polygon: F64) -> F64:
+    """The unit normal on the side from which a flat polygon's corners run counter-clockwise.
+
+    Raises:
+        WorldError: if the corners lie on one line.
+    """
+    following = np.roll(polygon, -1, axis=0)
+    normal = np.array(
+        [
+            np.sum((polygon[:, b] - following[:, b]) * (polygon[:, c] + following[:, c]))
+            for b, c in ((1, 2), (2, 0), (0, 1))
+        ]
+    )
+    length = float(np.sqrt(np.sum(normal * normal)))
+    if length == 0.0:
+        raise WorldError(f"the surface {polygon.tolist()} has no area; give it three corners that are not in line")
+    return normal / length
+
+
+def unit_cube() -> list[F64]:
+    """The six sides of a cube a metre wide, its base in the middle of y = 0."""
+    sides = []
+    for axis in range(3):
+        for side in (-0.5, 0.5):
+            square = np.zeros((4, 3))
+            square[:, axis] = side
+            square[:, (axis + 1) % 3] = [-0.5, 0.5, 0.5, -0.5]
+            square[:, (axis + 2) % 3] = [-0.5, -0.5, 0.5, 0.5]
+            square[:, 1] += 0.5
+            sides.append(square if side > 0 else square[::-1])
+    return sides
+
+
+def halved(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A texture at half its size, each texel the mean of those it covers; an odd last row or column is left out.
+
+    Both means, of neighbours right and up, round upwards, as OpenGL's software driver has it.
+    """
+    height, width = pixels.shape[:2]
+    rows = pixels[: height - height % 2] if height > 1 else np.repeat(pixels, 2, axis=0)
+    both = rows[:, : width - width % 2] if width > 1 else np.repeat(rows, 2, axis=1)
+    across = (both[:, 0::2] + both[:, 1::2] + 1) >> 1
+    return (across[0::2] + across[1::2] + 1) >> 1
+
+
+def _append(textures: Textures, pixels: NDArray[np.uint8]) -> Textures:
+    levels = np.zeros((1, MOST_LEVELS, 3), np.int64)
+    parts = [textures.texels]
+    offset = len(textures.texels)
+    level = pixels[::-1].astype(np.int64)
+    count = 0
+    while True:
+        height, width = level.shape[:2]
+        levels[0, count] = offset, width, height
+        packed = level[..., 0] | level[..., 1] << 8 | level[..., 2] << 16
+        parts.append(packed.astype(np.uint32).ravel())
+        offset += height * width
+        count += 1
+        if height == width == 1:
+            break
+        level = halved(level)
+    return Textures(
+        np.concatenate(parts),
+        np.concatenate([textures.levels, levels]),
+        np.concatenate([textures.level_count, np.array([count])]),
+    )

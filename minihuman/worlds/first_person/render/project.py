@@ -1,0 +1,200 @@
+"""From a face in space to a face on the picture: light, perspective, cuts at the near plane, and how it varies."""
+
+import numpy as np
+from numba import njit
+
+from minihuman.worlds.first_person.render.raster import fill
+from minihuman.worlds.first_person.render.tables import F64, Drawn, Faces
+
+# The columns of a view's array: what the kernels know of a camera.
+EYE, RIGHT, UP, FORWARD = 0, 3, 6, 9  # three numbers each
+FOCAL_X, FOCAL_Y, CENTRE_X, CENTRE_Y = 12, 13, 14, 15  # pixels; pixels a metre where nothing shrinks with distance
+NEAR, FAR, PARALLEL = 16, 17, 18  # metres, metres, 1.0 for a view from above
+VIEW_SIZE = 19
+
+GUARD_PX = 16384.0  # corners stay within this of the picture's middle, so that their products are exact
+
+# The columns of a placement's array: how a thing's own coordinates lie in the world.
+PLACE, COS, SIN, SCALE, NORMAL_SCALE, TINT = 0, 3, 4, 5, 8, 9
+PLACEMENT_SIZE = 12
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: float) -> int:
+    """Keep the part of polygon ``source`` (0 or 1) where a*x + b*y + c*z + d >= 0, in the other row; its corners."""
+    into = 1 - source
+    kept = 0
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        here = a * corners[source, i, 0] + b * corners[source, i, 1] + c * corners[source, i, 2] + d
+        there = a * corners[source, j, 0] + b * corners[source, j, 1] + c * corners[source, j, 2] + d
+        if here >= 0.0:
+            for k in range(3):
+                corners[into, kept, k] = corners[source, i, k]
+            kept += 1
+        if (here >= 0.0) != (there >= 0.0):
+            # from the inner end to the outer one, so that both faces of an edge are cut at the same point
+            if here >= 0.0:
+                part = here / (here - there)
+                for k in range(3):
+                    corners[into, kept, k] = corners[source, i, k] + part * (
+                        corners[source, j, k] - corners[source, i, k]
+                    )
+            else:
+                part = there / (there - here)
+                for k in range(3):
+                    corners[into, kept, k] = corners[source, j, k] + part * (
+                        corners[source, i, k] - corners[source, j, k]
+                    )
+            kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw_face(
+    faces: Faces, face: int, view: F64, placement: F64, light: F64, window: F64, drawn: Drawn, number: int
+) -> int:
+    """Draw one face as number ``number``; how many samples it claimed, or -1 if the number is still free.
+
+    ``light`` holds the direction to the light, its colour, and the ambient light, three numbers each.
+    """
+    parallel = view[PARALLEL] == 1.0
+    co, si = placement[COS], placement[SIN]
+    sx, sy, sz = placement[SCALE], placement[SCALE + 1], placement[SCALE + 2]
+    # Seen from behind? The eye goes into the face's own space, where its plane is known.
+    plane = faces.plane
+    if parallel:
+        ex, ey, ez, ew = -view[FORWARD], -view[FORWARD + 1], -view[FORWARD + 2], 0.0
+    else:
+        ex, ey, ez = (
+            view[EYE] - placement[PLACE],
+            view[EYE + 1] - placement[PLACE + 1],
+            view[EYE + 2] - placement[PLACE + 2],
+        )
+        ew = 1.0
+    mx = (co * ex - si * ez) / sx
+    mz = (si * ex + co * ez) / sz
+    if plane[face, 0] * mx + plane[face, 1] * (ey / sy) + plane[face, 2] * mz + plane[face, 3] * ew <= 0.0:
+        return -1
+
+    start = faces.start[face]
+    count = faces.start[face + 1] - start
+    corners, screen = drawn.corners, drawn.screen
+    near = view[NEAR]
+    ahead = 0
+    for i in range(count):
+        px = faces.position[start + i, 0] * sx
+        py = faces.position[start + i, 1] * sy
+        pz = faces.position[start + i, 2] * sz
+        wx = placement[PLACE] + (co * px + si * pz) - view[EYE]
+        wy = placement[PLACE + 1] + py - view[EYE + 1]
+        wz = placement[PLACE + 2] + (co * pz - si * px) - view[EYE + 2]
+        corners[0, i, 0] = view[RIGHT] * wx + view[RIGHT + 1] * wy + view[RIGHT + 2] * wz
+        corners[0, i, 1] = view[UP] * wx + view[UP + 1] * wy + view[UP + 2] * wz
+        corners[0, i, 2] = view[FORWARD] * wx + view[FORWARD + 1] * wy + view[FORWARD + 2] * wz
+        if corners[0, i, 2] >= near:
+            ahead += 1
+    if ahead == 0 and not parallel:
+        return -1
+    if not vary(faces, face, view, placement, light, drawn, number):
+        return -1
+
+    current = 0
+    if ahead < count and not parallel:
+        count = cut(corners, 0, count, 0.0, 0.0, 1.0, -near)
+        current = 1
+    if not parallel:
+        limit_x = GUARD_PX / view[FOCAL_X]
+        limit_y = GUARD_PX / view[FOCAL_Y]
+        wide = False
+        for i in range(count):
+            z = corners[current, i, 2]
+            wide = wide or abs(corners[current, i, 0]) > limit_x * z or abs(corners[current, i, 1]) > limit_y * z
+        if wide:
+            count = cut(corners, current, count, 1.0, 0.0, limit_x, 0.0)
+            count = cut(corners, 1 - current, count, -1.0, 0.0, limit_x, 0.0)
+            count = cut(corners, current, count, 0.0, 1.0, limit_y, 0.0)
+            count = cut(corners, 1 - current, count, 0.0, -1.0, limit_y, 0.0)
+    if count < 3:
+        return -1
+    x0 = x1 = y0 = y1 = 0.0
+    for i in range(count):
+        shrink = 1.0 if parallel else 1.0 / corners[current, i, 2]
+        x = np.floor((view[CENTRE_X] + view[FOCAL_X] * corners[current, i, 0] * shrink) * 256.0 + 0.5)
+        y = np.floor((view[CENTRE_Y] - view[FOCAL_Y] * corners[current, i, 1] * shrink) * 256.0 + 0.5)
+        screen[i, 0] = x
+        screen[i, 1] = y
+        x0 = x if i == 0 else min(x0, x)
+        x1 = x if i == 0 else max(x1, x)
+        y0 = y if i == 0 else min(y0, y)
+        y1 = y if i == 0 else max(y1, y)
+    if x1 <= window[0] * 256.0 or x0 >= window[2] * 256.0 or y1 <= window[1] * 256.0 or y0 >= window[3] * 256.0:
+        return -1
+    return fill(drawn.owner, drawn.planes, drawn.left, drawn.right, screen, number, count, window)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int) -> bool:
+    """Work out how nearness, texture and light vary over the picture; False where the face is seen edge-on.
+
+    Whatever varies evenly over a flat face varies, divided by distance, evenly over the picture. Three corners, not yet
+    cut, say how; the inverse of the matrix of their positions holds it.
+    """
+    start = faces.start[face]
+    count = faces.start[face + 1] - start
+    p = drawn.corners[0]
+    i1 = count // 3
+    i2 = (2 * count) // 3
+    parallel = view[PARALLEL] == 1.0
+    x0, y0 = p[0, 0], p[0, 1]
+    x1, y1 = p[i1, 0], p[i1, 1]
+    x2, y2 = p[i2, 0], p[i2, 1]
+    z0 = 1.0 if parallel else p[0, 2]
+    z1 = 1.0 if parallel else p[i1, 2]
+    z2 = 1.0 if parallel else p[i2, 2]
+    ax, ay, az = y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
+    bx, by, bz = y2 * z0 - z2 * y0, z2 * x0 - x2 * z0, x2 * y0 - y2 * x0
+    cx, cy, cz = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
+    determinant = x0 * ax + y0 * ay + z0 * az
+    if abs(determinant) < 1e-12:
+        return False
+    per_x = 1.0 / (determinant * view[FOCAL_X])
+    per_y = 1.0 / (determinant * view[FOCAL_Y])
+    per_z = 1.0 / determinant
+    planes, kind = drawn.planes, drawn.kind
+    lit = drawn.lit
+    same = True
+    co, si, long = placement[COS], placement[SIN], placement[NORMAL_SCALE]
+    lx = co * light[0] - si * light[2]
+    lz = si * light[0] + co * light[2]
+    for k in range(3):
+        corner = start + (k * count) // 3
+        normal = faces.normal
+        facing = long * (normal[corner, 0] * lx + normal[corner, 1] * light[1] + normal[corner, 2] * lz)
+        for channel in range(3):
+            bright = light[6 + channel] + light[3 + channel] * max(facing, 0.0)
+            lit[channel, k] = min(faces.colour[face, channel] * placement[TINT + channel] * bright, 1.0)
+            same = same and lit[channel, k] == lit[channel, 0]
+    kind[number, 0] = faces.texture[face]
+    kind[number, 1] = 1 if same else 0
+    c0, c1, c2 = start, start + i1, start + i2
+    place = faces.texture_place
+    for column in range(7):
+        if column == 0 and parallel:
+            v0, v1, v2 = -p[0, 2], -p[i1, 2], -p[i2, 2]
+        elif column < 2:
+            v0 = v1 = v2 = 1.0
+        elif column < 4:
+            v0, v1, v2 = place[c0, column - 2], place[c1, column - 2], place[c2, column - 2]
+        else:
+            v0, v1, v2 = lit[column - 4, 0], lit[column - 4, 1], lit[column - 4, 2]
+            if same:
+                planes[number, 3 * column] = v0
+                continue
+        gx = (v0 * ax + v1 * bx + v2 * cx) * per_x
+        gy = (v0 * ay + v1 * by + v2 * cy) * per_y
+        gz = (v0 * az + v1 * bz + v2 * cz) * per_z
+        planes[number, 3 * column] = gx
+        planes[number, 3 * column + 1] = -gy
+        planes[number, 3 * column + 2] = gz - gx * view[CENTRE_X] + gy * view[CENTRE_Y]
+    return True

@@ -1,0 +1,124 @@
+"""Which rooms can be seen, and in which part of the picture: from the camera's room through opening after opening."""
+
+import numpy as np
+from numba import njit
+
+from minihuman.worlds.first_person.render.project import (
+    CENTRE_X,
+    CENTRE_Y,
+    EYE,
+    FOCAL_X,
+    FOCAL_Y,
+    FORWARD,
+    PARALLEL,
+    RIGHT,
+    UP,
+    cut,
+)
+from minihuman.worlds.first_person.render.tables import F64, I32, Rooms
+
+DOORSTEP_M = 0.06  # a camera this close to an opening may see through all of it
+_VISITS_A_ROOM = 16
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def contains(rooms: Rooms, room: int, x: float, z: float) -> bool:
+    """Is the place inside the room or within a millionth of a metre of it?"""
+    for e in range(rooms.first_edge[room], rooms.first_edge[room + 1]):
+        if rooms.edge[e, 0] * x + rooms.edge[e, 1] * z + rooms.edge[e, 2] < -1e-6:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, result: F64) -> bool:
+    """The part of a window through which an opening is seen, into ``result``; False if none is."""
+    hole = rooms.opening[opening]
+    ax, ay, az = hole[1, 0] - hole[0, 0], hole[1, 1] - hole[0, 1], hole[1, 2] - hole[0, 2]
+    bx, by, bz = hole[3, 0] - hole[0, 0], hole[3, 1] - hole[0, 1], hole[3, 2] - hole[0, 2]
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    away = nx * (view[EYE] - hole[0, 0]) + ny * (view[EYE + 1] - hole[0, 1]) + nz * (view[EYE + 2] - hole[0, 2])
+    away /= np.sqrt(nx * nx + ny * ny + nz * nz)
+    if away < -DOORSTEP_M:
+        return False
+    if away < DOORSTEP_M:
+        result[:] = window
+        return True
+    for i in range(4):
+        wx, wy, wz = hole[i, 0] - view[EYE], hole[i, 1] - view[EYE + 1], hole[i, 2] - view[EYE + 2]
+        corners[0, i, 0] = view[RIGHT] * wx + view[RIGHT + 1] * wy + view[RIGHT + 2] * wz
+        corners[0, i, 1] = view[UP] * wx + view[UP + 1] * wy + view[UP + 2] * wz
+        corners[0, i, 2] = view[FORWARD] * wx + view[FORWARD + 1] * wy + view[FORWARD + 2] * wz
+    count = cut(corners, 0, 4, 0.0, 0.0, 1.0, -1e-6)
+    if count < 3:
+        return False
+    x0 = y0 = 1e9
+    x1 = y1 = -1e9
+    for i in range(count):
+        z = corners[1, i, 2]
+        x = view[CENTRE_X] + view[FOCAL_X] * corners[1, i, 0] / z
+        y = view[CENTRE_Y] - view[FOCAL_Y] * corners[1, i, 1] / z
+        x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
+    # a pixel more on each side, for corners are moved by up to 1/512 pixel when they are drawn
+    result[0] = max(window[0], np.floor(x0) - 1.0)
+    result[1] = max(window[1], np.floor(y0) - 1.0)
+    result[2] = min(window[2], np.ceil(x1) + 1.0)
+    result[3] = min(window[3], np.ceil(y1) + 1.0)
+    return bool(result[0] < result[2] and result[1] < result[3])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, order: I32) -> tuple[int, bool]:
+    """List the rooms to draw, nearest first, in ``order``; the window of each goes into ``windows``.
+
+    ``picture`` is the window of the whole picture. A window may be larger than needed, never smaller. From above, from
+    outside every room, and where a room without a roof is in sight, all rooms are listed.
+
+    Returns how many are listed, and whether all are.
+    """
+    count = rooms.first_face.shape[0] - 1
+    seen = 0
+    everything = view[PARALLEL] == 1.0
+    windows[:, :2] = 1e9
+    windows[:, 2:] = -1e9
+    visits = np.zeros(count, np.int32)
+    pending = np.empty(count * _VISITS_A_ROOM, np.int32)
+    pending_window = np.empty((count * _VISITS_A_ROOM, 4))
+    waiting = 0
+    if not everything:
+        for room in range(count):
+            if contains(rooms, room, view[EYE], view[EYE + 2]):
+                pending[waiting] = room
+                pending_window[waiting] = picture
+                visits[room] = 1
+                waiting += 1
+        everything = waiting == 0
+    done = 0
+    part = np.empty(4)
+    while done < waiting and not everything:
+        room = pending[done]
+        window = pending_window[done]
+        done += 1
+        everything = not rooms.roofed[room]
+        known = windows[room]
+        if known[0] > known[2]:
+            order[seen] = room
+            seen += 1
+        elif window[0] >= known[0] and window[1] >= known[1] and window[2] <= known[2] and window[3] <= known[3]:
+            continue
+        known[0], known[1] = min(known[0], window[0]), min(known[1], window[1])
+        known[2], known[3] = max(known[2], window[2]), max(known[3], window[3])
+        for opening in range(rooms.first_opening[room], rooms.first_opening[room + 1]):
+            into = rooms.opening_into[opening]
+            if visits[into] == _VISITS_A_ROOM or not through(rooms, opening, view, corners, window, part):
+                continue
+            visits[into] += 1
+            pending[waiting] = into
+            pending_window[waiting] = picture if visits[into] == _VISITS_A_ROOM else part
+            waiting += 1
+    if everything:
+        for room in range(count):
+            windows[room] = picture
+            order[room] = room
+        seen = count
+    return seen, everything

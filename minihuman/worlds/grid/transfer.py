@@ -1,0 +1,68 @@
+"""GoToObj in the grid: an empty room, four objects at the middles of its walls, face the one that is named."""
+
+from typing import Any
+
+from minihuman.errors import WorldError
+from minihuman.worlds.go_to_obj import COLOURS, KINDS, arrange
+from minihuman.worlds.grid.items import Item
+from minihuman.worlds.grid.layout import Layout
+from minihuman.worlds.grid.missions import MissionSpace
+from minihuman.worlds.grid.state import TARGET
+from minihuman.worlds.grid.tasks import REACH, TOGGLE, front, prize
+from minihuman.worlds.grid.world import GridWorld
+
+
+class GoToObj(GridWorld):
+    """The source world of the transfer experiment; every default is a fact of the published one but ``ambiguous``.
+
+    The agent starts in the middle, facing right. Facing the target ends the episode with ``1 - 0.9 * step / max_steps``.
+
+    Args:
+        size: Columns and rows, walls included; odd.
+        max_steps: ``4 * size**2`` by default, as published.
+        ambiguous: Let a mission fit two objects, as it could in the published world.
+        toggle_ends: The action "toggle" ends the episode with nothing, as published.
+        options: `GridEngine`'s settings.
+    """
+
+    def __init__(
+        self,
+        *,
+        size: int = 11,
+        max_steps: int | None = None,
+        ambiguous: bool = False,
+        toggle_ends: bool = True,
+        see_through_walls: bool = True,
+        **options: Any,
+    ) -> None:
+        if size < 5 or size % 2 == 0:
+            raise WorldError(f"size is {size!r}; a room with a middle and four objects is odd and 5 or more")
+        self.size = size
+        self.ambiguous = ambiguous
+        self.toggle_ends = toggle_ends
+        super().__init__(
+            width=size,
+            height=size,
+            max_steps=4 * size * size if max_steps is None else max_steps,
+            mission=MissionSpace("go to the {} {}", COLOURS, KINDS),
+            see_through_walls=see_through_walls,
+            **options,
+        )
+
+    def layout(self, grid: Layout) -> None:
+        """Lay out the room, the objects and the agent."""
+        middle, last = self.size // 2, self.size - 2
+        places = ((1, middle), (middle, last), (last, middle), (middle, 1))  # in the order of WALLS
+        drawn = arrange(self.np_random, ambiguous=self.ambiguous)
+        grid.wall_rect()
+        for (colour, kind), (x, y) in zip(drawn.objects, places, strict=True):
+            grid.put(Item(kind, colour), x, y)
+        grid.put_agent(middle, middle, 0)
+        grid.task(REACH, *places[drawn.target])
+        grid.mission = drawn.mission
+
+    def judge(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
+        """Facing the target is success; "toggle" is the end."""
+        if front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
+            return prize(self._row), True
+        return reward, terminated or (self.toggle_ends and action == TOGGLE)

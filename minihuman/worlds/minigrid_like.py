@@ -1,0 +1,105 @@
+"""What we can tell about a world built the way Minigrid's are, without importing Minigrid.
+
+A world counts as one if it has a ``grid`` of cells, an ``agent_pos`` and an ``agent_dir``. Facts read off it:
+column, row and heading; walls and things; everything that decides its future.
+"""
+
+import copy
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.grid.floor_plan import wall_outlines
+from minihuman.worlds.hashing import hash64
+from minihuman.worlds.pose import Map, Pose, Thing
+
+_YAW_RAD = (0.0, -math.pi / 2, math.pi, math.pi / 2)  # right, down, left, up
+_COLOURS = {
+    "red": "#ff0000",
+    "green": "#00ff00",
+    "blue": "#0000ff",
+    "purple": "#7027c3",
+    "yellow": "#ffff00",
+    "grey": "#646464",
+}
+
+
+def is_minigrid_like(env: Any) -> bool:
+    """Whether an unwrapped environment keeps its state the way Minigrid's do."""
+    return all(hasattr(env, name) for name in ("grid", "agent_pos", "agent_dir", "get_frame")) and hasattr(
+        env.grid, "encode"
+    )
+
+
+class MinigridLike(NativeWorld):
+    """A Minigrid-like environment seen through our contract; the environment keeps the state."""
+
+    def __init__(self, env: Any) -> None:
+        self._env = env
+
+    def pose(self) -> Pose:
+        """Column, 0, row and heading."""
+        column, row = self._env.agent_pos
+        return Pose(x=float(column), y=0.0, z=float(row), yaw_rad=_YAW_RAD[int(self._env.agent_dir)])
+
+    def map(self) -> Map:
+        """Walls as the outlines of wall cells; every other cell's content as a thing."""
+        grid = self._env.grid
+        is_wall = np.zeros((grid.width, grid.height), dtype=np.bool_)
+        things: list[Thing] = []
+        for row in range(grid.height):
+            for column in range(grid.width):
+                cell = grid.get(column, row)
+                if cell is None:
+                    continue
+                if cell.type == "wall":
+                    is_wall[column, row] = True
+                else:
+                    colour = _COLOURS.get(cell.color, "#646464")
+                    things.append(Thing(f"{cell.color} {cell.type}", float(column), float(row), 0.5, colour))
+        return Map("cell", (-0.5, -0.5, grid.width - 0.5, grid.height - 0.5), wall_outlines(is_wall), tuple(things))
+
+    def state_hash(self) -> int:
+        """Cells (box contents included), pose, load, mission, step count and the random stream."""
+        env = self._env
+        contents = [_nested(cell) for cell in env.grid.grid if cell is not None and cell.contains is not None]
+        return hash64(
+            {
+                "cells": env.grid.encode(),
+                "contents": contents,
+                "agent": [int(env.agent_pos[0]), int(env.agent_pos[1]), int(env.agent_dir)],
+                "carrying": _nested(env.carrying),
+                "mission": str(env.mission),
+                "steps": int(env.step_count),
+                "random": env.np_random.bit_generator.state,
+            }
+        )
+
+    def save(self) -> Any:
+        """A deep copy of the environment's attributes."""
+        return copy.deepcopy(vars(self._env))
+
+    def restore(self, saved: Any) -> None:
+        """Put a copy of the saved attributes back."""
+        if not isinstance(saved, dict):
+            raise WorldError(f"{saved!r} was not saved by this world; restore what save() returned")
+        vars(self._env).clear()
+        vars(self._env).update(copy.deepcopy(saved))
+
+    def picture(
+        self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The environment's own drawing; it knows only the classic palette, so ``palette`` changes nothing."""
+        env = self._env
+        columns, rows = (env.agent_view_size,) * 2 if view == "partial" else (env.width, env.height)
+        tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
+        return np.asarray(env.get_frame(env.highlight, tile_px, view == "partial"), dtype=np.uint8)
+
+
+def _nested(thing: Any) -> list[Any] | None:
+    """A thing's code and, inside it, that of what it contains."""
+    return None if thing is None else [[int(code) for code in thing.encode()], _nested(thing.contains)]

@@ -1,0 +1,323 @@
+"""What every window promises: pygame, pyglet (both majors) and the scripted one, through the same tests.
+
+Real windows run under Xvfb and are typed into by the X server itself (XTEST).
+"""
+
+import abc
+import getpass
+import os
+import platform
+import random
+import shutil
+import threading
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp, Stop
+from minihuman.study.keys import DIGITS, KEY_NAMES
+from minihuman.study.screens import PlayScreen, Screen, TextScreen
+from minihuman.windows.blocking import TITLE
+from minihuman.windows.compose import compose
+from minihuman.windows.port import Window
+from minihuman.windows.scripted import ScriptedWindow, VirtualClock
+from tests.window_host import HostedWindow
+from tests.xserver import Typist, xvfb
+
+SIZE_PX = (640, 360)
+OTHER_PYGLET = "MINIHUMAN_OTHER_PYGLET"  # a folder made by `pip install --target FOLDER "pyglet>=2,<3"`
+MS = 1_000_000
+SECOND = 1_000_000_000
+
+SCREENS: tuple[Screen, ...] = (
+    TextScreen("Consent", "Words to read.\n\nMore words. " * 9, "Press Enter if you agree", "episode 1 of 2"),
+    TextScreen("Keyboard check", "Press each key.", "1 key to go", keys=(("1", True), ("kp_2", False), ("up", True))),
+    TextScreen("", "", ""),
+    PlayScreen(np.full((56, 56, 3), 200, np.uint8), "reach the green goal", "episode 1 of 2", (("1", "left"),)),
+    PlayScreen(np.full((900, 1200, 3), 90, np.uint8), "", ""),
+)
+
+
+class Desk(abc.ABC):
+    """A window, and a keyboard in front of it."""
+
+    window: Window
+
+    @abc.abstractmethod
+    def type(self, strokes: Sequence[tuple[str, bool]]) -> None:
+        """Press (True) and release (False) keys in this order, at once."""
+
+    @abc.abstractmethod
+    def now_ns(self) -> int:
+        """The window's clock."""
+
+    def hear(self, count: int) -> list[Input]:
+        """The next ``count`` inputs; the test fails if they do not come within seconds."""
+        heard: list[Input] = []
+        until_ns = self.now_ns() + 10 * SECOND
+        while len(heard) < count and self.now_ns() < until_ns:
+            heard += self.window.wait(until_ns)
+        return heard
+
+
+class ScriptedDesk(Desk):
+    def __init__(self) -> None:
+        self._clock = VirtualClock()
+        self.window = ScriptedWindow((Stop(3600 * SECOND, "signal"),), self._clock, frame_ns=16 * MS)
+
+    def type(self, strokes: Sequence[tuple[str, bool]]) -> None:
+        t_ns = self._clock()
+        script = [KeyDown(t_ns, key) if down else KeyUp(t_ns, key) for key, down in strokes]
+        self.window = ScriptedWindow([*script, Stop(3600 * SECOND, "signal")], self._clock, frame_ns=16 * MS)
+
+    def now_ns(self) -> int:
+        return self._clock()
+
+
+class RealDesk(Desk):
+    def __init__(self, kind: str, display: str, python_path: str = "") -> None:
+        self.typist = Typist(display)
+        self.window: HostedWindow = HostedWindow(kind, display, size_px=SIZE_PX, python_path=python_path)
+        self.window.show(SCREENS[0])
+        self.typist.focus(TITLE)
+        self.settle()
+
+    def type(self, strokes: Sequence[tuple[str, bool]]) -> None:
+        for key, down in strokes:
+            if down:
+                self.typist.press(key)
+            else:
+                self.typist.release(key)
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns()
+
+    def settle(self) -> None:
+        """Throw away what an earlier test or the window's opening left."""
+        while self.window.wait(time.monotonic_ns() + 30 * MS):
+            pass
+
+    def end(self) -> None:
+        self.window.end()
+        self.typist.close()
+
+
+class Desks:
+    """Real desks by kind of window, each set up once, on a display of its own."""
+
+    KINDS = ("pygame", "pyglet", "other pyglet")
+
+    def __init__(self) -> None:
+        self._open: dict[str, RealDesk] = {}
+        self._to_close = ExitStack()
+
+    def ready(self, kind: str) -> RealDesk:
+        """The desk with that window, with the keyboard in it and nothing left to hear."""
+        folder = os.environ.get(OTHER_PYGLET, "")
+        if kind == "other pyglet" and not folder:
+            pytest.skip(f"only one pyglet major is installed; {OTHER_PYGLET} names a folder with the other")
+        if kind not in self._open:
+            display = self._to_close.enter_context(xvfb())
+            desk = RealDesk("pyglet", display, folder) if kind == "other pyglet" else RealDesk(kind, display)
+            self._to_close.callback(desk.end)
+            self._open[kind] = desk
+        desk = self._open[kind]
+        desk.typist.focus(TITLE)
+        desk.settle()
+        return desk
+
+    def close(self) -> None:
+        self._to_close.close()
+
+
+@pytest.fixture(scope="module")
+def desks() -> Iterator[Desks]:
+    desks = Desks()
+    yield desks
+    desks.close()
+
+
+@pytest.fixture(params=Desks.KINDS)
+def real_desk(request: pytest.FixtureRequest, desks: Desks) -> RealDesk:
+    return desks.ready(request.param)
+
+
+@pytest.fixture(params=("scripted", *Desks.KINDS))
+def desk(request: pytest.FixtureRequest, desks: Desks) -> Desk:
+    return ScriptedDesk() if request.param == "scripted" else desks.ready(request.param)
+
+
+def strokes_of(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
+    return [
+        (happened.key, isinstance(happened, KeyDown)) for happened in inputs if isinstance(happened, KeyDown | KeyUp)
+    ]
+
+
+@pytest.mark.parametrize("screen", SCREENS, ids=range(len(SCREENS)))
+def test_a_screen_is_submitted_then_flipped(desk: Desk, screen: Screen) -> None:
+    before_ns = desk.now_ns()
+    shown = desk.window.show(screen)
+    assert before_ns <= shown.submit_ns <= shown.flip_ns == shown.t_ns <= desk.now_ns()
+
+
+def test_waiting_ends_at_the_deadline_and_not_before(desk: Desk) -> None:
+    until_ns = desk.now_ns() + 30 * MS
+    assert desk.window.wait(until_ns) == []
+    assert desk.now_ns() >= until_ns
+
+
+def test_a_deadline_that_has_passed_still_hands_over_what_has_arrived(desk: Desk) -> None:
+    desk.type([("1", True), ("1", False)])
+    time.sleep(0.1)  # the X server's delivery, not the window's
+    assert strokes_of(desk.window.wait(0)) == [("1", True), ("1", False)]
+    assert desk.window.wait(0) == []
+
+
+def test_two_taps_within_a_frame_are_two_taps(desk: Desk) -> None:
+    strokes = [("3", True), ("3", False)] * 2
+    desk.type(strokes)
+    assert strokes_of(desk.hear(4)) == strokes
+
+
+def test_rolling_from_key_to_key_keeps_the_order(desk: Desk) -> None:
+    strokes = [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)]
+    desk.type(strokes)
+    assert strokes_of(desk.hear(6)) == strokes
+
+
+def test_of_hundreds_of_strokes_none_is_lost_or_doubled(desk: Desk) -> None:
+    chance = random.Random(7)
+    held: set[str] = set()
+    strokes = []
+    for _ in range(400):
+        key = chance.choice(DIGITS)
+        strokes.append((key, key not in held))
+        held ^= {key}
+    strokes += [(key, False) for key in sorted(held)]
+    desk.type(strokes)
+    heard = desk.hear(len(strokes))
+    assert strokes_of(happened for happened in heard if not getattr(happened, "repeat", False)) == strokes
+
+
+def test_strokes_during_a_flip_are_kept(desk: Desk) -> None:
+    strokes = [("4", True), ("5", True), ("4", False), ("5", False)]
+    desk.type(strokes)
+    desk.window.show(SCREENS[0])
+    assert strokes_of(desk.hear(4)) == strokes
+
+
+def test_stamps_never_go_back_and_lie_between_stroke_and_receipt(desk: Desk) -> None:
+    before_ns = desk.now_ns()
+    desk.type([("6", True), ("6", False)] * 5)
+    stamps = [happened.t_ns for happened in desk.hear(10)]
+    assert stamps == sorted(stamps)
+    assert before_ns <= stamps[0] <= stamps[-1] <= desk.now_ns()
+
+
+def test_facts_are_words_without_names_of_people_or_machines(desk: Desk) -> None:
+    facts = desk.window.facts()
+    assert facts["window"]
+    assert all(isinstance(fact, str) for fact in facts.values())
+    for private in (platform.node(), getpass.getuser()):
+        assert private not in " ".join(facts.values()).split()
+
+
+def test_without_a_deadline_it_sleeps_until_a_key_comes(real_desk: RealDesk) -> None:
+    later = threading.Timer(0.2, real_desk.typist.tap, ("7",))
+    later.start()
+    heard = real_desk.window.wait(None)
+    later.join()
+    heard += real_desk.hear(2 - len(heard))
+    assert strokes_of(heard) == [("7", True), ("7", False)]
+
+
+def test_a_held_key_repeats_and_says_so(real_desk: RealDesk) -> None:
+    real_desk.typist.press("8")
+    heard = real_desk.hear(4)
+    real_desk.typist.release("8")
+    heard += real_desk.hear(1)
+    assert [getattr(happened, "repeat", None) for happened in heard[:4]] == [False, True, True, True]
+    assert {happened.key for happened in heard} == {"8"}
+    assert sum(isinstance(happened, KeyUp) for happened in heard) == 1
+
+
+def test_every_key_is_called_by_its_place(real_desk: RealDesk) -> None:
+    there = sorted(key for key in KEY_NAMES - {"caps_lock", "num_lock"} if real_desk.typist.keycode(key))
+    assert len(there) > 80
+    real_desk.typist.tap(*there)
+    assert strokes_of(real_desk.hear(2 * len(there))) == [(key, down) for key in there for down in (True, False)]
+
+
+@pytest.mark.skipif(shutil.which("setxkbmap") is None, reason="setxkbmap, which changes the layout, is not installed")
+def test_on_a_french_keyboard_the_keys_keep_their_names_and_tell_the_layouts(real_desk: RealDesk) -> None:
+    real_desk.typist.set_layout("fr")
+    try:
+        real_desk.settle()
+        real_desk.typist.tap_place("1")
+        real_desk.typist.tap_place("q")
+        heard = [happened for happened in real_desk.hear(4) if isinstance(happened, KeyDown)]
+    finally:
+        real_desk.typist.set_layout("us")
+        real_desk.settle()
+    assert [happened.key for happened in heard] == ["1", "q"]
+    assert heard[0].symbol in ("1", "ampersand")  # SDL calls the digit row by its digits, also where they need Shift
+    assert heard[1].symbol.lower() == "a"
+
+
+def test_what_is_on_the_display_is_what_was_composed(real_desk: RealDesk) -> None:
+    for screen in SCREENS:
+        real_desk.window.show(screen)
+        assert np.array_equal(real_desk.typist.picture(TITLE), compose(screen, SIZE_PX))
+
+
+def test_losing_and_finding_the_keyboard_are_told(real_desk: RealDesk) -> None:
+    real_desk.typist.unfocus()
+    (lost,) = [happened for happened in real_desk.hear(1) if isinstance(happened, FocusChanged)]
+    real_desk.typist.focus(TITLE)
+    (found,) = [happened for happened in real_desk.hear(1) if isinstance(happened, FocusChanged)]
+    assert (lost.focused, found.focused) == (False, True)
+
+
+def test_a_key_held_while_the_keyboard_goes_does_not_repeat(real_desk: RealDesk) -> None:
+    real_desk.typist.press("9")
+    real_desk.hear(1)
+    real_desk.typist.unfocus()
+    real_desk.hear(1)
+    until_ns = real_desk.now_ns() + 700 * MS
+    heard = []
+    while real_desk.now_ns() < until_ns:
+        heard += real_desk.window.wait(until_ns)
+    real_desk.typist.release("9")
+    assert not [happened for happened in heard if isinstance(happened, KeyDown)]
+
+
+def test_a_picture_of_the_stated_size_is_shown_as_it_is(real_desk: RealDesk) -> None:
+    width, height = real_desk.window.picture_px or (0, 0)
+    picture = np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)
+    real_desk.window.show(PlayScreen(picture, "", ""))
+    shown = real_desk.typist.picture(TITLE)
+    left = (SIZE_PX[0] - width) // 2
+    tops = [
+        top for top in range(SIZE_PX[1] - height + 1) if np.array_equal(shown[top, left : left + width], picture[0])
+    ]
+    assert len(tops) == 1
+    assert np.array_equal(shown[tops[0] : tops[0] + height, left : left + width], picture)
+
+
+def test_clicking_the_cross_is_an_input_and_closes_nothing(real_desk: RealDesk) -> None:
+    real_desk.typist.ask_to_close(TITLE)
+    (stop,) = real_desk.hear(1)
+    assert isinstance(stop, Stop)
+    assert stop.reason == "window_closed"
+    real_desk.window.show(SCREENS[0])
+
+
+@pytest.mark.parametrize("kind", ["pygame", "pyglet"])
+def test_closing_twice_is_closing_once(kind: str, display: str) -> None:
+    window = HostedWindow(kind, display, size_px=SIZE_PX)
+    window.close()
+    window.close()
+    window.end()

@@ -1,0 +1,154 @@
+"""What the readers of others find in our exports equals the log, bit for bit."""
+
+import json
+
+import datasets
+import minari
+import numpy as np
+import pandas as pd
+import pytest
+from rerun.experimental import LeRobotReader
+
+from minihuman.errors import ExportError
+from minihuman.export import imitation, lerobot
+from minihuman.export import minari as minari_export
+from minihuman.export.resimulate import Resimulator
+from minihuman.worlds.adapt import World
+from tests.export.played import chosen, played
+
+WORLDS = ["minihuman/MiniGrid-FourRooms-v0", "minihuman/MiniWorld-FourRooms-v0", "minigrid:MiniGrid-DoorKey-5x5-v0"]
+
+
+def observations(episode):
+    """What the world shows when the episode is played again, not through the code under test."""
+    world = World(episode.plan.world)
+    world.reset(episode.plan.seed)
+    seen = [world.observation]
+    for action in episode.actions:
+        world.step(int(action))
+        seen.append(world.observation)
+    return seen
+
+
+def same(stored, shown) -> bool:
+    if isinstance(shown, dict):
+        return set(stored) == set(shown) and all(same(stored[key], shown[key]) for key in shown)
+    return stored == shown if isinstance(shown, str) else np.array_equal(stored, shown)
+
+
+def at(column, row):
+    return {key: at(value, row) for key, value in column.items()} if isinstance(column, dict) else column[row]
+
+
+@pytest.fixture(params=WORLDS)
+def items(request):
+    return chosen([played(request.param, number=number, seed=number + 3) for number in range(3)])
+
+
+def test_minari_gives_back_every_observation_action_reward_and_flag(items, tmp_path, monkeypatch):
+    written = minari_export.export(iter(items), tmp_path)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    (dataset_id,) = minari.list_local_datasets()
+    dataset = minari.load_dataset(dataset_id)
+    assert (dataset.total_episodes, dataset.total_steps) == (3, written.steps)
+    assert not json.loads((next(tmp_path.rglob("metadata.json"))).read_text())["jpeg_encoding"]
+    for item, stored in zip(items, dataset, strict=True):
+        episode = item.episode
+        for row, shown in enumerate(observations(episode)):
+            assert same(at(stored.observations, row), shown)
+        assert np.array_equal(stored.actions, episode.actions)
+        assert np.array_equal(stored.rewards, episode.rewards)
+        assert np.array_equal(stored.terminations, episode.terminated)
+        assert np.array_equal(stored.truncations, episode.truncated)
+        assert dataset.observation_space.contains(at(stored.observations, 0))
+
+
+def test_minari_episodes_know_subject_group_keys_seed_and_outcome(items, tmp_path, monkeypatch):
+    minari_export.export(iter(items), tmp_path)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    dataset = minari.load_dataset(next(iter(minari.list_local_datasets())))
+    for item, facts in zip(items, dataset.storage.get_episode_metadata(range(3)), strict=True):
+        assert facts["participant"] == "sub-01"
+        assert facts["seed"] == item.episode.plan.seed
+        assert facts["outcome"] == item.episode.outcome
+        assert json.loads(facts["key_map"]) == item.episode.plan.key_map.keys
+
+
+def test_imitation_reads_flat_observations_and_rewards(items, tmp_path):
+    (path,) = imitation.export(iter(items), tmp_path).paths
+    stored = datasets.load_from_disk(str(path))
+    assert set(stored.features) == {"obs", "acts", "infos", "terminal", "rews"}
+    for item, row in zip(items, stored, strict=True):
+        episode = item.episode
+        shown = observations(episode)
+        assert np.array_equal(row["acts"], episode.actions)
+        assert np.array_equal(row["rews"], episode.rewards)
+        assert row["terminal"] == episode.terminated[-1]
+        assert len(row["infos"]) == len(episode.actions)
+        assert json.loads(row["infos"][0])["participant"] == "sub-01"
+        for flat, seen in zip(row["obs"], shown, strict=True):
+            if isinstance(seen, dict):
+                assert flat == [int(seen["direction"]), *seen["image"].ravel().tolist()]
+            else:
+                assert flat == seen.ravel().tolist()
+
+
+def test_lerobot_files_have_the_structure_of_format_v3(items, tmp_path):
+    (root,) = lerobot.export(iter(items), tmp_path).paths
+    info = json.loads((root / "meta/info.json").read_text())
+    frames = sum(len(item.episode.actions) for item in items)
+    assert info["codebase_version"] == "v3.0"
+    assert (info["total_episodes"], info["total_frames"]) == (3, frames)
+    episodes = pd.read_parquet(root / "meta/episodes/chunk-000/file-000.parquet")
+    tasks = pd.read_parquet(root / "meta/tasks.parquet")
+    assert list(tasks.columns) == ["task_index"]
+    for item, row in zip(items, episodes.to_dict("records"), strict=True):
+        file = info["data_path"].format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
+        data = pd.read_parquet(root / file)
+        assert set(data.columns) == set(info["features"])
+        assert list(data["index"]) == list(range(row["dataset_from_index"], row["dataset_to_index"]))
+        assert [value[0] for value in data["action"]] == item.episode.actions.tolist()
+        assert np.array_equal(data["next.reward"], item.episode.rewards)
+        assert tasks.index[data["task_index"][0]] == row["tasks"][0]
+        assert row["minihuman/participant"] == "sub-01"
+    stats = json.loads((root / "meta/stats.json").read_text())
+    assert set(stats) == set(info["features"])
+    assert stats["index"]["max"] == [frames - 1]
+
+
+def test_lerobot_pictures_are_the_frames(tmp_path):
+    items = chosen([played("minihuman/MiniWorld-FourRooms-v0", seed=1)])
+    (root,) = lerobot.export(iter(items), tmp_path).paths
+    stored = datasets.Dataset.from_parquet(str(root / "data/chunk-000/file-000.parquet"))
+    stored = stored.cast_column("observation.image", datasets.Image())
+    for row, shown in zip(stored, observations(items[0].episode)[:-1], strict=True):
+        assert np.array_equal(np.asarray(row["observation.image"]), shown)
+
+
+def test_rerun_reads_the_lerobot_export(items, tmp_path):
+    (root,) = lerobot.export(iter(items), tmp_path).paths
+    reader = LeRobotReader(root)
+    assert (reader.version, reader.episodes()) == ("v3", [0, 1, 2])
+    for item, number in zip(items, reader.episodes(), strict=True):
+        chunks = {chunk.entity_path: chunk for chunk in reader.stream(number).to_chunks()}
+        assert chunks["/action"].num_rows == len(item.episode.actions)
+        (values,) = (
+            column
+            for name, column in chunks["/action"].to_record_batch().to_pydict().items()
+            if name.endswith("Scalars:scalars")
+        )
+        assert [value[0] for value in values] == item.episode.actions.tolist()
+        assert any(path.startswith("/observation") for path in chunks)
+
+
+def test_an_episode_that_does_not_replay_is_refused_by_name():
+    (item,) = chosen([played(WORLDS[0], seed=1)])
+    item.episode.observation_hashes[4] += 1
+    with pytest.raises(ExportError, match=r"episode 0 step 4: the observation differs .* minihuman 0\.1\.0"):
+        Resimulator()(item)
+
+
+def test_each_world_has_its_own_dataset(tmp_path):
+    items = chosen([played(world, number=number) for number, world in enumerate(WORLDS)])
+    names = {path.name for path in imitation.export(iter(items), tmp_path).paths}
+    assert names == {"minigrid-fourrooms-v0", "miniworld-fourrooms-v0", "minigrid-doorkey-5x5-v0"}

@@ -1,0 +1,77 @@
+"""Occupancy and learning curves: what they count."""
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from scipy import stats
+
+from minihuman.figures.learning import draw_learning, mean_and_band
+from minihuman.figures.occupancy import draw_occupancy, occupancy
+from tests.builders import episode, grid_map, made, plan, session
+
+
+def standing(place: tuple[float, float], steps: int):
+    return made(plan(), [(place[0], 0.0, place[1], 0.0)] * (steps + 1), [0] * steps, grid_map((2, 2)))
+
+
+def test_every_participant_weighs_the_same_however_long_they_took():
+    share, x_edges, z_edges = occupancy([[standing((3, 4), 1)], [standing((10, 12), 99)]])
+    assert share[3, 4] == pytest.approx(0.5)
+    assert share[10, 12] == pytest.approx(0.5)
+    assert share.shape == (len(x_edges) - 1, len(z_edges) - 1) == (19, 19)
+
+
+def test_metres_are_counted_in_half_metre_squares():
+    share, x_edges, _ = occupancy([[episode(kind="room")]])
+    assert np.diff(x_edges) == pytest.approx(0.5)
+    assert share.sum() == pytest.approx(1)
+
+
+def test_cells_and_metres_do_not_mix():
+    with pytest.raises(ValueError, match="one unit"):
+        occupancy([[episode(), episode(kind="room")]])
+
+
+def test_a_place_nobody_went_stays_white_and_every_wall_is_drawn():
+    ax = draw_occupancy(Figure().subplots(), [[standing((3, 4), 5)]])
+    mesh, walls = ax.collections
+    assert mesh.get_array().count() == 1
+    assert len(walls.get_segments()) == len(grid_map((2, 2)).walls)
+
+
+def test_the_band_is_students_interval_of_the_mean():
+    values = np.array([[0.2, 0.4], [0.5, 0.9], [0.9, 0.7]])
+    mean, low, high = mean_and_band(values)
+    for i in range(2):
+        expected = stats.t.interval(0.95, 2, values[:, i].mean(), stats.sem(values[:, i]))
+        assert (low[i], high[i]) == pytest.approx(expected)
+    assert mean == pytest.approx(values.mean(axis=0))
+
+
+def test_one_participant_has_a_line_but_no_band():
+    mean, low, high = mean_and_band(np.array([[0.3, math.nan]]))
+    assert mean[0] == 0.3
+    assert np.isnan([mean[1], *low, *high]).all()
+
+
+def test_each_group_has_its_line_its_band_and_its_size_in_the_legend():
+    rng = np.random.default_rng(0)
+    curves = {"grid_first": rng.random((4, 5)), "direct": rng.random((3, 5))}
+    ax = draw_learning(Figure().subplots(), curves, measure="reward", limits=(0, 1))
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["grid_first (n = 4)", "direct (n = 3)"]
+    assert [line.get_linestyle() for line in ax.lines] == ["-", "--"]
+    assert [band.get_gid() for band in ax.collections] == ["band: grid_first", "band: direct"]
+    heights = np.concatenate([band.get_paths()[0].vertices[:, 1] for band in ax.collections])
+    assert heights.min() >= 0
+    assert heights.max() <= 1
+
+
+def test_a_band_never_leaves_what_the_measure_can_be_but_blocks_no_value():
+    ax = draw_learning(Figure().subplots(), {"all": session_rewards()}, measure="reward")
+    assert list(ax.lines[0].get_ydata()) == pytest.approx(session_rewards().mean(axis=0))
+
+
+def session_rewards():
+    return np.array([[played.return_ for played in session(seed=seed, episodes=3).episodes] for seed in range(3)])

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+
+from minihuman.learn.network import Policy, policy_settings
+
+
+@pytest.fixture(params=[("grid", (3, 7, 7), 7), ("atari", (3, 60, 80), 3)], ids=["grid", "atari"])
+def pair(request):
+    """Our policy and Stable-Baselines3's with the same weights, and something to look at."""
+    eyes, shape, actions = request.param
+    space = spaces.Dict({"image": spaces.Box(0, 255, shape, np.uint8), "mission": spaces.Box(0, 1, (9,), np.float32)})
+    made = [
+        kind(space, spaces.Discrete(actions), lambda _: 3e-4, **policy_settings(eyes))
+        for kind in (Policy, MultiInputActorCriticPolicy)
+    ]
+    made[1].load_state_dict(made[0].state_dict())
+    rng = np.random.default_rng(1)
+    seen = {
+        "image": torch.as_tensor(rng.integers(0, 256, (16, *shape), dtype=np.uint8)),
+        "mission": torch.as_tensor(rng.random((16, 9), dtype=np.float32)),
+    }
+    return *made, seen
+
+
+def test_it_draws_the_same_actions_as_stable_baselines(pair):
+    ours, theirs, seen = pair
+    for deterministic in (False, True):
+        torch.manual_seed(4)
+        expected = theirs(seen, deterministic)
+        torch.manual_seed(4)
+        drawn = ours(seen, deterministic)
+        assert torch.equal(drawn[0], expected[0])
+        torch.testing.assert_close(drawn[1:], expected[1:])
+
+
+def test_it_judges_actions_as_stable_baselines_does(pair):
+    ours, theirs, seen = pair
+    actions = torch.arange(16) % ours.action_space.n
+    torch.testing.assert_close(ours.evaluate_actions(seen, actions), theirs.evaluate_actions(seen, actions))
+
+
+def test_its_gradients_are_those_of_stable_baselines(pair):
+    gradients = []
+    for policy in pair[:2]:
+        values, log_prob, entropy = policy.evaluate_actions(pair[2], torch.zeros(16, dtype=torch.int64))
+        (values.mean() + log_prob.mean() + entropy.mean()).backward()
+        gradients.append({name: parameter.grad for name, parameter in policy.named_parameters()})
+    torch.testing.assert_close(*gradients)

@@ -1,0 +1,109 @@
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from minihuman.errors import LearnError
+from minihuman.learn.cells import SOURCE, Cell, Job, Ppo, Study
+from minihuman.learn.job import POLICY, prepare, read_result, run_job, steps_so_far
+from minihuman.learn.policy_file import load_weights
+from minihuman.learn.training import train
+
+SMALL = Ppo(n_steps=128, batch_size=64, n_epochs=2)
+
+
+def small_study(**changes):
+    return dataclasses.replace(Study(runs=1, steps=640, source_steps=640, ppo=SMALL, seed=5), **changes)
+
+
+def same_weights(a, b):
+    return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A source trained without a break."""
+    out = tmp_path_factory.mktemp("whole")
+    job = Job(small_study(), Cell(SOURCE), 0)
+    return job, out, run_job(job, out, "cpu")
+
+
+def test_a_killed_job_goes_on_to_the_same_result(finished, tmp_path):
+    job, whole, result = finished
+    script = (
+        "import sys; from pathlib import Path; from tests.learn.test_training import *\n"
+        "run_job(Job(small_study(), Cell(SOURCE), 0), Path(sys.argv[1]), 'cpu')"
+    )
+    root = Path(__file__).parents[2]
+    process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], cwd=root)
+    while steps_so_far(job, tmp_path) < 256:
+        assert process.poll() is None, "the job ended before it could be killed"
+        time.sleep(0.005)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert read_result(job, tmp_path) is None
+
+    resumed = run_job(job, tmp_path, "cpu")
+    assert resumed.points == result.points
+    assert same_weights(load_weights(tmp_path / job.name / POLICY), load_weights(whole / job.name / POLICY))
+
+
+class StoppedError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("protocol", ["as-intended", "as-published"])
+def test_an_interrupted_transfer_goes_on_to_the_same_weights(finished, tmp_path, protocol):
+    _, whole, _ = finished
+    # the published code keeps gradients that are never cleared: they are part of the state
+    job = Job(small_study(protocol=protocol, steps=384), Cell("CM"), 0)
+    source = load_weights(whole / "source/run-00" / POLICY)
+
+    def stop_at_256(steps):
+        if steps >= 256:
+            raise StoppedError
+
+    ppo, world = prepare(job, source, "cpu")
+    history = train(ppo, world, steps=job.steps)
+
+    checkpoint = tmp_path / "checkpoint.pt"
+    broken, its_world = prepare(job, source, "cpu")
+    with pytest.raises(StoppedError):
+        train(broken, its_world, steps=job.steps, checkpoint=checkpoint, told=stop_at_256)
+    resumed, its_world = prepare(job, source, "cpu")
+    its_history = train(resumed, its_world, steps=job.steps, checkpoint=checkpoint)
+    assert its_history.points == history.points
+    assert same_weights(resumed.policy.state_dict(), ppo.policy.state_dict())
+
+
+def test_a_finished_job_is_not_trained_again(finished):
+    job, out, result = finished
+    before = (out / job.name / POLICY).stat().st_mtime_ns
+    assert run_job(job, out, "cpu") == result
+    assert (out / job.name / POLICY).stat().st_mtime_ns == before
+
+
+def test_a_folder_of_another_job_is_left_alone(finished):
+    job, out, _ = finished
+    other = Job(small_study(seed=6), job.cell, job.run)
+    before = (out / job.name / "result.json").read_text()
+    with pytest.raises(LearnError, match="holds another job"):
+        run_job(other, out, "cpu")
+    assert (out / job.name / "result.json").read_text() == before
+
+
+def test_every_job_has_its_own_seed():
+    jobs = Study(runs=10).jobs()
+    assert len({job.seed for job in jobs}) == len(jobs) == 10 * 14
+
+
+def test_as_published_has_one_source_for_all_runs():
+    jobs = Study(protocol="as-published", runs=3).jobs()
+    assert sum(job.cell.name == SOURCE for job in jobs) == 1
+    assert {job.source for job in jobs if job.source is not None} == {jobs[0]}

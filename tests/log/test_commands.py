@@ -1,0 +1,93 @@
+"""info, verify and recover, as typed."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from minihuman.cli import logs
+from minihuman.errors import LogError
+from minihuman.log.read import read_events
+from minihuman.log.recorder import McapRecorder
+from minihuman.study.events import Stepped
+from tests.log.played import played_events, record
+from tests.log.samples import STARTED_NS, session_events, session_plan
+
+PLAN = session_plan(episodes=2)
+
+
+@pytest.fixture
+def app() -> typer.Typer:
+    app = typer.Typer()
+    logs.add_to(app)
+    return app
+
+
+def test_info_tells_a_session_in_lines(app: typer.Typer, tmp_path: Path) -> None:
+    log = record(tmp_path, PLAN, session_events(PLAN))
+    result = CliRunner().invoke(app, ["info", str(log)])
+    assert result.exit_code == 0
+    assert "sub-07, group transfer, session 1" in result.stdout
+    assert "complete, clean" in result.stdout
+    assert len([line for line in result.stdout.splitlines() if " goal " in line]) == 2
+
+
+def test_info_tells_a_session_as_json(app: typer.Typer, tmp_path: Path) -> None:
+    log = record(tmp_path, PLAN, session_events(PLAN))
+    told = json.loads(CliRunner().invoke(app, ["info", "--json", str(log)]).stdout)
+    assert (told["participant"], told["end_reason"], told["clean"]) == ("sub-07", "complete", True)
+    assert [(episode["steps"], episode["median_rt_ms"]) for episode in told["episodes"]] == [(20, 290.5)] * 2
+
+
+def test_verify_says_that_a_log_replays_and_exits_0(app: typer.Typer, tmp_path: Path) -> None:
+    log = record(tmp_path, PLAN, played_events(PLAN, steps=5))
+    result = CliRunner().invoke(app, ["verify", str(log)])
+    assert (result.exit_code, result.stdout) == (0, f"{log}: 2 episodes, 10 steps, all as logged\n")
+
+
+def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_path: Path) -> None:
+    events = [
+        replace(event, state_hash=0) if isinstance(event, Stepped) and event.step == 3 else event
+        for event in played_events(PLAN, steps=5)
+    ]
+    log = record(tmp_path, PLAN, events)
+    result = CliRunner().invoke(app, ["verify", str(log)])
+    assert result.exit_code == 1
+    assert result.stdout.startswith(f"{log}: episode 0 step 3: state hash 0000000000000000 in the log, now ")
+
+
+def test_recover_says_how_many_steps_it_kept(app: typer.Typer, tmp_path: Path) -> None:
+    part = _cut_off(tmp_path)
+    result = CliRunner().invoke(app, ["recover", str(part)])
+    log = part.with_suffix("")
+    assert (result.exit_code, result.stdout) == (0, f"{log}: kept 7 steps of 1 episodes; ended: cut_off\n")
+    assert len(list(read_events(log))) == 30
+
+
+def test_recover_looks_through_a_folder(app: typer.Typer, tmp_path: Path) -> None:
+    _cut_off(tmp_path)
+    assert "kept 7 steps" in CliRunner().invoke(app, ["recover", str(tmp_path)]).stdout
+    assert CliRunner().invoke(app, ["recover", str(tmp_path)]).stdout == "no cut-off logs\n"
+
+
+def test_a_file_that_is_no_log_is_an_error_for_one_line(app: typer.Typer, tmp_path: Path) -> None:
+    text = tmp_path / "notes.mcap"
+    text.write_text("dear diary")
+    for command in ("info", "verify"):
+        error = CliRunner().invoke(app, [command, str(text)]).exception
+        assert isinstance(error, LogError)
+        assert "notes.mcap is not a session log" in str(error)
+
+
+def _cut_off(data: Path) -> Path:
+    recorder = McapRecorder(data, PLAN, started_ns=STARTED_NS)
+    recorder.write(session_events(PLAN)[:30])
+    recorder.drain()
+    content = recorder.where.part.read_bytes()
+    recorder.close()
+    recorder.where.log.unlink()
+    recorder.where.part.write_bytes(content)
+    return recorder.where.part

@@ -1,0 +1,45 @@
+"""Finished logs are good MCAP to others: rerun's checker finds nothing, its reader shows text, images and steps."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rerun.chunk import McapReader
+
+from minihuman.log.topics import TOPICS
+from minihuman.study.events import SessionEnded
+from tests.log.played import record
+from tests.log.samples import STARTED_NS, session_events, session_plan
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session of two segments."""
+    data = tmp_path_factory.mktemp("data")
+    first, second = session_plan(), session_plan(segment=2)
+    events = session_events(first)
+    record(data, first, [*events[:100], SessionEnded(events[99].t_ns + 1, "quit", "", 1)])
+    return record(data, second, session_events(second), started_ns=STARTED_NS + 3_600_000_000_000)
+
+
+def test_reruns_checker_finds_nothing(log: Path) -> None:
+    checked = subprocess.run(
+        [sys.executable, "-m", "rerun", "mcap", "check", "--full", log], capture_output=True, text=True, timeout=120
+    )
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    verdicts = [line.split()[0] for line in checked.stdout.splitlines() if "/" in line and str(log) not in line]
+    assert verdicts == ["ok"] * len(TOPICS), checked.stdout
+
+
+def test_reruns_reader_sees_text_images_poses_and_steps(log: Path) -> None:
+    rows: dict[tuple[str, str], int] = {}
+    for chunk in McapReader(str(log)).stream():
+        for column in chunk.to_record_batch().schema.names:
+            rows[chunk.entity_path, column] = rows.get((chunk.entity_path, column), 0) + chunk.num_rows
+    steps = rows["/step", "minihuman.v1.Step:message"]
+    assert steps > 60
+    assert rows["/log", "TextLog:text"] > 10
+    assert rows["/map/image", "EncodedImage:blob"] == 5
+    assert rows["/pose", "InstancePoses3D:translations"] == steps + 5
+    assert rows["/session/plan", "minihuman.v1.SessionPlan:message"] == 2

@@ -1,0 +1,53 @@
+"""What is written comes back equal: every event type, any order, finished or still live."""
+
+import tempfile
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from minihuman.log.decode import decode
+from minihuman.log.encode import for_viewers, truth
+from minihuman.log.read import read_events
+from minihuman.log.recorder import McapRecorder
+from minihuman.study import events as ev
+from tests.counts import count
+from tests.log.samples import EVENTS, EVENTS_BY_TYPE, STARTED_NS, STARTS, session_events, session_plan
+
+
+def test_every_kind_of_event_has_a_strategy() -> None:
+    assert set(EVENTS_BY_TYPE) == set(get_args(ev.Event))
+
+
+@pytest.mark.parametrize("kind", EVENTS_BY_TYPE, ids=lambda kind: kind.__name__)
+def test_an_event_becomes_one_message_and_comes_back_equal(kind: type[ev.Event]) -> None:
+    @settings(max_examples=count(10, 500), deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    @given(EVENTS_BY_TYPE[kind])
+    def comes_back(event: ev.Event) -> None:
+        topic, message = truth(event)
+        assert decode(topic, message.SerializeToString(deterministic=True)) == event
+
+    comes_back()
+
+
+@settings(max_examples=count(8, 300), deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(start=STARTS, rest=st.lists(EVENTS.filter(lambda event: not isinstance(event, ev.SessionStarted)), max_size=6))
+def test_any_events_written_are_read_in_the_same_order(start: ev.SessionStarted, rest: list[ev.Event]) -> None:
+    events = [start, *rest]
+    with tempfile.TemporaryDirectory() as folder:
+        recorder = McapRecorder(Path(folder), start.plan, started_ns=STARTED_NS, sync=lambda _fd: None)
+        for event in events:
+            recorder.write([event])
+        recorder.drain()
+        assert list(read_events(recorder.where.part)) == events
+        log = recorder.close()
+        assert log is not None
+        assert list(read_events(log)) == events
+
+
+def test_what_viewers_get_is_no_event_of_its_own() -> None:
+    for event in session_events(session_plan(episodes=1)):
+        for topic, message in for_viewers(event, started_ns=STARTED_NS):
+            assert decode(topic, message.SerializeToString()) is None

@@ -1,0 +1,115 @@
+"""Measures on episodes small enough to count by hand."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from minihuman.measures.adaptation import gain, slope_per_episode
+from minihuman.measures.keys import key_uses, visible_effect
+from minihuman.measures.path import net_displacement, path_efficiency, path_length, turned_rad, turns_in_place
+from minihuman.measures.timing import pauses, playing_s, reaction_ms
+from minihuman.study.events import KeyPressed, Paused, Resumed
+from tests.builders import episode, grid_map, made, plan, pursue
+
+SECOND = 1_000_000_000
+
+
+def round_a_corner(number=0, **changes):
+    poses, actions = pursue([(2, 2), (5, 2), (5, 6)], 0.0, stride=1.0, turn_rad=math.pi / 2, reach=0.01)
+    return made(plan(number), poses, actions, grid_map((5, 6)), **changes)
+
+
+def test_a_path_round_a_corner_is_seven_cells_long_five_apart_and_turns_once():
+    corner = round_a_corner()
+    assert path_length(corner) == 7
+    assert net_displacement(corner) == 5
+    assert path_efficiency(corner) == pytest.approx(5 / 7)
+    turns = turns_in_place(corner)
+    assert turns["row"].tolist() == [4]
+    assert turns["turned_rad"].tolist() == pytest.approx([math.pi / 2])
+    assert turns["steps"].tolist() == [1]
+
+
+def test_who_never_moves_has_no_efficiency():
+    assert math.isnan(path_efficiency(made(plan(), [(1.0, 0.0, 1.0, 0.0)] * 3, [0, 1], None)))
+
+
+def test_turning_through_half_a_circle_counts_the_short_way():
+    spun = made(plan(), [(1.0, 0.0, 1.0, yaw) for yaw in (math.pi, -math.pi / 2, math.pi)], [0, 1], None)
+    assert turned_rad(spun).tolist() == pytest.approx([math.pi / 2, -math.pi / 2])
+
+
+def test_bumping_into_a_wall_is_no_turn():
+    assert turns_in_place(made(plan(), [(1.0, 0.0, 1.0, 0.0)] * 4, [2, 2, 2], None)).size == 0
+
+
+def test_pauses_are_no_playing_time():
+    played = round_a_corner()
+    whole = (played.t_ns[-1] - played.t_ns[0]) / 1e9
+    inside = (int(played.t_ns[2]), int(played.t_ns[2]) + SECOND // 2)
+    before = (-3 * SECOND, -2 * SECOND)
+    assert playing_s(played, [before, inside]) == pytest.approx(whole - 0.5)
+    assert playing_s(played, [(int(played.t_ns[-1]), None)]) == pytest.approx(whole)
+
+
+def test_a_second_reason_to_pause_does_not_pause_twice():
+    notes = (Paused(1, "participant"), Paused(2, "focus_lost"), Resumed(5), Resumed(6), Paused(9, "quit_question"))
+    assert pauses(notes) == ((1, 5), (9, None))
+
+
+def test_reaction_times_leave_out_steps_without_one():
+    played = round_a_corner(rt_ms=[100, 200, math.nan, 600, math.nan, math.nan, math.nan, math.nan])
+    assert reaction_ms(played) == (300, 200)
+    assert all(math.isnan(value) for value in reaction_ms(round_a_corner(rt_ms=[math.nan] * 8)))
+
+
+def test_a_key_is_found_at_the_first_press_that_changed_the_picture():
+    poses = [(1.0, 0.0, 1.0, 0.0)] * 3 + [(2.0, 0.0, 1.0, 0.0)]
+    first = made(plan(0), poses, [2, 2, 2], None)  # two bumps, then a stride
+    second = round_a_corner(1, start_ns=int(first.t_ns[-1]) + 5 * SECOND)
+    uses = {use.key: use for use in key_uses([first, second])}
+    forward, right, left = uses["1"], uses["2"], uses["3"]
+    assert visible_effect(first).tolist() == [False, False, True]
+    assert (forward.action, forward.steps, forward.in_vain, forward.found_steps) == ("forward", 10, 2, 3)
+    assert forward.found_s == pytest.approx((first.key_t_ns[2] - first.t_ns[0]) / 1e9)
+    assert right.found_steps == 3 + 4
+    in_second = second.key_t_ns[3] - second.t_ns[0]
+    assert right.found_s == pytest.approx((first.t_ns[-1] - first.t_ns[0] + in_second) / 1e9)
+    assert (left.steps, left.found_s, left.found_steps) == (0, None, None)
+
+
+def test_presses_without_an_action_are_counted_by_key():
+    strays = [
+        KeyPressed(5, "4", "4", True, None, "spare", "playing"),
+        KeyPressed(6, "x", "x", True, None, "unmapped", "playing"),
+    ]
+    strays += [
+        KeyPressed(7, "x", "x", True, None, "repeat", "playing"),
+        KeyPressed(8, "x", "x", False, None, "release", "playing"),
+    ]
+    uses = {use.key: use for use in key_uses([round_a_corner(extra_keys=strays)])}
+    assert (uses["4"].action, uses["4"].presses, uses["4"].refused) == (None, 1, 1)
+    assert (uses["x"].presses, uses["x"].refused) == (1, 1)
+    assert (uses["5"].presses, uses["1"].presses, uses["1"].refused) == (0, 7, 0)
+
+
+def test_a_new_key_map_starts_its_own_discovery():
+    other = dataclasses.replace(episode(kind="room"))
+    uses = key_uses([round_a_corner(0), round_a_corner(1), other])
+    assert [use.first_episode for use in uses if use.key == "2"] == [0, other.plan.episode]
+
+
+def test_adaptation_is_the_slope_of_the_first_episodes():
+    assert slope_per_episode([0.1, 0.3, 0.5, 0.7, 0.9, -9, -9]) == pytest.approx(0.2)
+    assert slope_per_episode([0.1, math.nan, 0.5]) == pytest.approx(0.2)
+    assert math.isnan(slope_per_episode([0.5]))
+    assert gain([0.2, 0, 0, 0, 0, 0.6, 1.0]) == pytest.approx(0.6)
+    assert math.isnan(gain([0.2] * 5))
+
+
+def test_a_world_without_poses_has_no_path_but_its_times():
+    blind = made(plan(), [(math.nan,) * 4] * 3, [2, 2], None)
+    assert math.isnan(path_length(blind))
+    assert np.isfinite(playing_s(blind))

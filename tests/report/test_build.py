@@ -1,0 +1,113 @@
+"""A study's folder to a report: the page, the tables, and what could not be read."""
+
+import dataclasses
+import hashlib
+import re
+import shutil
+
+import msgspec
+import pandas as pd
+import pytest
+
+from minihuman.errors import LogError, ReportError
+from minihuman.log.read import open_log
+from minihuman.marks import Mark, add_mark
+from minihuman.report.build import build
+from tests.builders import session, write_log
+
+
+def fingerprints(folder):
+    return {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Four whole sessions, a damaged one, an empty one, a foreign one and one cut off."""
+    data = tmp_path_factory.mktemp("data")
+    for index in range(4):
+        group = ("grid_first", "direct")[index % 2]
+        write_log(session(participant=f"sub-0{index + 1}", index=index, group=group, seed=index, episodes=2), data)
+    whole = data / "transfer" / "sub-01" / "ses-01" / "sub-01_ses-01.mcap"
+    bad = data / "transfer" / "bad"
+    bad.mkdir()
+    content = bytearray(whole.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    (bad / "damaged.mcap").write_bytes(content)
+    (bad / "empty.mcap").write_bytes(b"")
+    (bad / "foreign.mcap").write_bytes(b"this is no log\n" * 100)
+    half = data / "transfer" / "sub-09" / "ses-01"
+    half.mkdir(parents=True)
+    (half / "sub-09_ses-01.mcap").write_bytes(whole.read_bytes()[: len(content) // 2])
+    (half / "notes.txt").write_text("not a log, and nobody minds")
+    mark = Mark("exclude", "2026-01-06T10:00:00Z", episode=4, note="phone rang")
+    add_mark(open_log(whole), mark)
+    return data / "transfer"
+
+
+@pytest.fixture(scope="module")
+def built(study, tmp_path_factory):
+    said: list[str] = []
+    before = fingerprints(study)
+    paths = build(study, tmp_path_factory.mktemp("out"), without=["exclude"], say=said.append, processes=1)
+    return paths, said, before, fingerprints(study)
+
+
+def test_what_cannot_be_read_is_named_with_its_reason_and_the_rest_is_done(built):
+    paths, said, _, _ = built
+    assert len(said) == 4
+    for name in ("damaged.mcap", "empty.mcap", "foreign.mcap", "sub-09"):
+        (line,) = [line for line in said if name in line]
+        assert re.match(r"skipped .+: .{20,}", line)
+    people = pd.read_parquet(next(path for path in paths if path.name == "participants.parquet"))
+    assert people["participant"].tolist() == ["sub-01", "sub-02", "sub-03", "sub-04"]
+
+
+def test_reading_changes_nothing(built):
+    _, _, before, after = built
+    assert before == after
+
+
+def test_the_page_holds_everything_and_fetches_nothing(built):
+    text = built[0][0].read_text()
+    assert text.count("<img") == text.count("data:image/png;base64,") == 4
+    assert not re.search(r"""(src|href)=["'](?!data:)""", text)
+    assert "<script" not in text
+    for words in ("Transfer effect: in block room, direct minus grid_first", "Power: with 2 and 2", "Mixed model"):
+        assert words in text
+    for mean in ("0.93", "0.74", "0.866"):
+        assert mean in text
+    assert text.count("damaged.mcap") >= 1
+
+
+def test_a_marked_episode_is_listed_and_does_not_count(built):
+    paths = {path.name: path for path in built[0]}
+    episodes = pd.read_parquet(paths["episodes.parquet"])
+    marked = episodes[episodes["left_out"] != ""]
+    assert marked[["participant", "episode", "left_out"]].to_numpy().tolist() == [["sub-01", 4, "tagged exclude"]]
+    assert "tagged exclude" in paths["report.html"].read_text()
+    people = pd.read_parquet(paths["participants.parquet"]).set_index("participant")
+    assert people["episodes"].tolist() == [3, 4, 4, 4]
+
+
+def test_the_grids_excess_is_over_the_exact_shortest_path(built):
+    episodes = pd.read_parquet(next(path for path in built[0] if path.name == "episodes.parquet"))
+    grid = episodes[episodes["block"] == "grid"]
+    assert (grid["shortest_steps"] == grid["feasible_steps"]).all()
+    assert grid["shortest_steps"].notna().all()
+
+
+def test_two_studies_are_not_mixed(study, tmp_path):
+    both = tmp_path / "both"
+    shutil.copytree(study / "sub-01", both / "transfer" / "sub-01")
+    other = session(participant="sub-01", episodes=1)
+    write_log(dataclasses.replace(other, plan=msgspec.structs.replace(other.plan, study="another")), both)
+    with pytest.raises(ReportError, match="a report is of one study"):
+        build(both, tmp_path / "out", say=print, processes=1)
+
+
+def test_a_folder_without_a_log_says_so(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ReportError, match="holds no session log that can be read"):
+        build(tmp_path / "empty", tmp_path / "out", say=print)
+    with pytest.raises(LogError, match="does not exist"):
+        build(tmp_path / "nowhere", tmp_path / "out", say=print)

@@ -1,0 +1,137 @@
+"""Small sessions for tests: a protocol in a few lines, and inputs by name."""
+
+from minihuman.log.port import MemoryRecorder
+from minihuman.study.events import EpisodeStarted
+from minihuman.study.expand import enrol, expand
+from minihuman.study.inputs import Input, KeyDown, KeyUp, Shown, Tick
+from minihuman.study.plan import SessionPlan
+from minihuman.study.protocol import decode
+from minihuman.study.session import Session
+from minihuman.worlds.adapt import World
+
+MS = 1_000_000
+
+_TOML = """
+[study]
+name = "corridor"
+version = "1"
+seed = 11
+consent = {consent!r}
+closing = {closing!r}
+break_s = {break_s}
+[keys]
+pool = ["1", "2", "3", "4", "5", "6"]
+check = {check}
+spare = {spare!r}
+[[groups]]
+name = "all"
+blocks = {blocks}
+"""
+_BLOCK = """
+[[blocks]]
+name = {name!r}
+world = "tests.worlds.corridor:tests/Corridor-v0"
+episodes = {episodes}
+max_steps = {max_steps}
+actions = ["back", "forward", "dive", "crash"]
+instruction = {instruction!r}
+feedback = {feedback!r}
+rest = {rest!r}
+{more}
+"""
+
+
+def corridor_plan(
+    *,
+    blocks: int = 1,
+    episodes: int = 2,
+    max_steps: int = 5,
+    consent: str = "",
+    closing: str = "",
+    instruction: str = "",
+    feedback: str = "",
+    rest: str = "",
+    break_s: float = 0.0,
+    check: bool = False,
+    spare: str = "ignore",
+    more: str = "",
+    first_episode: int = 0,
+    segment: int = 1,
+) -> SessionPlan:
+    """A plan for the corridor; the key of an action is ``key_of(plan, action)``."""
+    names = [f"block-{number}" for number in range(blocks)]
+    toml = _TOML.format(
+        consent=consent, closing=closing, break_s=break_s, check=str(check).lower(), spare=spare, blocks=names
+    ) + "".join(
+        _BLOCK.format(
+            name=name,
+            episodes=episodes,
+            max_steps=max_steps,
+            instruction=instruction,
+            feedback=feedback,
+            rest=rest,
+            more=more,
+        )
+        for name in names
+    )
+    protocol = decode(toml.encode())
+    return expand(protocol, enrol(protocol, 0), first_episode=first_episode, segment=segment)
+
+
+def key_of(plan: SessionPlan, action: str, episode: int = 0) -> str:
+    """The key that an action lies on."""
+    return next(key for key, name in plan.episodes[episode].key_map.keys.items() if name == action)
+
+
+class Desk:
+    """A session with a hand on its keyboard: each call is an input one millisecond after the last."""
+
+    def __init__(self, plan: SessionPlan) -> None:
+        self.plan = plan
+        self.session = Session(plan, World, {"machine": "desk"})
+        self.recorder = MemoryRecorder()
+        self.inputs: list[Input] = []
+        self.now_ns = 0
+        self.give(Tick(0))
+
+    @property
+    def events(self):
+        return self.recorder.events
+
+    def of(self, kind):
+        return [event for event in self.events if isinstance(event, kind)]
+
+    def give(self, happened: Input):
+        self.inputs.append(happened)
+        self.now_ns = max(self.now_ns, happened.t_ns)
+        events = self.session.receive(happened)
+        self.recorder.write(events)
+        return events
+
+    def pass_ms(self, ms: float):
+        self.now_ns += round(ms * MS)
+        return self.give(Tick(self.now_ns))
+
+    def press(self, *keys: str):
+        """Press and release keys one after the other."""
+        for key in keys:
+            self.down(key)
+            self.up(key)
+
+    def act(self, *actions: str):
+        """Press the keys that these actions lie on in the running episode, or in the first before any."""
+        for action in actions:
+            started = self.of(EpisodeStarted)
+            self.press(key_of(self.plan, action, started[-1].plan.episode if started else 0))
+
+    def down(self, key: str, *, repeat: bool = False):
+        self.now_ns += MS
+        return self.give(KeyDown(self.now_ns, key, key, repeat))
+
+    def up(self, key: str):
+        self.now_ns += MS
+        return self.give(KeyUp(self.now_ns, key, key))
+
+    def show(self):
+        """The window has shown the present screen, at once."""
+        return self.give(Shown(self.now_ns, self.now_ns, self.now_ns))

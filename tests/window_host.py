@@ -1,0 +1,96 @@
+"""A real window in a process of its own, driven over a pipe through the port.
+
+Window toolkits keep state for a whole process (pyglet's display, its headless switch, SDL's environment), and other
+tests use the same toolkits differently; here each window gets a clean one. Clocks agree: the machine has one monotonic.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from multiprocessing.connection import Client, Connection, Listener
+from pathlib import Path
+from typing import Any
+
+from minihuman.study.inputs import Input, Shown
+from minihuman.study.screens import Screen
+from minihuman.windows.choose import open_window
+from minihuman.windows.port import Window
+
+
+class HostedWindow(Window):
+    """The near end: a Window whose toolkit runs elsewhere."""
+
+    def __init__(self, kind: str, display: str, *, size_px: tuple[int, int], python_path: str = "") -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        address = str(Path(self._folder.name) / "window")
+        paths = os.pathsep.join(filter(None, (python_path, str(Path(__file__).parents[1]))))
+        environment = {**os.environ, "DISPLAY": display, "PYTHONPATH": paths}
+        with Listener(address, "AF_UNIX") as listener:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "tests.window_host", address, kind, *map(str, size_px)], env=environment
+            )
+            self._line = listener.accept()
+        self._open = True
+        self._answer()
+
+    def _answer(self) -> Any:
+        answer = self._line.recv()
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    def _ask(self, method: str, *arguments: Any) -> Any:
+        self._line.send((method, arguments))
+        return self._answer()
+
+    def show(self, screen: Screen) -> Shown:
+        return self._ask("show", screen)
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        return self._ask("wait", until_ns)
+
+    def facts(self) -> dict[str, str]:
+        return self._ask("facts")
+
+    @property
+    def picture_px(self) -> tuple[int, int] | None:
+        return self._ask("picture_px")
+
+    def close(self) -> None:
+        self._ask("close")
+
+    def end(self) -> None:
+        """Let the process go."""
+        if self._open:
+            self._open = False
+            self._line.send(("end", ()))
+            self._process.wait(timeout=20)
+            self._line.close()
+            self._folder.cleanup()
+
+
+def _serve(line: Connection, kind: str, size_px: tuple[int, int]) -> None:
+    try:
+        window = open_window(kind, time.monotonic_ns, size_px=size_px)
+    except Exception as error:
+        line.send(error)
+        return
+    line.send("open")
+    while True:
+        method, arguments = line.recv()
+        if method == "end":
+            window.close()
+            return
+        try:
+            attribute = getattr(window, method)
+            line.send(attribute(*arguments) if callable(attribute) else attribute)
+        except Exception as error:
+            line.send(error)
+
+
+if __name__ == "__main__":
+    address, kind, width, height = sys.argv[1:]
+    with Client(address, "AF_UNIX") as line:
+        _serve(line, kind, (int(width), int(height)))
