@@ -36,7 +36,7 @@ from minihuman.worlds.grid.view import see
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
 
-class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[np.float64]]):
+class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     """A batch of ``num_envs`` worlds of a family, all alike but for their seeds.
 
     Args:
@@ -142,7 +142,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             info,
         )
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture of each world from above; None without a render mode."""
         if self.render_mode is None:
             return None
@@ -165,7 +165,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if row[FAILED]:
             raise WorldError(f"world {i} of {self._world} found no free place for something it lays out")
         row[PHASE] = PLAYING
-        self._missions[i] = self._world.mission_space.sentence(row[MISSION:FAILED].tolist())
+        if self._world.mission_space.choices:
+            self._missions[i] = self._world.mission_space.sentence(row[MISSION:FAILED].tolist())
 
     def _observe(self) -> Observation:
         images = np.empty((self.num_envs, *self._world.image_shape), np.uint8)

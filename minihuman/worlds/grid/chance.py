@@ -106,7 +106,7 @@ def integer(words: Words, low: int, high: int) -> int:
         while left < threshold:
             scaled = next32(words) * span
             left = scaled & _LOW
-    return low + np.int64(scaled >> _32)
+    return low + int(scaled >> _32)
 
 
 @njit(cache=True)

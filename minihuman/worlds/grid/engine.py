@@ -34,8 +34,8 @@ from minihuman.worlds.grid.state import (
     clear,
     row_length,
 )
-from minihuman.worlds.grid.view import see, see_size
 from minihuman.worlds.grid.text import to_text
+from minihuman.worlds.grid.view import see, see_size
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
 
@@ -92,7 +92,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self.action_names = ACTION_NAMES[:actions]
         self.mission_space = mission if isinstance(mission, MissionSpace) else MissionSpace(mission)
         self.mission = self.mission_space.first()
-        self.action_space = spaces.Discrete(actions)
+        self.action_space = spaces.Discrete(actions)  # type: ignore[assignment]  # its numbers are NumPy's
         self.image_shape = (see_size(agent_view_size), agent_view_size, 3)
         self.observation_space = spaces.Dict(
             {
@@ -113,6 +113,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
             actions,
         )
         self._words: Words = np.zeros(6, np.uint64)
+        self._words_know = False  # the words hold the stream: nobody can have drawn from the generator since
+        self._words_ahead = False  # kernels have drawn since the generator was brought up to date
         self._draws = False  # whether a step draws random numbers
         clear(self._row)
 
@@ -125,10 +127,33 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         """The state, readable by name."""
         return State(self._row)
 
+    @property
+    def np_random(self) -> np.random.Generator:
+        """The world's random stream. Ask for it each time: a generator kept from before a step may be behind."""
+        generator = super().np_random
+        if self._words_ahead:
+            write_words(self._words, generator)
+        self._words_know = self._words_ahead = False
+        return generator
+
+    @np_random.setter
+    def np_random(self, value: np.random.Generator) -> None:
+        self._np_random = value
+        self._words_know = self._words_ahead = False
+
+    def _stream(self) -> Words:
+        """The random stream for kernels to draw from, in words."""
+        if not self._words_know:
+            read_words(self.np_random, self._words)
+        self._words_know = self._words_ahead = True
+        return self._words
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Lay out a new episode: observation and an empty info."""
+        if seed is not None:
+            self._words_know = self._words_ahead = False
         super().reset(seed=seed)
         clear(self._row)
         self._lay_out()
@@ -142,13 +167,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
         image = np.empty(self.image_shape, np.uint8)
-        if self._draws:
-            read_words(self.np_random, self._words)
-        status, direction, reward = step(self._row, index(action), self._words, image)
+        words = self._stream() if self._draws else self._words
+        status, direction, reward = step(self._row, index(action), words, image)
         if status < 0:
             raise self._refusal(status, action)
-        if self._draws:
-            write_words(self._words, self.np_random)
         observation = {"image": image, "direction": direction, "mission": self.mission}
         return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
 
@@ -173,7 +195,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         see(self._in_world().row, image)
         return image
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The whole world from above, ``tile_size`` pixels a cell; None without a render mode."""
         if self.render_mode is None:
             return None
@@ -198,9 +220,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
 
     def save(self) -> Saved:
         """An exact copy of the state in mid-episode."""
-        read_words(self.np_random, self._words)
+        words = np.empty_like(self._words)
+        read_words(self.np_random, words)
         kept = {name: deepcopy(getattr(self, name)) for name in self.kept}
-        return Saved(self._row.copy(), self._words.copy(), self.mission, kept)
+        return Saved(self._row.copy(), words, self.mission, kept)
 
     def restore(self, saved: Saved) -> None:
         """Go back to a saved state; it may be restored again, here or in another world of the same size."""

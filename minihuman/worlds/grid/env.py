@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from minihuman.worlds.grid.chance import read_words, write_words
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.families import recipe
 from minihuman.worlds.grid.state import FAILED, MISSION
@@ -42,9 +41,7 @@ class GridEnv(GridEngine):
         self._draws = self.recipe.draws
 
     def _lay_out(self) -> None:
-        read_words(self.np_random, self._words)
-        self.recipe.lay_out(self._row, self._words)
-        write_words(self._words, self.np_random)
+        self.recipe.lay_out(self._row, self._stream())
         self.mission = self.mission_space.sentence(self._row[MISSION:FAILED].tolist())
 
 

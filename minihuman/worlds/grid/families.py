@@ -112,20 +112,20 @@ def multi_room(
     return Recipe(multi_room_layout.multi_room, numbers, width, height, 20 * maxNumRooms, mission)
 
 
-def fetch(*, size: int = 8, numObjs: int = 3) -> Recipe:  # noqa: N803
+def fetch(*, size: int = 8, numObjs: int = 3) -> Recipe:
     """Keys and balls, one to fetch."""
     verbs = ("get a", "go get a", "fetch a", "go fetch a", "you must fetch a")
     mission = MissionSpace("{} {} {}", verbs, COLOUR_WORDS, kind_words(KEY, BALL))
     return Recipe(objects.fetch, (numObjs,), size, size, 5 * size**2, mission, True)
 
 
-def go_to_object(*, size: int = 6, numObjs: int = 2) -> Recipe:  # noqa: N803
+def go_to_object(*, size: int = 6, numObjs: int = 2) -> Recipe:
     """Objects, one to go to."""
     mission = MissionSpace("go to the {} {}", COLOUR_WORDS, kind_words(KEY, BALL, BOX))
     return Recipe(objects.go_to_object, (numObjs,), size, size, 5 * size**2, mission, True)
 
 
-def put_near(*, size: int = 6, numObjs: int = 2) -> Recipe:  # noqa: N803
+def put_near(*, size: int = 6, numObjs: int = 2) -> Recipe:
     """Objects, one to put near another."""
     kinds = kind_words(KEY, BALL, BOX)
     mission = MissionSpace("put the {} {} near the {} {}", COLOUR_WORDS, kinds, COLOUR_WORDS, kinds)

@@ -12,7 +12,7 @@ from minihuman.worlds.pose import Map, Thing
 
 def floor_plan(state: State, palette: Palette = "classic") -> Map:
     """The map of a state: wall outlines, and every thing that lies in a cell now."""
-    kinds = kind_of(state.cells)
+    kinds = state.kinds
     walls = wall_outlines(kinds == WALL)
     things = []
     for x, y in np.argwhere((kinds != WALL) & (kinds != EMPTY)).tolist():

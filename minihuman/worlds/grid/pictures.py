@@ -37,7 +37,7 @@ class Atlas:
     """Every tile at one size in one palette. ``number[look]`` is a tile's place in the arrays; 0 is "unseen"."""
 
     number: NDArray[np.int64]  # (512,)
-    tiles: Pixels  # (2, tiles, px, px, 3) as they are, and lit
+    tiles: Pixels  # (2, tiles, px, px * 3) as they are, and lit; a line of pixels is one run of bytes
     agents: Pixels  # (4, px, px, 4) by direction, colour and opacity
     carried: Pixels  # (tiles, half px, half px, 4) objects alone
 
@@ -61,7 +61,7 @@ def atlas(tile_px: int, palette: Palette) -> Atlas:
     agents = [agent(direction, tile_px, palette) for direction in range(4)]
     return Atlas(
         number,
-        np.stack([plain, lit]).round().astype(np.uint8),
+        np.stack([plain, lit]).round().astype(np.uint8).reshape(2, -1, tile_px, 3 * tile_px),
         np.stack([np.dstack([canvas.rgb, 255 * canvas.alpha]) for canvas in agents]).round().astype(np.uint8),
         carried,
     )
@@ -80,12 +80,12 @@ def draw(row: Row, *, view: View, view_size: int, tile_px: int, palette: Palette
     """
     drawn = atlas(tile_px, palette)
     if view == "partial":
-        out = np.empty((view_size * tile_px, view_size * tile_px, 3), np.uint8)
+        out = np.empty((view_size * tile_px, 3 * view_size * tile_px), np.uint8)
         draw_view(row, view_size, drawn.number, drawn.tiles, drawn.agents, drawn.carried, out)
     else:
-        out = np.empty((row[HEIGHT] * tile_px, row[WIDTH] * tile_px, 3), np.uint8)
+        out = np.empty((row[HEIGHT] * tile_px, 3 * row[WIDTH] * tile_px), np.uint8)
         draw_world(row, view_size if lit else 0, drawn.number, drawn.tiles, drawn.agents, drawn.carried, out)
-    return out
+    return out.reshape(len(out), -1, 3)
 
 
 @njit(cache=True)
@@ -136,11 +136,10 @@ def draw_world(
 
 @njit(cache=True)
 def lay_tile(tiles: Pixels, lit: int, tile: int, left: int, top: int, out: Pixels) -> None:
-    """Copy a tile into a picture."""
+    """Copy a tile into a picture whose lines are runs of bytes."""
     for v in range(tiles.shape[2]):
-        for u in range(tiles.shape[3]):
-            for part in range(3):
-                out[top + v, left + u, part] = tiles[lit, tile, v, u, part]
+        for byte in range(tiles.shape[3]):
+            out[top + v, 3 * left + byte] = tiles[lit, tile, v, byte]
 
 
 @njit(cache=True)
@@ -154,10 +153,10 @@ def put_agent(
     top: int,
     out: Pixels,
 ) -> None:
-    """Lay the agent over its tile, and what it carries, small, over its middle."""
+    """Lay the agent over its tile, and what it carries, small, into its lower right corner."""
     lay_over(agents, direction, left, top, out)
     if row[CARRYING] != EMPTY:
-        inset = (agents.shape[1] - carried.shape[1]) // 2
+        inset = agents.shape[1] - carried.shape[1]
         lay_over(carried, number[row[CARRYING] & (LOOKS - 1)], left + inset, top + inset, out)
 
 
@@ -169,6 +168,7 @@ def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> 
             alpha = np.int64(figures[figure, v, u, 3])
             if alpha > 0:
                 for part in range(3):
-                    under = np.int64(out[top + v, left + u, part])
+                    byte = 3 * (left + u) + part
+                    under = np.int64(out[top + v, byte])
                     over = np.int64(figures[figure, v, u, part])
-                    out[top + v, left + u, part] = (over * alpha + under * (255 - alpha) + 127) // 255
+                    out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import GOAL, colour_of, identity_of, kind_of
+from minihuman.worlds.grid.cells import GOAL
 from minihuman.worlds.grid.search import FAR, FOUND, FULL, distances, search
 from minihuman.worlds.grid.state import TARGET, TASK, State
 from minihuman.worlds.grid.tasks import (
@@ -70,7 +70,7 @@ def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
     """Poses of which one must be reached, and how many actions at least follow."""
     row = state.row
     task, target = int(row[TASK]), row[TARGET : TARGET + 4].tolist()
-    kinds, colours = kind_of(state.cells), colour_of(state.cells)
+    kinds, colours = state.kinds, state.colours
     if task == REACH:
         return _standing(np.argwhere(kinds == GOAL)), 0
     if task == MATCH:
@@ -78,7 +78,7 @@ def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
     if task == STAND_BY:
         return _standing(np.array([target[:2]]) + [[1, 0], [-1, 0], [0, 1], [0, -1]]), 1
     if task == PICK:
-        found = np.argwhere(identity_of(state.cells) == target[0])
+        found = np.argwhere(state.cells >> 9 == target[0])
         return (_facing(found), 1) if len(found) else (_anywhere(state), 0)
     if task == FETCH:
         return _facing(np.argwhere((kinds == target[0]) & (colours == target[1]))), 1
@@ -96,7 +96,8 @@ def _numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
     """Pose numbers of the poses that lie in the grid."""
     x, y, direction = poses.T
     inside = (x >= 0) & (y >= 0) & (x < state.width) & (y < state.height)
-    return ((x * state.height + y) * 4 + direction)[inside]
+    numbers: NDArray[np.int64] = (x * state.height + y) * 4 + direction
+    return numbers[inside]
 
 
 def _standing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -118,14 +119,15 @@ def _descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[i
     actions = []
     while steps[x, y, direction] > 0:
         dx, dy = ((1, 0), (0, 1), (-1, 0), (0, -1))[direction]
-        for action, pose in (
-            (FORWARD, (x + dx, y + dy, direction)),
-            (LEFT, (x, y, (direction + 3) % 4)),
-            (RIGHT, (x, y, (direction + 1) % 4)),
-        ):
-            if min(pose) >= 0 and pose[0] < len(steps) and pose[1] < steps.shape[1]:
-                if steps[pose] == steps[x, y, direction] - 1:
-                    break
-        actions.append(action)
-        x, y, direction = pose
+        choices = {
+            FORWARD: (x + dx, y + dy, direction),
+            LEFT: (x, y, (direction + 3) % 4),
+            RIGHT: (x, y, (direction + 1) % 4),
+        }
+        for action, pose in choices.items():
+            inside = 0 <= pose[0] < len(steps) and 0 <= pose[1] < steps.shape[1]
+            if inside and steps[pose] == steps[x, y, direction] - 1:
+                actions.append(action)
+                x, y, direction = pose
+                break
     return actions

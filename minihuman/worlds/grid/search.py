@@ -214,7 +214,7 @@ def object_codes(row: Row) -> NDArray[np.int64]:
     cells, objects = row[WIDTH] * row[HEIGHT], row[OBJECTS]
     codes = np.zeros(objects, np.int64)
     for k in range(objects):
-        inside = np.int64(row[HEADER + 2 * cells + k])
+        inside = int(row[HEADER + 2 * cells + k])
         if inside != 0:
             codes[identity_of(inside) - 1] = inside
     for k in range(objects):
@@ -229,8 +229,8 @@ def object_codes(row: Row) -> NDArray[np.int64]:
 def count_carriable(codes: NDArray[np.int64]) -> int:
     """How many objects can be carried."""
     count = 0
-    for code in codes:
-        if code != 0 and kind_of(code) != DOOR:
+    for k in range(len(codes)):
+        if codes[k] != 0 and kind_of(int(codes[k])) != DOOR:
             count += 1
     return count
 
@@ -257,18 +257,18 @@ def load(row: Row, node: NDArray[np.int16], codes: NDArray[np.int64]) -> None:
         if cell != NOWHERE:
             lift(row, cell // height, cell % height)
     for k in range(row[OBJECTS]):
-        packed = np.int64(node[_OBJECTS + k])
+        packed = int(node[_OBJECTS + k])
         if packed != 0:
             cell = (packed & (1 << _STATE_BIT) - 1) - 1
-            put(row, cell // height, cell % height, in_state(codes[k], packed >> _STATE_BIT))
+            put(row, cell // height, cell % height, in_state(int(codes[k]), packed >> _STATE_BIT))
 
 
 @njit(cache=True)
 def slot(nodes: NDArray[np.int16], table: NDArray[np.int32], node: int) -> int:
     """Where in the table an equal node is, or the free place for this one."""
-    key = np.int64(17)
+    key = 17
     for part in nodes[node]:
-        key = (key * 1000003 ^ np.int64(part)) & 0x7FFFFFFFFFFF
+        key = (key * 1000003 ^ int(part)) & 0x7FFFFFFFFFFF
     place = (key ^ key >> 21) % len(table)
     while table[place] >= 0:
         known = table[place]

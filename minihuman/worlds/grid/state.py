@@ -81,6 +81,15 @@ def put(row: Row, x: int, y: int, code: int) -> None:
 
 
 @njit(cache=True)
+def move(row: Row, identity: int, cell: int) -> None:
+    """Move an object that lies in a cell to an empty one (x * height + y)."""
+    place = _place_of(row, identity)
+    row[HEADER + cell] = row[HEADER + row[place]]
+    row[HEADER + row[place]] = EMPTY
+    row[place] = cell
+
+
+@njit(cache=True)
 def make(row: Row, kind: int, colour: int, state: int) -> int:
     """Make a new object with its own identity, lying nowhere yet. More objects than cells mark the row FAILED."""
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:
@@ -153,6 +162,16 @@ class State:
     def cells(self) -> NDArray[np.int32]:
         """Codes, (width, height), indexed [x, y]; read them with the functions of ``cells``."""
         return self.row[HEADER : HEADER + self.width * self.height].reshape(self.width, self.height)
+
+    @property
+    def kinds(self) -> NDArray[np.int64]:
+        """Kinds, (width, height), indexed [x, y]: places in ``cells.KINDS``."""
+        return self.cells.astype(np.int64) & 15
+
+    @property
+    def colours(self) -> NDArray[np.int64]:
+        """Colours, (width, height), indexed [x, y]: places in ``cells.COLOURS``."""
+        return self.cells.astype(np.int64) >> 4 & 7
 
     @property
     def contents(self) -> NDArray[np.int32]:

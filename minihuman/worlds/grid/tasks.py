@@ -21,8 +21,7 @@ from minihuman.worlds.grid.state import (
     X,
     Y,
     cell_at,
-    lift,
-    put,
+    move,
     where_is,
 )
 
@@ -122,5 +121,5 @@ def move_obstacles(row: Row, words: Words) -> None:
             x = integer(words, left, min(left + 3, width))
             y = integer(words, top, min(top + 3, height))
             if row[HEADER + x * height + y] == EMPTY and not (x == row[X] and y == row[Y]):
-                put(row, x, y, lift(row, old_x, old_y))
+                move(row, identity, x * height + y)
                 break

@@ -8,7 +8,6 @@ stands on, what it carries and what boxes contain is not shown.
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.cells import (
     COLOURS,
-    DOOR,
     DOOR_STATES,
     EMPTY,
     GREY_WALL,
@@ -58,17 +57,15 @@ def _cell(code: int) -> str:
         return "  "
     if code == GREY_WALL:
         return "WW"
-    if kind_of(code) == DOOR:
-        letter = DOOR_LETTERS[DOOR_STATES[state_of(code)]]
-    else:
-        letter = KIND_LETTERS[KINDS[kind_of(code)]]
+    kind = KINDS[kind_of(code)]
+    letter = DOOR_LETTERS[DOOR_STATES[state_of(code)]] if kind == "door" else KIND_LETTERS[kind]
     return letter + COLOUR_LETTERS[colour_of(code)]
 
 
 def _item(cell: str, x: int, y: int) -> Item:
     if cell == "WW":
         return Item("wall", "grey")
-    letter, colour = cell
+    letter, colour = cell[0], cell[1]
     if colour in COLOUR_LETTERS:
         name = COLOURS[COLOUR_LETTERS.index(colour)]
         for state, door in DOOR_LETTERS.items():

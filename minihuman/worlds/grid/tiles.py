@@ -1,5 +1,7 @@
 """Tiles: how each thing is drawn, at any size. Our own art: flat, soft-cornered, told apart by shape before colour."""
 
+from itertools import pairwise
+
 from minihuman.worlds.contract import Palette
 from minihuman.worlds.grid.cells import (
     BALL,
@@ -124,7 +126,7 @@ def _lava(canvas: Canvas, colour: RGB) -> None:
 
 def _wave(canvas: Canvas, v: float, colour: Colour) -> None:
     points = [(0.08 + 0.21 * i, v + (0.05 if i % 2 else -0.05)) for i in range(5)]
-    for (u0, v0), (u1, v1) in zip(points, points[1:], strict=False):
+    for (u0, v0), (u1, v1) in pairwise(points):
         canvas.fill(canvas.bar(u0, v0, u1, v1, 0.022), colour)
 
 

@@ -46,11 +46,16 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
         start = HEADER + x * row[HEIGHT] + y - half * stride
         inside = 0 <= x < row[WIDTH] and 0 <= y < row[HEIGHT]
         seen = everything
+        if ahead == 0 and row[SEE_THROUGH] == 0:
+            for i in range(size):
+                for j in range(size - distance):
+                    image[i, j, 0] = image[i, j, 1] = image[i, j, 2] = 0
+            break
         if row[SEE_THROUGH] == 0:
             clear = 0
             if inside:
                 for i in range(first, last + 1):
-                    clear |= np.int64(lets_see(row[start + i * stride])) << i
+                    clear |= int(lets_see(row[start + i * stride])) << i
             giving = spread(ahead, clear, size, 1) & everything >> 1
             seen = ahead | giving << 1
             ahead = giving | giving << 1

@@ -13,7 +13,7 @@ from minihuman.worlds.grid.state import OVER, PHASE
 class GridWorld(GridEngine, abc.ABC):
     """A grid world laid out in plain Python; what an action does and what the agent sees is compiled.
 
-    A subclass writes `layout`, and `judge` if goal, lava and the tasks of ``tasks`` are not what its episodes are about.
+    A subclass writes `layout`, and `judge` if goal, lava and the tasks of ``tasks`` are not what it is about.
     """
 
     _judges: ClassVar[bool] = False

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette, View
-from minihuman.worlds.grid.cells import AGENT, COLOURS, DOOR_STATES, EMPTY, GOAL, KINDS, kind_of
+from minihuman.worlds.grid.cells import AGENT, COLOURS, DOOR_STATES, EMPTY, GOAL, KINDS
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures import draw
 from minihuman.worlds.grid.view import see_all, see_size
@@ -93,7 +93,7 @@ class OneHot(NewImage):
 
 
 class FullyObserved(NewImage):
-    """The whole grid instead of the view, uint8[width, height, 3]: kind, colour, state; the agent with its direction."""
+    """The whole grid instead of the view, uint8[width, height, 3]: kind, colour, state; the agent's is its direction."""
 
     def __init__(self, env: Env) -> None:
         state = grid_of(env).state
@@ -122,7 +122,7 @@ class Symbolic(NewImage):
         """The symbols."""
         state = self.grid.state
         columns, rows = np.mgrid[: state.width, : state.height]
-        kinds = kind_of(state.cells).astype(np.int64)
+        kinds = state.kinds
         kinds[kinds == EMPTY] = -1
         kinds[state.position] = AGENT
         return np.stack([columns, rows, kinds], axis=-1)
@@ -197,7 +197,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
     def observation(self, observation: Observation) -> Observation:
         """The observation with the goal's direction."""
         state = self.grid.state
-        goals = np.argwhere(kind_of(state.cells).T == GOAL)
+        goals = np.argwhere(state.kinds.T == GOAL)
         if len(goals) == 0:
             raise WorldError(f"{self.grid} has no goal to point to; GoalDirection is for worlds with one")
         right, down = goals[0, 1] - state.position[0], goals[0, 0] - state.position[1]
@@ -210,7 +210,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
 
 
 class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
-    """Does what it is told with probability ``prob``, otherwise ``random_action``, or a drawn action if that is None."""
+    """Does what it is told with probability ``prob``, otherwise ``random_action``; None draws an action."""
 
     def __init__(self, env: Env, prob: float = 0.9, random_action: int | None = None) -> None:
         super().__init__(env)
@@ -227,7 +227,7 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
 
 
 class Bonus(gymnasium.Wrapper[Any, int, Any, int]):
-    """Base of wrappers that add ``scale / sqrt(n)`` to the reward the n-th time something happens, over all episodes."""
+    """Base of wrappers that add ``scale / sqrt(n)`` to the reward the n-th time something happens, in any episode."""
 
     def __init__(self, env: Env, scale: float = 1.0) -> None:
         super().__init__(env)

@@ -76,7 +76,7 @@ def test_a_saved_state_can_be_gone_back_to_again_and_again(world):
 
 def test_a_state_of_another_world_is_refused():
     saved = after(DYNAMIC, 1).unwrapped.save()
-    with pytest.raises(WorldError, match="6 x 6 cells and .*FourRooms.* is 19 x 19"):
+    with pytest.raises(WorldError, match=r"6 x 6 cells and .*FourRooms.* is 19 x 19"):
         gymnasium.make("minihuman/MiniGrid-FourRooms-v0").unwrapped.restore(saved)
 
 

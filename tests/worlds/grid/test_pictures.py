@@ -87,6 +87,7 @@ def test_every_item_can_be_drawn_at_every_size(kind, colour):
         assert world.picture(view="full", size_px=(3 * side, 3 * side)).shape == (3 * side, 3 * side, 3)
 
 
+USUAL = np.eye(3)
 PROTANOPIA = np.array(
     [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
 )
@@ -95,7 +96,7 @@ DEUTERANOPIA = np.array(
 )
 
 
-def lab(rgb, seen_by=np.eye(3)):
+def lab(rgb, seen_by=USUAL):
     """CIE L*a*b* (D65) of an sRGB colour as an eye sees it; matrices of Machado, Oliveira and Fernandes (2009)."""
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     linear = np.clip(seen_by @ linear, 0, 1)
@@ -105,7 +106,7 @@ def lab(rgb, seen_by=np.eye(3)):
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-@pytest.mark.parametrize("eyes", [np.eye(3), PROTANOPIA, DEUTERANOPIA], ids=["usual", "protanopia", "deuteranopia"])
+@pytest.mark.parametrize("eyes", [USUAL, PROTANOPIA, DEUTERANOPIA], ids=["usual", "protanopia", "deuteranopia"])
 def test_the_colour_safe_colours_are_told_apart(eyes):
     seen = [lab(np.array(colour) / 255, eyes) for colour in OBJECT_COLOURS["colour-safe"]]
     for (one, first), (other, second) in combinations(zip(COLOURS, seen, strict=True), 2):
