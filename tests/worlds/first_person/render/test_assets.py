@@ -1,0 +1,83 @@
+"""Textures, meshes and the files they may come from."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.render.noise import cloud, tiles
+from minihuman.worlds.first_person.render.obj import read_obj
+from minihuman.worlds.first_person.render.own import OwnAssets, own_library
+from minihuman.worlds.first_person.render.shapes import COLOURS, SHAPES
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
+
+
+def test_every_mesh_is_closed_enough_to_stand_and_faces_outwards() -> None:
+    assets = OwnAssets()
+    for name in [*SHAPES, *(f"{stem}_{colour}" for stem in ("ball", "key") for colour in COLOURS)]:
+        mesh = assets.mesh(name)
+        assert mesh.corners[:, :, 1].min() == pytest.approx(0.0, abs=1e-9)
+        outward = np.cross(mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0])
+        assert (np.einsum("ij,ij->i", outward, mesh.normals.mean(axis=1)) >= -1e-9).all(), name
+
+
+def test_noise_joins_itself_at_its_edges() -> None:
+    noise = cloud(4, 7)
+    inside = np.abs(np.diff(noise, axis=1)).max()
+    assert np.abs(noise[:, 0] - noise[:, -1]).max() <= inside * 1.5
+    assert tiles(4, 4, 6)[0].min() == 0.0
+
+
+def test_every_letter_variant_differs_and_unknown_names_say_what_there_is() -> None:
+    assets = OwnAssets()
+    assert (assets.texture("chars/ch_0x65_1").pixels != assets.texture("chars/ch_0x65_2").pixels).any()
+    with pytest.raises(WorldError, match="brick_wall"):
+        assets.texture("velvet_1")
+    with pytest.raises(WorldError, match="duckie"):
+        assets.mesh("dragon")
+
+
+def test_a_texture_is_halved_down_to_one_texel() -> None:
+    library = own_library()
+    row = library.texture_row("white_1")
+    count = int(library.textures.level_count[row])
+    assert list(library.textures.levels[row, :count, 1]) == [512 >> level for level in range(10)]
+
+
+def test_a_mesh_file_is_read_and_set_on_the_floor(tmp_path: Path) -> None:
+    file = tmp_path / "flag.obj"
+    file.write_text(TRIANGLE.replace("v 0 0 0", "v 0 -3 0"))
+    (tmp_path / "flag.mtl").write_text("newmtl cloth\nKd 0.5 0.25 1\n")
+    mesh = read_obj(file)
+    assert mesh.height == 4.0
+    assert mesh.corners[:, :, 1].min() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no face"),
+        ("v 1 2\n", "obj:1: expected 3 numbers"),
+        ("v 1 2 nan\n", "obj:1: expected 3 numbers"),
+        (TRIANGLE + "f 1//1 2//1 3//1 1//1\n", "obj:6: a face has 4 corners"),
+        (TRIANGLE + "f 1//1 2//1 9//1\n", "there is no vertex '9'; 3 came before"),
+        (TRIANGLE + "f 1//1 2//1 0//1\n", "there is no vertex '0'"),
+        (TRIANGLE + "f 1 2 3\n", "has no normal"),
+        (TRIANGLE.replace("v 0 1 0", "v 2 0 0"), "flat"),
+    ],
+)
+def test_nonsense_in_a_mesh_file_is_named_by_its_line(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "nonsense.obj"
+    file.write_text(text)
+    with pytest.raises(WorldError, match=message):
+        read_obj(file)
+
+
+def test_a_missing_mesh_file_and_a_binary_one_are_named(tmp_path: Path) -> None:
+    with pytest.raises(WorldError, match=r"none\.obj: cannot be read"):
+        read_obj(tmp_path / "none.obj")
+    (tmp_path / "binary.obj").write_bytes(b"\xff\xfe\x80\x81")
+    with pytest.raises(WorldError, match="not a text file"):
+        read_obj(tmp_path / "binary.obj")

@@ -1,0 +1,64 @@
+"""What is drawn, told from pixels and distances."""
+
+import numpy as np
+import pytest
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.render.draw import plan_scale, render, render_depth, render_top, visible_things
+from minihuman.worlds.first_person.render.scene import Camera, Surface
+from minihuman.worlds.pose import Pose
+from tests.worlds.first_person.render.stages import CAMERA, two_rooms
+
+
+def test_the_wall_ahead_is_as_far_as_it_is() -> None:
+    depth = render_depth(two_rooms(), Camera((-1.0, 1.5, 0.0), np.pi / 2), 40, 30)
+    assert depth[10, 20] == pytest.approx(2.0, abs=1e-4)
+
+
+def test_through_the_opening_the_far_wall_of_the_next_room_is_seen() -> None:
+    depth = render_depth(two_rooms(), Camera((-1.0, 1.9, 0.0), 0.0), 40, 30)
+    assert depth[12, 20] == pytest.approx(7.0, abs=1e-3)
+
+
+def test_drawing_only_what_openings_show_changes_no_pixel() -> None:
+    rng = np.random.default_rng(3)
+    closed, open_air = two_rooms(), two_rooms(roofed=False)  # without roofs, every room is drawn whole
+    for _ in range(30):
+        x, z, yaw = rng.uniform(-1.9, 5.9), rng.uniform(-0.9, 0.9), rng.uniform(-np.pi, np.pi)
+        camera = Camera((x, 1.5, z), yaw, -0.9)
+        a, b = render_depth(closed, camera, 40, 30), render_depth(open_air, camera, 40, 30)
+        both = b < 100.0
+        np.testing.assert_array_equal(a[15:][both[15:]], b[15:][both[15:]])
+
+
+def test_a_hidden_thing_is_not_drawn_and_a_moved_one_is_drawn_elsewhere() -> None:
+    scene = two_rooms()
+    places = scene.places.copy()
+    places[0] = np.nan
+    without = render(scene.at(places), CAMERA, 80, 60)
+    places[0] = [0.8, 0.0, 0.9, 0.4]
+    elsewhere = render(scene.at(places), CAMERA, 80, 60)
+    shown = render(scene, CAMERA, 80, 60)
+    red = [int((p[:, :, 0].astype(int) > 2 * p[:, :, 1] + 80).sum()) for p in (without, elsewhere, shown)]
+    assert red[0] < min(red[1:])
+    assert (elsewhere != shown).any()
+
+
+def test_things_are_seen_unless_a_wall_or_a_turned_back_hides_them() -> None:
+    scene = two_rooms()
+    assert visible_things(scene, CAMERA, 80, 60) == [0, 1]
+    assert visible_things(scene, Camera((5.5, 1.5, -1.8), np.pi / 2), 80, 60) == []
+
+
+def test_the_plan_shows_the_agent_where_it_stands() -> None:
+    scene = two_rooms()
+    picture = render_top(scene, 120, 60, agent=Pose(4.0, 0.0, -1.0, 0.0))
+    scale, column, row = plan_scale(scene, 120, 60)
+    assert tuple(picture[int(row - scale), int(column + 4.0 * scale)]) == (255, 0, 0)
+
+
+def test_a_picture_without_pixels_and_a_surface_without_area_are_refused() -> None:
+    with pytest.raises(WorldError, match="0x60"):
+        render(two_rooms(), CAMERA, 0, 60)
+    with pytest.raises(WorldError, match="3 or more corners"):
+        Surface(np.zeros((2, 3)), np.zeros((2, 2)), "wood_1")

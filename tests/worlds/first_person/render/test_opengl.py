@@ -1,0 +1,24 @@
+"""The same textures and meshes drawn by OpenGL and by us."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.counts import count
+
+SCENES = ("FourRooms", "Hallway", "Maze", "PickupObjects", "Sidewalk")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SCENES[: count(1, len(SCENES))])
+def test_a_picture_differs_little_from_miniworlds_opengl_picture(name: str) -> None:
+    poses = str(count(10, 200))
+    run = subprocess.run(
+        [sys.executable, "-m", "tests.worlds.first_person.render.compare", name, poses], capture_output=True, check=True
+    )
+    result = json.loads(run.stdout.splitlines()[-1])
+    assert result["mean"] <= 2.0, result
+    assert result["far_off"] <= 0.005, result
+    assert result["depth_off"] <= 0.005, result  # edges, where the one sees the wall and the other what is behind it

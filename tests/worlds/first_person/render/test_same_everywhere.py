@@ -1,0 +1,48 @@
+"""The same picture in every process, thread and kind of machine code, compiled or not."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.counts import count
+from tests.worlds.first_person.render.stages import digest, threaded_digests
+
+
+def elsewhere(width: int, height: int, **settings: str) -> str:
+    run = subprocess.run(
+        [sys.executable, "-m", "tests.worlds.first_person.render.stages", str(width), str(height)],
+        env={**os.environ, **settings},
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    return run.stdout.strip()
+
+
+def test_another_process_draws_the_same_pictures() -> None:
+    assert elsewhere(80, 60) == digest(80, 60)
+
+
+def test_two_threads_draw_what_one_draws() -> None:
+    assert threaded_digests(80, 60) == {digest(80, 60)}
+
+
+def test_the_kernels_run_as_plain_python_draw_the_same_pictures() -> None:
+    assert elsewhere(10, 8, NUMBA_DISABLE_JIT="1") == digest(10, 8)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "features"),
+    [("generic", ""), ("haswell", "+avx2,+fma"), ("skylake-avx512", "+avx512f,+fma")][: count(1, 3)],
+)
+def test_other_machine_code_draws_the_same_pictures(name: str, features: str, tmp_path: Path) -> None:
+    if "avx512" in features and "avx512f" not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("this machine cannot run AVX-512 code")
+    if os.environ.get("MINIHUMAN_LONG") != "1":
+        pytest.skip("compiling everything anew takes half a minute; MINIHUMAN_LONG=1 does it")
+    settings = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "NUMBA_CACHE_DIR": str(tmp_path)}
+    assert elsewhere(80, 60, **settings) == digest(80, 60)
