@@ -77,8 +77,68 @@ def transfer(
     published = None if beside is None else read_published(beside)
     started = time.monotonic()
     results = run_study(study, out, lambda: open_engine(engine.value, workers=workers, address=address), device=device)
-    run = Run(command=" ".join(["minihuman", *sys.argv[1:]]), engine=engine.value, wall_s=time.monotonic() - started)
+    run = Run(command=_command(), engine=engine.value, wall_s=time.monotonic() - started)
     print(write_report(study, results, out, run, beside=published))
+
+
+class SightChoice(StrEnum):
+    """What a clone sees."""
+
+    view = "view"
+    whole = "whole"
+
+
+@learn.command()
+def clone(
+    source: Annotated[Path, typer.Argument(metavar="STUDY", help="A study's folder of logs, or one log.")],
+    world: Annotated[str, typer.Option(help="The world whose episodes to learn from.")],
+    out: Annotated[Path, typer.Option(help="The policy file; its card goes beside it.")],
+    sight: Annotated[SightChoice, typer.Option(help="The agent's view, or a grid whole.")] = SightChoice.view,
+    missions: Annotated[bool, typer.Option(help="The mission is part of what is seen.")] = False,
+    sizes: Annotated[str, typer.Option(help="Numbers of demonstrations to try, as in 5,10,25.")] = "",
+    mirrored: Annotated[bool, typer.Option(help="Learn every step left for right too.")] = False,
+    outcome: Annotated[list[str], typer.Option(help="Only episodes that ended so; may be repeated.")] = ["goal"],  # noqa: B006
+    block: Annotated[list[str], typer.Option(help="Only this block; may be repeated.")] = [],  # noqa: B006
+    without_tag: Annotated[list[str], typer.Option(help="No episode marked so; may be repeated.")] = [],  # noqa: B006
+    episodes: Annotated[int, typer.Option(min=1, help="Held-out episodes to judge it by.")] = 200,
+    finetune: Annotated[int, typer.Option(min=0, help="Steps of PPO from the clone and from nothing.")] = 0,
+    finetune_runs: Annotated[int, typer.Option(min=1, help="Runs of each.")] = 1,
+    success: Annotated[float, typer.Option(help="The success rate that PPO is timed to.")] = 0.9,
+    seed: Annotated[int, typer.Option(help="Split, training and held-out episodes derive from it.")] = 1,
+) -> None:
+    """Train a policy to do what people did in one world, and say how well it does.
+
+    Example: minihuman learn clone sessions/my-study --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt
+    """
+    _need_torch()
+    from minihuman.export.choose import Filters
+    from minihuman.learn.clone import Cloning
+    from minihuman.learn.clone_study import CloneStudy, clone_study
+
+    study = CloneStudy(
+        world=world,
+        sight=sight.value,
+        missions=missions,
+        sizes=_numbers(sizes),
+        evaluation_episodes=episodes,
+        finetune_steps=finetune,
+        finetune_runs=finetune_runs,
+        success=success,
+        filters=Filters(outcome=tuple(outcome), block=tuple(block), without_tag=tuple(without_tag)),
+        cloning=Cloning(mirrored=mirrored, seed=seed),
+    )
+    print(clone_study(source, out, study, command=_command()), end="")
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(",") if part)
+    except ValueError:
+        raise LearnError(f"--sizes is {text!r}; it is whole numbers with commas, as in 5,10,25") from None
+
+
+def _command() -> str:
+    return " ".join(["minihuman", *sys.argv[1:]])
 
 
 def _need_torch() -> None:

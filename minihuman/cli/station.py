@@ -27,8 +27,27 @@ FullscreenOption = Annotated[bool, typer.Option("--fullscreen", help="Take the w
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
+    app.command()(demo)
     app.command()(play)
     app.command()(doctor)
+
+
+def demo(
+    data: Annotated[Path, typer.Option(help="Where the session is kept.")] = Path("sessions"),
+    window: WindowOption = "auto",
+    fullscreen: FullscreenOption = False,
+) -> None:
+    """Play a short session on the spot, then find its log, figures and replay; the first thing to try.
+
+    Example: minihuman demo
+    """
+    from minihuman.demo import demonstrate
+
+    made = {}
+    for name, path in demonstrate(data, window=window, fullscreen=fullscreen, say=print):
+        made[name] = path
+        print(f"{name:16} {path}", flush=True)
+    print(f"Look at it: minihuman replay {made['log']}")
 
 
 def play(

@@ -14,6 +14,7 @@ from minihuman.errors import LearnError
 from minihuman.learn.cells import SOURCE, Job
 from minihuman.learn.curves import area_under
 from minihuman.learn.network import Eyes
+from minihuman.learn.observe import Eyesight
 from minihuman.learn.policy_file import PolicyCard, load_weights, save_policy, versions
 from minihuman.learn.training import History, Point, new_ppo, train
 from minihuman.learn.training_world import TrainingWorld
@@ -93,7 +94,7 @@ def prepare(job: Job, source: Weights | None, device: str) -> tuple[PPO, Trainin
         job.world,
         job.world_options,
         seed=job.seed,
-        scaling="raw" if as_published else "spread",
+        eyesight=Eyesight(missions=True, scaling="raw" if as_published else "spread"),
         actions=job.actions,
     )
     ppo = new_ppo(world, settings=job.study.ppo, eyes=_eyes(job), seed=job.seed, device=device)
@@ -142,9 +143,8 @@ def _card(job: Job, world: TrainingWorld) -> PolicyCard:
         world=job.world,
         world_options=job.world_options,
         action_names=world.action_names,
-        image_shape=world.eyesight.image_shape,
-        missions=True,
-        scaling=world.eyesight.scaling,
+        image_shape=world.image_shape,
+        eyesight=world.eyesight,
         eyes=_eyes(job),
         trained_by="ppo",
         steps=job.steps,

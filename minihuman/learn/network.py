@@ -8,7 +8,9 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, NatureCNN
 from torch import nn
 
-Eyes = Literal["grid", "atari"]
+from minihuman.learn.observe import Observation
+
+Eyes = Literal["grid", "atari", "map"]
 
 MISSION_FEATURES = 32
 IMAGE_FEATURES = 64
@@ -46,6 +48,24 @@ class GridEyes(nn.Sequential):
         )
 
 
+class MapEyes(nn.Sequential):
+    """Three 3x3 convolutions (16, 32, 64) of stride 2 and a linear layer: for a whole grid seen from above."""
+
+    def __init__(self, space: spaces.Box) -> None:
+        channels, height, width = space.shape
+        super().__init__(
+            nn.Conv2d(channels, 16, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(16, 32, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(64 * -(-height // 8) * -(-width // 8), IMAGE_FEATURES),
+            nn.ReLU(),
+        )
+
+
 class MissionAndImage(BaseFeaturesExtractor):
     """Features of an observation {"image", "mission"}: the image's 64, then the mission's 32 where there is one."""
 
@@ -54,7 +74,14 @@ class MissionAndImage(BaseFeaturesExtractor):
         assert isinstance(image, spaces.Box)
         mission = observation_space.spaces.get("mission")
         super().__init__(observation_space, IMAGE_FEATURES + (MISSION_FEATURES if mission is not None else 0))
-        self.image: nn.Module = GridEyes(image) if eyes == "grid" else NatureCNN(image, IMAGE_FEATURES)
+        self.image: nn.Module
+        match eyes:
+            case "grid":
+                self.image = GridEyes(image)
+            case "map":
+                self.image = MapEyes(image)
+            case "atari":
+                self.image = NatureCNN(image, IMAGE_FEATURES)
         self.mission: nn.Module | None = None
         if mission is not None:
             assert mission.shape is not None
@@ -97,6 +124,15 @@ class Policy(MultiInputActorCriticPolicy):
         log_probs, values = self._think(obs)
         chosen = log_probs.gather(1, actions.long().unsqueeze(1)).squeeze(1)
         return values, chosen, -(log_probs.exp() * log_probs).sum(dim=1)
+
+    def probabilities(self, seen: Observation) -> torch.Tensor:
+        """The probability of each action for one observation, float32[actions]."""
+        with torch.no_grad():
+            return self._think({name: torch.as_tensor(part)[None] for name, part in seen.items()})[0][0].exp()
+
+    def log_probabilities(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
+        """The logarithm of each action's probability, float32[batch, actions]; gradients flow."""
+        return self._think(obs)[0]
 
     def _think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
         features = self.features_extractor({**obs, "image": obs["image"].float() / 255})

@@ -13,7 +13,7 @@ from stable_baselines3.common.policies import BasePolicy
 
 from minihuman.errors import LearnError
 from minihuman.learn.network import ACTOR_HEAD, Eyes, Policy, bare_policy
-from minihuman.learn.observe import Scaling
+from minihuman.learn.observe import Eyesight
 from minihuman.learn.training import save_atomically
 
 FORMAT = 1
@@ -27,8 +27,7 @@ class PolicyCard:
     world_options: dict[str, Any]
     action_names: tuple[str, ...]  # by the policy's action number
     image_shape: tuple[int, int, int]  # channels, height, width
-    missions: bool
-    scaling: Scaling
+    eyesight: Eyesight
     eyes: Eyes
     trained_by: Literal["ppo", "cloning", "cloning, then ppo"]
     steps: int  # of training in the world; 0 for a pure clone
@@ -39,7 +38,7 @@ class PolicyCard:
     def observation_space(self) -> spaces.Dict:
         """What the network takes."""
         image = spaces.Box(0, 255, self.image_shape, np.uint8)
-        if not self.missions:
+        if not self.eyesight.missions:
             return spaces.Dict({"image": image})
         return spaces.Dict({"image": image, "mission": spaces.Box(0, 1, (9,), np.float32)})
 
@@ -103,6 +102,7 @@ def _card(content: dict[str, Any], path: Path) -> PolicyCard:
         values = dict(content["card"])
         values["action_names"] = tuple(values["action_names"])
         values["image_shape"] = tuple(values["image_shape"])
+        values["eyesight"] = Eyesight(**values["eyesight"])
         return PolicyCard(**values)
     except (KeyError, TypeError) as error:
         raise LearnError(f"{path} has a card that cannot be read: {error}") from None

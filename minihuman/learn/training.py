@@ -29,6 +29,7 @@ class Point:
     steps: int
     reward: float
     length: float
+    success: float  # share that ended by themselves with a reward
 
 
 @dataclass(slots=True)
@@ -113,7 +114,8 @@ class _Ledger(BaseCallback):
         episodes = self.model.ep_info_buffer
         if episodes:
             reward, length = (float(np.mean([episode[key] for episode in episodes])) for key in ("r", "l"))
-            history.points.append(Point(self.num_timesteps, reward, length))
+            success = float(np.mean(self.model.ep_success_buffer or ()))
+            history.points.append(Point(self.num_timesteps, reward, length, success))
         self._mark = now
         self._learning = True
 
@@ -147,6 +149,7 @@ def _snapshot(ppo: PPO, world: TrainingWorld, history: History) -> dict[str, Any
         "observation": ppo._last_obs,
         "episode_starts": ppo._last_episode_starts,
         "episodes": list(ppo.ep_info_buffer or ()),
+        "successes": list(ppo.ep_success_buffer or ()),
         "world": world.save(),
         "python_random": random.getstate(),
         "numpy_random": np.random.get_state(),  # Stable-Baselines3 shuffles with the global stream
@@ -168,7 +171,7 @@ def _resume(ppo: PPO, world: TrainingWorld, checkpoint: Path) -> History:
     ppo._last_obs = saved["observation"]
     ppo._last_episode_starts = saved["episode_starts"]
     ppo.ep_info_buffer = deque(saved["episodes"], maxlen=LAST_EPISODES)
-    ppo.ep_success_buffer = deque(maxlen=LAST_EPISODES)
+    ppo.ep_success_buffer = deque(saved["successes"], maxlen=LAST_EPISODES)
     world.restore(saved["world"])
     random.setstate(saved["python_random"])
     np.random.set_state(saved["numpy_random"])

@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium
 from gymnasium import spaces
 
-from minihuman.learn.observe import Eyesight, Observation, Scaling
+from minihuman.learn.observe import Eyesight, Observation, image_shape
 from minihuman.worlds.contract import NativeWorld
 from minihuman.worlds.hashing import hash64
 
@@ -23,8 +23,7 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         options: dict[str, Any],
         *,
         seed: int,
-        missions: bool = True,
-        scaling: Scaling = "spread",
+        eyesight: Eyesight,
         actions: int | None = None,
     ) -> None:
         """Make the world.
@@ -33,13 +32,13 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
             world_id: A Gymnasium id; only our own worlds can be saved.
             options: Keyword arguments of ``gymnasium.make``.
             seed: From which every episode's seed is drawn.
-            missions: Whether the mission is observed.
-            scaling: What becomes of grid codes.
+            eyesight: What the agent sees of it.
             actions: How many actions the agent is told of; None for all.
         """
         self.world = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
-        self.eyesight = Eyesight(self.world, missions=missions, scaling=scaling)
-        self.observation_space = self.eyesight.space
+        self.eyesight = eyesight
+        self.observation_space = eyesight.space(self.world)
+        self.image_shape = image_shape(self.observation_space)
         assert isinstance(self.world.action_space, spaces.Discrete)
         self.action_space = spaces.Discrete(actions or int(self.world.action_space.n))
         self.step_s = 0.0  # wall time spent inside the world
@@ -62,7 +61,7 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         self._episode += 1
         self._return, self._length = 0.0, 0
         raw, info = self.world.reset(seed=episode_seed(self._seed, self._episode))
-        seen = self.eyesight.see(raw, self._mission)
+        seen = self.eyesight.see(self.world, raw)
         self.step_s += time.perf_counter() - started
         return seen, info
 
@@ -74,7 +73,8 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         self._length += 1
         if terminated or truncated:
             info["episode"] = {"r": self._return, "l": self._length}
-        seen = self.eyesight.see(raw, self._mission)
+            info["is_success"] = terminated and float(reward) > 0
+        seen = self.eyesight.see(self.world, raw)
         self.step_s += time.perf_counter() - started
         return seen, float(reward), terminated, truncated, info
 
@@ -93,10 +93,6 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         assert isinstance(self.world, NativeWorld)
         self.world.restore(saved["world"])
         self._episode, self._return, self._length = saved["episode"], saved["return"], saved["length"]
-
-    @property
-    def _mission(self) -> str:
-        return str(getattr(self.world, "mission", ""))
 
 
 def episode_seed(seed: int, episode: int) -> int:

@@ -16,7 +16,6 @@ from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt import World
 from minihuman.worlds.hashing import hash64
 
-
 _UNDO = {"left": "right", "right": "left", "turn_left": "turn_right", "turn_right": "turn_left"}
 
 

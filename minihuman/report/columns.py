@@ -132,6 +132,7 @@ PARTICIPANTS = (
     Column("started_at", "text", "UTC", "When the session began, ISO 8601."),
     Column("end_reason", "text", "", "Why the session ended."),
     Column("clean", "yes_no", "", "Whether the log was finished in the ordinary way."),
+    Column("completed_share", "number", "", "Share of the planned episodes that were played to an end."),
     *_OVER_EPISODES,
     _LEFT_OUT,
 )

@@ -16,7 +16,7 @@ from minihuman.measures.path import path_efficiency, path_length, turns_in_place
 from minihuman.measures.shortest import Shortest
 from minihuman.measures.timing import pauses, playing_s, reaction_ms
 from minihuman.report.columns import schema
-from minihuman.report.exclusions import Rules
+from minihuman.report.exclusions import UNFINISHED_OUTCOMES, Rules
 from minihuman.study.plan import EpisodePlan
 
 Rows = dict[str, pa.Table]
@@ -54,7 +54,14 @@ def session_tables(
         | _over([row for row in kept if row["block"] == name], [e for e in counted if e.plan.block_name == name])
         for name in names
     ]
-    session = {"player": log.player, "started_at": log.started_at, "end_reason": log.end_reason, "clean": log.clean}
+    session: _Columns = {
+        "player": log.player,
+        "started_at": log.started_at,
+        "end_reason": log.end_reason,
+        "clean": log.clean,
+    }
+    completed = {row["episode"] for row in episodes if row["outcome"] not in UNFINISHED_OUTCOMES}
+    session["completed_share"] = len(completed) / len(log.plan.episodes)
     participant = who | session | _over(kept, counted)
     participant["left_out"] = rules.participant(participant)
     for row in blocks:

@@ -25,7 +25,9 @@ class Texture:
         if self.pixels.dtype != np.uint8 or self.pixels.shape != (height, width, 3):
             raise WorldError(f"a texture is uint8[h, w, 3], not {self.pixels.dtype}{list(self.pixels.shape)}")
         if not 1 <= max(height, width) < 2**MOST_LEVELS:
-            raise WorldError(f"a texture of {width}x{height} texels is too large; {2**MOST_LEVELS - 1} a side is the most")
+            raise WorldError(
+                f"a texture of {width}x{height} texels is too large; {2**MOST_LEVELS - 1} a side is the most"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,9 +79,7 @@ class Library:
         self._sizes_m: list[tuple[float, float]] = []
         self._mesh_ranges: dict[str, tuple[int, int]] = {}
         self._meshes: dict[str, Mesh] = {}
-        self.textures = Textures(
-            np.zeros(0, np.uint32), np.zeros((0, MOST_LEVELS, 3), np.int64), np.zeros(0, np.int64)
-        )
+        self.textures = Textures(np.zeros(0, np.uint32), np.zeros((0, MOST_LEVELS, 3), np.int64), np.zeros(0, np.int64))
         sides = unit_cube()
         self.faces = pack(sides, [np.zeros((4, 2))] * len(sides))
         self._mesh_ranges[CUBE] = 0, len(sides)
@@ -162,9 +162,15 @@ def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None 
 
 def join(a: Faces, b: Faces) -> Faces:
     """Two tables of faces, one after the other."""
-    both = [np.concatenate(pair) for pair in zip(a, b, strict=True)]
-    start = np.concatenate([a.start, b.start[1:] + a.start[-1]]).astype(np.int32)
-    return Faces(start, *both[1:])
+    return Faces(
+        np.concatenate([a.start, b.start[1:] + a.start[-1]]).astype(np.int32),
+        np.concatenate([a.position, b.position]),
+        np.concatenate([a.texture_place, b.texture_place]),
+        np.concatenate([a.normal, b.normal]),
+        np.concatenate([a.colour, b.colour]),
+        np.concatenate([a.texture, b.texture]),
+        np.concatenate([a.plane, b.plane]),
+    )
 
 
 def newell(polygon: F64) -> F64:

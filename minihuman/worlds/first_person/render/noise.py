@@ -69,10 +69,11 @@ def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple
     row = y // height
     moved = x + (row % 2) * (width // 2) if offset else x
     column = (moved // width) % columns
-    from_edge = np.minimum(
+    from_edge: Grid = np.minimum(
         np.minimum(moved % width, width - 1 - moved % width), np.minimum(y % height, height - 1 - y % height)
     )
-    return smooth((from_edge - joint / 2 + 1.0) / 3.0), column, row
+    part: F64 = (from_edge.astype(np.float64) - joint / 2 + 1.0) / 3.0
+    return smooth(part), column, row
 
 
 def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64:

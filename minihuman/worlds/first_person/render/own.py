@@ -26,7 +26,9 @@ class OwnAssets(Assets):
         if stem.startswith("chars/ch_0x") and stem[11:].isdigit():
             return _letter(chr(int(stem[11:])), int(variant))
         if stem not in RECIPES or not 1 <= int(variant) <= RECIPES[stem][1]:
-            raise WorldError(f"there is no texture {name!r}; there are {', '.join(RECIPES)}, with _1 and up for variants")
+            raise WorldError(
+                f"there is no texture {name!r}; there are {', '.join(RECIPES)}, with _1 and up for variants"
+            )
         recipe, _, size_m = RECIPES[stem]
         seed = zlib.crc32(stem.encode()) % 1_000_003 + 1000 * int(variant)
         return Texture(pixels(recipe(seed)), (size_m, size_m))
@@ -35,7 +37,9 @@ class OwnAssets(Assets):
         """Make a mesh."""
         mesh = mesh_named(name)
         if mesh is None:
-            raise WorldError(f"there is no mesh {name!r}; there are {', '.join(SHAPES)}; balls and keys have a colour: key_red")
+            raise WorldError(
+                f"there is no mesh {name!r}; there are {', '.join(SHAPES)}; balls and keys have a colour: key_red"
+            )
         return mesh
 
 

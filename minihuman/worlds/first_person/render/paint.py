@@ -64,7 +64,7 @@ def _checks(seed: int) -> F64:
     x, y = grid()
     half = SIZE // 2
     light = ((x // half + y // half) % 2).astype(np.float64)
-    on, column, row = tiles(2, 2, 4)
+    on, _, _ = tiles(2, 2, 4)
     veins = smooth(1.0 - np.abs(cloud(3, seed + 2, 5) - 0.5) * 26.0)
     white = _lit(mix((206, 203, 196), (228, 226, 221), cloud(5, seed)), 1.0 - veins, 0.10)
     black = mix((34, 34, 37), (58, 58, 62), cloud(5, seed + 11) + 0.5 * veins)

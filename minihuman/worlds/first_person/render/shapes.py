@@ -5,6 +5,7 @@ Circles come from fractions, not from sines, so that every machine builds the sa
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -148,7 +149,9 @@ def _slab(outline: list[tuple[float, float]], half: float, colour: Rgb) -> list[
 
 def _barrel() -> list[Part]:
     wood, hoop = (0.52, 0.34, 0.18), (0.30, 0.31, 0.33)
-    staves = turned([(0.0, 0.0), (0.24, 0.0), (0.29, 0.25), (0.305, 0.44), (0.29, 0.63), (0.24, 0.88), (0.0, 0.86)], wood)
+    staves = turned(
+        [(0.0, 0.0), (0.24, 0.0), (0.29, 0.25), (0.305, 0.44), (0.29, 0.63), (0.24, 0.88), (0.0, 0.86)], wood
+    )
     hoops = [
         turned([(r, y), (r + 0.012, y), (r + 0.012, y + 0.05), (r, y + 0.05)], hoop)
         for r, y in ((0.262, 0.10), (0.298, 0.34), (0.298, 0.50), (0.265, 0.74))
@@ -183,8 +186,7 @@ def _cone() -> list[Part]:
     orange, white = (0.95, 0.36, 0.08), (0.95, 0.95, 0.93)
     rings = ((7.0, 1.5), (5.2, 9.5), (4.3, 14.0), (3.2, 19.0), (2.3, 23.5), (1.0, 31.5))
     bands = [
-        turned([low, high], white if index in (1, 3) else orange)
-        for index, (low, high) in enumerate(zip(rings, rings[1:], strict=False))
+        turned([low, high], white if index in (1, 3) else orange) for index, (low, high) in enumerate(pairwise(rings))
     ]
     return [block((-10.0, 0.0, -10.0), (10.0, 1.6, 10.0), orange), *bands, turned([(1.0, 31.5), (0.0, 31.5)], orange)]
 
@@ -277,7 +279,8 @@ def _tree() -> list[Part]:
 def _tree_pine() -> list[Part]:
     bark, needles = (0.36, 0.25, 0.16), (0.12, 0.34, 0.18)
     tiers = [
-        turned([(0.0, y), (r, y), (0.0, y + h)], needles) for r, y, h in ((2.1, 1.2, 3.0), (1.7, 2.9, 2.7), (1.2, 4.6, 2.9))
+        turned([(0.0, y), (r, y), (0.0, y + h)], needles)
+        for r, y, h in ((2.1, 1.2, 3.0), (1.7, 2.9, 2.7), (1.2, 4.6, 2.9))
     ]
     return [turned([(0.35, 0.0), (0.3, 1.3)], bark, quarter=3), *tiers]
 

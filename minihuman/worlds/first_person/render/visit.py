@@ -64,7 +64,7 @@ def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, re
     result[1] = max(window[1], np.floor(y0) - 1.0)
     result[2] = min(window[2], np.ceil(x1) + 1.0)
     result[3] = min(window[3], np.ceil(y1) + 1.0)
-    return result[0] < result[2] and result[1] < result[3]
+    return bool(result[0] < result[2] and result[1] < result[3])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -72,7 +72,9 @@ def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, ord
     """List the rooms to draw, nearest first, in ``order``; the window of each goes into ``windows``.
 
     ``picture`` is the window of the whole picture. A window may be larger than needed, never smaller. From above, from
-    outside every room, and where a room without a roof is in sight, all rooms are listed. Returns how many are, and whether it is all of them.
+    outside every room, and where a room without a roof is in sight, all rooms are listed.
+
+    Returns how many are listed, and whether all are.
     """
     count = rooms.first_face.shape[0] - 1
     seen = 0

@@ -1,0 +1,74 @@
+"""How fast an agent trains on our worlds and on upstream's: the same Stable-Baselines3 code, in one run.
+
+    xvfb-run -a python -m benchmarks.learn [--steps 8192] [--threads 1]
+
+Prints, for grid and 3D: steps per second with the learning in it, without it, and of the world alone; and the ratios.
+"""
+
+import argparse
+import platform
+from dataclasses import dataclass
+
+import gymnasium
+import torch
+
+from benchmarks import upstream_first_person, upstream_grid
+from minihuman.learn.cells import FIRST_PERSON_WORLD, GRID_WORLD, Ppo
+from minihuman.learn.network import Eyes
+from minihuman.learn.observe import Eyesight
+from minihuman.learn.policy_file import versions
+from minihuman.learn.training import History, new_ppo, train
+from minihuman.learn.training_world import TrainingWorld
+
+
+@dataclass
+class Side:
+    name: str
+    world: TrainingWorld
+    eyes: Eyes
+    history: History
+
+    @property
+    def rates(self) -> tuple[float, float, float]:
+        """Steps per second: end to end, without learning, the world alone."""
+        steps, spent = self.history.points[-1].steps, self.history
+        return (
+            steps / (spent.world_s + spent.acting_s + spent.learning_s),
+            steps / (spent.world_s + spent.acting_s),
+            steps / spent.world_s,
+        )
+
+
+def measure(name: str, world_id: str, eyes: Eyes, steps: int) -> Side:
+    world = TrainingWorld(world_id, {}, seed=1, eyesight=Eyesight(missions=True))
+    agent = new_ppo(world, settings=Ppo(), eyes=eyes, seed=1, device="cpu")
+    world.reset()
+    world.step(0)  # compiled before the clock starts
+    return Side(name, world, eyes, train(agent, world, steps=steps))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=int, default=8192)
+    parser.add_argument("--threads", type=int, default=1)
+    arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads)
+    gymnasium.register(upstream_grid.WORLD_ID, entry_point=upstream_grid.UpstreamGrid)
+    gymnasium.register(upstream_first_person.WORLD_ID, entry_point=upstream_first_person.UpstreamFirstPerson)
+    print(f"{arguments.steps} steps, {arguments.threads} thread(s), {platform.machine()}, {versions()}")
+    pairs: tuple[tuple[Eyes, str, str], ...] = (
+        ("grid", GRID_WORLD, upstream_grid.WORLD_ID),
+        ("atari", FIRST_PERSON_WORLD, upstream_first_person.WORLD_ID),
+    )
+    for eyes, ours_id, theirs_id in pairs:
+        ours = measure("ours", ours_id, eyes, arguments.steps)
+        theirs = measure("upstream", theirs_id, eyes, arguments.steps)
+        print(f"\n{'grid' if eyes == 'grid' else '3D'}: steps/s  end to end   without learning   world alone")
+        for side in (ours, theirs):
+            print(f"{side.name:>14}  {side.rates[0]:10.0f}  {side.rates[1]:17.0f}  {side.rates[2]:12.0f}")
+        ratios = [a / b for a, b in zip(ours.rates, theirs.rates, strict=True)]
+        print(f"{'ratio':>14}  {ratios[0]:10.2f}  {ratios[1]:17.2f}  {ratios[2]:12.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from minihuman.errors import LearnError
+from minihuman.export.choose import Filters
+from minihuman.learn.clone import Cloning, clone, split
+from minihuman.learn.clone_study import CloneStudy, clone_study
+from minihuman.learn.demonstrations import read_demonstrations
+from minihuman.learn.evaluate import at_random, evaluate, held_out_seed, sampling
+from minihuman.learn.observe import Eyesight, whole_grid
+from minihuman.learn.policy_file import load_policy
+from minihuman.log.protocol_file import read_protocol
+from minihuman.log.read import open_log
+from minihuman.windows.simulate import simulate
+
+FOUR_ROOMS = "minihuman/MiniGrid-FourRooms-v0"
+PROTOCOL = f"""
+[study]
+name = "clones"
+version = "1.0"
+seed = 3
+participants = 20
+
+[keys]
+pool = ["1", "2", "3"]
+
+[[groups]]
+name = "everyone"
+blocks = ["grid"]
+
+[[blocks]]
+name = "grid"
+world = "{FOUR_ROOMS}"
+episodes = 4
+actions = ["left", "right", "forward"]
+max_steps = 100
+key_map = "shown"
+view = "full"
+"""
+WHOLE = Eyesight(missions=False, sight="whole")
+QUICK = Cloning(most_epochs=12, mirrored=True)
+STUDY = CloneStudy(FOUR_ROOMS, sight="whole", evaluation_episodes=30, cloning=QUICK)
+
+
+@pytest.fixture(scope="module")
+def protocol(tmp_path_factory):
+    path = tmp_path_factory.mktemp("protocol") / "clones.toml"
+    path.write_text(PROTOCOL)
+    return path
+
+
+@pytest.fixture(scope="module")
+def logs(protocol, tmp_path_factory):
+    """Four participants of four episodes each, who take the shortest way."""
+    data = tmp_path_factory.mktemp("data")
+    list(simulate(read_protocol(protocol), data, participants=4, seed=1, player="optimal"))
+    return data
+
+
+@pytest.fixture(scope="module")
+def demonstrations(logs):
+    return read_demonstrations(logs, FOUR_ROOMS, WHOLE, Filters())
+
+
+@pytest.fixture(scope="module")
+def cloned(logs, tmp_path_factory):
+    out = tmp_path_factory.mktemp("clone") / "clone.pt"
+    return out, clone_study(logs, out, STUDY, command="test")
+
+
+def test_demonstrations_hold_what_was_done_and_seen(logs, demonstrations):
+    played = [episode for log in sorted(logs.rglob("*.mcap")) for episode in open_log(log).episodes]
+    assert len(demonstrations.episodes) == len(played) == 16
+    assert sorted(map(len, (e.actions for e in played))) == sorted(len(d.observations) for d in demonstrations.episodes)
+    assert demonstrations.action_names == ("left", "right", "forward")
+    for demonstration in demonstrations.episodes:
+        # the last step is onto the goal, which is straight ahead: above the middle
+        assert demonstration.actions[-1] == 2
+        assert demonstration.observations[-1]["image"][0, 18, 17] == 8 * 25
+
+
+def test_nobody_is_in_both_halves_of_the_split(demonstrations):
+    training, validation = split(demonstrations, share=0.2, seed=1)
+    assert not set(training.participants) & set(validation.participants)
+    assert len(training.participants) == 3
+    assert len(training.episodes) + len(validation.episodes) == 16
+
+
+def test_the_first_demonstrations_take_turns_between_participants(demonstrations):
+    assert [episode.participant for episode in demonstrations.first(5).episodes] == [
+        *demonstrations.participants,
+        demonstrations.participants[0],
+    ]
+
+
+def test_a_clone_agrees_with_people_it_has_not_seen_and_beats_chance(demonstrations):
+    training, validation = split(demonstrations, share=0.2, seed=1)
+    policy, found = clone(training, validation, eyes="map", settings=QUICK)
+    assert found.validation_loss < np.log(3)
+    plays = [
+        evaluate(choose, FOUR_ROOMS, {}, WHOLE, episodes=30, seed=1)
+        for choose in (sampling(policy, 1), at_random(3, 1))
+    ]
+    assert plays[0].rate > plays[1].rate
+
+
+def test_the_same_seed_gives_the_same_clone(demonstrations):
+    training, validation = split(demonstrations, share=0.2, seed=1)
+    settings = Cloning(most_epochs=2)
+    weights = [clone(training, validation, eyes="map", settings=settings)[0].state_dict() for _ in range(2)]
+    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
+
+
+def test_held_out_episodes_are_not_training_episodes():
+    assert min(held_out_seed(1, episode) for episode in range(100)) >= 2**31
+
+
+def test_what_is_ahead_is_above_the_middle():
+    import gymnasium
+
+    from minihuman.worlds.grid.cells import kind_of
+    from minihuman.worlds.grid.tasks import front
+
+    world = gymnasium.make(FOUR_ROOMS, disable_env_checker=True).unwrapped
+    for seed in range(12):
+        world.reset(seed=seed)
+        x, y = front(world.state.row)
+        assert whole_grid(world)[18, 17, 0] == kind_of(world.state.cells)[x, y]
+
+
+def test_the_card_says_how_well_it_does_and_from_what(cloned):
+    out, text = cloned
+    assert out.with_name("clone.pt.md").read_text() == text
+    assert "| chance |" in text
+    numbers = json.loads(out.with_name("clone.pt.json").read_text())
+    (row,) = numbers["rows"]
+    assert row["demonstrations"] == row["cloned"]["training_episodes"]
+    low, high = row["interval"]
+    assert low <= row["success"] <= high
+
+
+def test_a_clone_plays_a_session_and_its_log_says_so(cloned, protocol, tmp_path):
+    out, _ = cloned
+    (path,) = simulate(read_protocol(protocol), tmp_path, participants=1, seed=2, player=f"policy:{out}")
+    log = open_log(path)
+    assert log.player == f"policy:{out}"
+    assert len(log.episodes) == 4
+    assert all(len(episode.actions) for episode in log.episodes)
+
+
+def test_fine_tuning_is_told_apart_from_nothing(logs, tmp_path):
+    from dataclasses import replace
+
+    out = tmp_path / "tuned.pt"
+    text = clone_study(logs, out, replace(STUDY, finetune_steps=2048, evaluation_episodes=3), command="test")
+    assert "| clone |" in text
+    assert "| nothing |" in text
+    _, card = load_policy(out)
+    assert card.trained_by == "cloning, then ppo"
+
+
+def test_a_policy_for_another_world_is_refused_in_one_line(cloned, protocol, tmp_path):
+    out, _ = cloned
+    other = tmp_path / "other.toml"
+    other.write_text(PROTOCOL.replace("FourRooms", "GoToObj-Transfer"))
+    with pytest.raises(LearnError, match="was trained for minihuman/MiniGrid-FourRooms-v0; block 'grid' plays"):
+        list(simulate(read_protocol(other), tmp_path / "data", participants=1, seed=2, player=f"policy:{out}"))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("missing.pt", None), ("text.pt", b"no policy"), ("empty.pt", b"")], ids=lambda v: str(v)
+)
+def test_a_file_that_is_no_policy_is_refused(tmp_path, name, content):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(LearnError, match=name):
+        load_policy(tmp_path / name)
+
+
+def test_a_dataset_without_matching_episodes_is_refused_and_writes_nothing(logs, tmp_path):
+    out = tmp_path / "clone.pt"
+    study = CloneStudy("minihuman/MiniWorld-FourRooms-v0")
+    with pytest.raises(LearnError, match="has no episode of minihuman/MiniWorld-FourRooms-v0"):
+        clone_study(logs, out, study, command="test")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_there_is_not_overwritten(cloned, logs):
+    out, _ = cloned
+    before = out.read_bytes()
+    with pytest.raises(LearnError, match="is there already"):
+        clone_study(logs, out, STUDY, command="test")
+    assert out.read_bytes() == before
+
+
+def test_one_participant_cannot_be_split(demonstrations):
+    with pytest.raises(LearnError, match="needs two or more"):
+        split(demonstrations.by(demonstrations.participants[:1]), share=0.2, seed=1)

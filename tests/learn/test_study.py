@@ -1,0 +1,151 @@
+import json
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from minihuman.errors import LearnError
+from minihuman.learn.cells import BASELINE, SOURCE, Cell, Job, Ppo, Study
+from minihuman.learn.engines import LocalPool, RayCluster, open_engine
+from minihuman.learn.job import Result
+from minihuman.learn.report import Run, read_published, speed, table, write_report
+from minihuman.learn.run_study import run_study
+from minihuman.learn.study_folder import open_folder
+from minihuman.learn.training import Point
+
+TINY = Study(runs=1, steps=128, source_steps=128, transfers=("M",), ppo=Ppo(n_steps=64, batch_size=32, n_epochs=1))
+QUIET = Console(quiet=True)
+
+
+def result_of(job, rewards):
+    points = tuple(Point(100 * (n + 1), reward, 10.0, reward) for n, reward in enumerate(rewards))
+    seconds = {"world": 1.0, "acting": 2.0, "learning": 5.0, "last_sitting": 9.0}
+    return Result(job.name, job.config, job.config_hash, points, seconds, "cpu", {})
+
+
+@pytest.fixture
+def results():
+    """Two runs of a hand-made study: baseline areas 0.4 and 0.6, transfer areas 0.6 and 0.8."""
+    study = replace(TINY, runs=2)
+    level = {(BASELINE, 0): 0.4, (BASELINE, 1): 0.6, ("M", 0): 0.6, ("M", 1): 0.8}
+    made = {}
+    for job in study.jobs():
+        if not job.cell.frozen:
+            height = level.get((job.cell.label, job.run), 0.95)
+            made[job] = result_of(job, [height] * 3)
+    return study, made
+
+
+def test_the_table_holds_improvements_over_the_baseline(results):
+    study, made = results
+    rows = table(study, made)
+    assert list(rows.index) == [SOURCE, BASELINE, "M"]
+    assert rows.loc["M", "improvement"] == pytest.approx(0.4)
+    assert rows.loc["M", "low"] <= 0.4 <= rows.loc["M", "high"]
+    assert rows.loc[SOURCE, "runs_solved"] == 2
+    assert rows.loc[SOURCE, "steps_to_solve"] == 100
+
+
+def test_published_numbers_stand_beside_ours(results, tmp_path):
+    study, made = results
+    path = tmp_path / "published.csv"
+    path.write_text("cell,improvement\nM,0.07\n")
+    rows = table(study, made, beside=read_published(path))
+    assert rows.loc["M", "published"] == 0.07
+    assert pd.isna(rows.loc[BASELINE, "published"])
+
+
+@pytest.mark.parametrize("content", [None, "row,gain\nM,0.1\n", ""])
+def test_a_table_that_cannot_be_set_beside_is_refused(tmp_path, content):
+    path = tmp_path / "published.csv"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(LearnError, match=r"published\.csv"):
+        read_published(path)
+
+
+def test_the_report_is_written_and_says_where_the_time_goes(results, tmp_path):
+    study, made = results
+    text = write_report(study, made, tmp_path, Run("minihuman learn transfer", "local", 60.0))
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("table.csv", "curves.csv", "speed.csv", "run.json", "report.md", "curves.png")
+    }
+    assert speed(made).loc["grid (source)", "learning"] == pytest.approx(5 / 8)
+    assert len(pd.read_csv(tmp_path / "curves.csv")) == 3 * len(made)
+    assert json.loads((tmp_path / "run.json").read_text())["jobs_done"] == len(made)
+    assert "QUICK" not in text
+
+
+def test_a_quick_study_says_so_everywhere(results, tmp_path):
+    study, made = results
+    study = replace(study, quick=True)
+    assert "QUICK" in write_report(study, made, tmp_path, Run("minihuman", "local", 1.0))
+    assert json.loads((tmp_path / "run.json").read_text())["quick"] is True
+
+
+def test_as_published_names_its_defects(results, tmp_path):
+    study, made = results
+    study = replace(study, protocol="as-published")
+    assert "misspells" in write_report(study, made, tmp_path, Run("minihuman", "local", 1.0))
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory):
+    """The tiny study, run by a pool of two processes."""
+    out = tmp_path_factory.mktemp("local") / "study"
+    return out, run_study(TINY, out, lambda: LocalPool(2), device="cpu", console=QUIET)
+
+
+def test_a_study_runs_every_job_once(local):
+    out, results = local
+    assert set(results) == set(TINY.jobs())
+
+    def no_engine():
+        raise AssertionError("a finished study needs no engine")
+
+    assert run_study(TINY, out, no_engine, console=QUIET) == results
+
+
+def test_ray_gives_the_numbers_of_the_local_pool(local, tmp_path):
+    pytest.importorskip("ray", reason="the cluster extra is not installed")
+    _, expected = local
+    results = run_study(TINY, tmp_path / "ray", lambda: RayCluster(workers=1), device="cpu", console=QUIET)
+    assert {job: result.points for job, result in results.items()} == {
+        job: result.points for job, result in expected.items()
+    }
+
+
+def test_a_folder_of_another_study_is_refused_and_left_alone(local):
+    out, _ = local
+    before = (out / "study.json").read_text()
+    with pytest.raises(LearnError, match="holds another study \\(seed is 1 there and 2 here\\)"):
+        open_folder(replace(TINY, seed=2), out)
+    assert (out / "study.json").read_text() == before
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(LearnError, match="is not empty and holds no study"):
+        open_folder(TINY, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"runs": 0}, {"steps": 0}, {"source_steps": 0}, {"protocol": "as-wished"}, {"transfers": ("X",)}]
+)
+def test_a_study_that_cannot_be_run_is_refused(changes):
+    with pytest.raises(LearnError):
+        Study(**changes)
+
+
+def test_an_engine_there_is_not_is_refused():
+    with pytest.raises(LearnError, match="no engine is called 'slurm'"):
+        open_engine("slurm")
+    with pytest.raises(LearnError, match="at least one process"):
+        open_engine("local", workers=0)
+
+
+def test_a_transfer_waits_for_the_source_of_its_own_run():
+    job = Job(Study(runs=3), Cell("ACM", frozen=True), 2)
+    assert job.source == Job(Study(runs=3), Cell(SOURCE), 2)
+    assert job.name == "ACM-frozen/run-02"
