@@ -108,14 +108,11 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         """The picture on the way of the last step, 0 where it began to 1 where it ended. It changes no state."""
         now = self.grid.pose()
         before = self._before or now
-        turn = (now.yaw_rad - before.yaw_rad + math.pi) % (2 * math.pi) - math.pi
-        pose = Pose(
-            before.x + fraction * (now.x - before.x),
-            0.0,
-            before.z + fraction * (now.z - before.z),
-            before.yaw_rad + fraction * turn,
-        )
-        return self._draw(pose, size_px, palette)
+        if fraction >= 1.0:
+            return self._draw(now, size_px, palette)
+        turn = (now.yaw_rad - before.yaw_rad + math.pi) % (2 * math.pi) - math.pi  # the short way
+        x, z = before.x + fraction * (now.x - before.x), before.z + fraction * (now.z - before.z)
+        return self._draw(Pose(x, 0.0, z, before.yaw_rad + fraction * turn), size_px, palette)
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"_drawn": _Drawn()}

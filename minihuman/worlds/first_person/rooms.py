@@ -195,7 +195,7 @@ def stretch(edge: Edge, limits: Limits) -> tuple[float, float]:
     """From where to where along a wall the limits reach.
 
     Raises:
-        WorldError: if the limits are not two x or two z, or the wall runs across them.
+        WorldError: if the limits are not two x or two z, or the wall runs across them or is too short.
     """
     match limits:
         case (float() | int() as low, float() | int() as high, None, None):
@@ -208,6 +208,11 @@ def stretch(edge: Edge, limits: Limits) -> tuple[float, float]:
     if slope == 0:
         raise WorldError(f"the wall {edge.start} to {edge.end} runs across {'xz'[axis]}; give {'zx'[axis]} instead")
     ends = (low - origin) / slope, (high - origin) / slope
+    if not 0 <= min(ends) < max(ends) <= edge.length:
+        raise WorldError(
+            f"an opening from {'xz'[axis]} {low:g} to {high:g} does not fit the wall {edge.start} to {edge.end}, "
+            f"which is {edge.length:g} m long"
+        )
     return min(ends), max(ends)
 
 

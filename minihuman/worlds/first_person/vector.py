@@ -106,14 +106,16 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:  # type: ignore[override]
         """What each world renders; None without a render mode."""
-        return None if self.render_mode is None else tuple(self._painters.map(FirstPersonEnv.render, self.worlds))
+        return (
+            None if self.render_mode is None else tuple(self._painters.map(lambda world: world.render(), self.worlds))
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""
         self._painters.shutdown()
 
     def _observe(self) -> Any:
-        seen = list(self._painters.map(FirstPersonEnv.observe, self.worlds))
+        seen = list(self._painters.map(lambda world: world.observe(), self.worlds))
         space = self.single_observation_space
         batch: Any = create_empty_array(space, self.num_envs)
         return concatenate(space, seen, batch)
