@@ -1,7 +1,7 @@
 """A real window in a process of its own, driven over a pipe through the port.
 
 Window toolkits keep state for a whole process (pyglet's display, its headless switch, SDL's environment), and other
-tests use the same toolkits differently; here each window gets a clean one. Clocks agree: CLOCK_MONOTONIC is one for all.
+tests use the same toolkits differently; here each window gets a clean one. Clocks agree: the machine has one monotonic.
 """
 
 import os

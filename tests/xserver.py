@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -15,7 +15,11 @@ from Xlib.display import Display
 from Xlib.ext import xtest
 from Xlib.protocol import event
 
-SCREEN_PX = (1366, 768)
+from minihuman.study.keys import KEY_NAMES
+
+Size = tuple[int, int]
+
+SCREEN_PX: Size = (1366, 768)
 _PATIENCE_S = 20.0
 _DEBOUNCE_S = 0.004  # a keyboard's own; SDL takes a key that comes back within 2 ms for auto-repeat
 
@@ -67,7 +71,7 @@ _KEYSYMS = {
 
 
 @contextmanager
-def xvfb() -> Iterator[str]:
+def xvfb(screen_px: Size = SCREEN_PX) -> Iterator[str]:
     """Run an X server on a free display; yields its name, ":12"."""
     if shutil.which("Xvfb") is None:
         missing = "Xvfb is not installed, so no window can be tried; apt-get install xvfb"
@@ -75,7 +79,7 @@ def xvfb() -> Iterator[str]:
             pytest.fail(missing)
         pytest.skip(missing)
     reading, writing = os.pipe()
-    size = f"{SCREEN_PX[0]}x{SCREEN_PX[1]}x24"
+    size = f"{screen_px[0]}x{screen_px[1]}x24"
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(writing), "-screen", "0", size, "-nolisten", "tcp", "-noreset"],
         pass_fds=(writing,),
@@ -100,6 +104,7 @@ class Typist:
         self._root = self._display.screen().root
         self.sent: list[tuple[str, bool]] = []  # key, down
         self._released_s: dict[str, float] = {}
+        self._places = {key: self.keycode(key) for key in KEY_NAMES}
 
     def press(self, key: str) -> None:
         time.sleep(max(0.0, self._released_s.get(key, 0.0) + _DEBOUNCE_S - time.monotonic()))
@@ -121,6 +126,17 @@ class Typist:
         xtest.fake_input(self._display, kind, keycode)
         self._display.sync()
         self.sent.append((key, kind == X.KeyPress))
+
+    def tap_place(self, key: str) -> None:
+        """Tap the key that is in this place on a US keyboard, whatever the layout says now."""
+        for kind in (X.KeyPress, X.KeyRelease):
+            xtest.fake_input(self._display, kind, self._places[key])
+        self._display.sync()
+
+    def set_layout(self, layout: str) -> None:
+        """Change the keyboard's layout, for everybody."""
+        subprocess.run(["setxkbmap", "-display", self._display.get_display_name(), layout], check=True)
+        self._display.sync()
 
     def keycode(self, key: str) -> int:
         """The server's number for a key on a US keyboard; 0 if there is none."""
@@ -152,6 +168,13 @@ class Typist:
         shape = window.get_geometry()
         raw = window.get_image(0, 0, shape.width, shape.height, X.ZPixmap, 0xFFFFFFFF).data
         return np.frombuffer(raw, np.uint8).reshape(shape.height, shape.width, 4)[..., 2::-1]
+
+    def stripes(self, title: str, heights: Sequence[float]) -> bytes:
+        """Two rows of pixels at each height (of the window's): enough to see that a picture changed, soon."""
+        window = self._window(title)
+        shape = window.get_geometry()
+        rows = (round(height * shape.height) for height in heights)
+        return b"".join(window.get_image(0, row, shape.width, 2, X.ZPixmap, 0xFFFFFFFF).data for row in rows)
 
     def _window(self, title: str):
         """The newest visible window of that title; waits for it."""

@@ -1,7 +1,91 @@
 """Commands for the machine in front of you: demo, play, doctor."""
 
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
 import typer
+
+
+class ViewChoice(StrEnum):
+    """How a world is seen."""
+
+    PARTIAL = "partial"
+    FULL = "full"
+
+
+class PaletteChoice(StrEnum):
+    """The colours a world is drawn in."""
+
+    CLASSIC = "classic"
+    COLOUR_SAFE = "colour-safe"
+
+
+WindowOption = Annotated[str, typer.Option("--window", help="auto, pygame or pyglet.")]
+FullscreenOption = Annotated[bool, typer.Option("--fullscreen", help="Take the whole screen.")]
 
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
+    app.command()(demo)
+    app.command()(play)
+    app.command()(doctor)
+
+
+def demo(
+    data: Annotated[Path, typer.Option(help="Where the session is kept.")] = Path("sessions"),
+    window: WindowOption = "auto",
+    fullscreen: FullscreenOption = False,
+) -> None:
+    """Play a short session on the spot, then find its log, figures and replay; the first thing to try.
+
+    Example: minihuman demo
+    """
+    from minihuman.demo import demonstrate
+
+    made = {}
+    for name, path in demonstrate(data, window=window, fullscreen=fullscreen, say=print):
+        made[name] = path
+        print(f"{name:16} {path}", flush=True)
+    print(f"Look at it: minihuman replay {made['log']}")
+
+
+def play(
+    world_id: Annotated[str, typer.Argument(help="A Gymnasium id; `minihuman worlds` lists ours.")],
+    seed: Annotated[int, typer.Option(help="The first layout's seed.")] = 0,
+    view: Annotated[ViewChoice, typer.Option(help="As the agent sees it, or all from above.")] = ViewChoice.PARTIAL,
+    palette: Annotated[PaletteChoice, typer.Option(help="The colours.")] = PaletteChoice.CLASSIC,
+    window: WindowOption = "auto",
+    fullscreen: FullscreenOption = False,
+) -> None:
+    """Play a world by hand, with its keys on the screen; nothing is recorded.
+
+    Example: minihuman play minihuman/MiniGrid-FourRooms-v0
+    """
+    from contextlib import closing
+    from time import monotonic_ns
+
+    from minihuman.windows.choose import open_window
+    from minihuman.windows.free_play import FreePlay, free_play
+
+    with closing(open_window(window, monotonic_ns, fullscreen=fullscreen)) as opened:
+        free_play(FreePlay(world_id, seed, view.value, palette.value), opened, monotonic_ns)
+
+
+def doctor(
+    data: Annotated[Path, typer.Option(help="Where sessions are to be kept.")] = Path("sessions"),
+    window: WindowOption = "auto",
+    fullscreen: FullscreenOption = False,
+) -> None:
+    """Measure whether this machine is fit to run participants; exit 1 if it is not.
+
+    Example: minihuman doctor --fullscreen
+    """
+    from minihuman.doctor import examine, verdict
+
+    findings = []
+    for finding in examine(window=window, data=data, fullscreen=fullscreen):
+        findings.append(finding)
+        print(finding.line(), flush=True)
+    print(verdict(findings))
+    raise typer.Exit(1 if any(finding.unfit_because for finding in findings) else 0)

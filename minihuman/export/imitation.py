@@ -53,6 +53,7 @@ def _trajectory(item: Chosen, demonstration: Demonstration) -> dict[str, Any]:
 
 
 def _save(trajectories: list[dict[str, Any]], path: Path) -> None:
+    datasets.disable_progress_bars()  # our own command says how far it is
     number = datasets.Value(str(trajectories[0]["obs"].dtype))
     features = datasets.Features(
         {

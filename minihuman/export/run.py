@@ -29,7 +29,7 @@ def export(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportError(f"{out} already exists; choose another folder or move it")
     card = Card(format_name, str(filters))
-    unfinished = out.with_name(out.name + ".unfinished")
+    unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
     if unfinished.exists():
         raise ExportError(f"{unfinished} is another export's, running or broken off; remove it to go on")
     unfinished.mkdir(parents=True)

@@ -1,7 +1,7 @@
 """All figures of a log or a study, as files."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from minihuman.figures.files import save
 from minihuman.figures.learning import learning_figure
-from minihuman.figures.occupancy import occupancy_figure
+from minihuman.figures.occupancy import occupancy_figure, tells_places
 from minihuman.figures.overview import overview_figure
 from minihuman.figures.paths import session_paths
-from minihuman.log.episode import Episode, SessionLog
+from minihuman.log.episode import SessionLog
 from minihuman.marks import select
 from minihuman.opened import Skipped, opened
 
@@ -53,26 +53,31 @@ def draw_session(log: SessionLog, out: Path) -> Iterator[Path]:
     yield from save(session_paths(log), out / "paths")
 
 
-def draw_study(logs: Iterable[SessionLog], out: Path) -> Iterator[Path]:
+def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
     """Draw where everybody was in each world, and each block's rewards by group over its episodes."""
-    places: dict[str, list[list[Episode]]] = defaultdict(list)
-    rewards: dict[str, dict[str, list[NDArray[np.float64]]]] = defaultdict(lambda: defaultdict(list))
+    for world in dict.fromkeys(episode.plan.world for log in logs for episode in log.episodes):
+        theirs = [
+            [episode for episode in log.episodes if episode.plan.world == world and tells_places(episode)]
+            for log in logs
+        ]
+        participants = [episodes for episodes in theirs if episodes]
+        if participants:
+            yield from save(occupancy_figure(world, participants), out / f"occupancy_{_file_name(world)}")
+    for block, curves in learning_curves(logs).items():
+        yield from save(learning_figure(curves, measure="reward"), out / f"learning_{_file_name(block)}")
+
+
+def learning_curves(logs: Iterable[SessionLog]) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """Rewards by block and group, (participants, episodes in the block); NaN where an episode was not played."""
+    rows: dict[str, dict[str, list[NDArray[np.float64]]]] = defaultdict(lambda: defaultdict(list))
     for log in logs:
-        for world in dict.fromkeys(episode.plan.world for episode in log.episodes):
-            theirs = [episode for episode in log.episodes if episode.plan.world == world and episode.start.map]
-            places[world] += [theirs] if theirs else []
         for block in dict.fromkeys(episode.plan.block_name for episode in log.episodes):
             played = [episode for episode in log.episodes if episode.plan.block_name == block]
             row = np.full(played[0].plan.episodes_in_block, np.nan)
             for episode in played:
                 row[episode.plan.episode_in_block] = episode.return_
-            rewards[block][log.plan.participant.group].append(row)
-    for world, participants in places.items():
-        if participants:
-            yield from save(occupancy_figure(world, participants), out / f"occupancy_{_file_name(world)}")
-    for block, groups in rewards.items():
-        curves = {group: np.stack(rows) for group, rows in groups.items()}
-        yield from save(learning_figure(curves, measure="reward"), out / f"learning_{_file_name(block)}")
+            rows[block][log.plan.participant.group].append(row)
+    return {block: {group: np.stack(them) for group, them in groups.items()} for block, groups in rows.items()}
 
 
 def _name(log: SessionLog) -> str:

@@ -54,7 +54,7 @@ def draw_learning(
         )  # fmt: skip
         ax.fill_between(numbers, low, high, color=colour, alpha=0.18, lw=0, gid=f"band: {group}")
     ax.set(xlabel="episode in the block", ylabel=measure)
-    if limits is not None:
+    if limits is not None and np.isfinite(limits).all():
         margin = 0.03 * (limits[1] - limits[0])
         ax.set_ylim(limits[0] - margin, limits[1] + margin)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -26,7 +26,7 @@ def occupancy(
     Raises:
         ValueError: if no episode tells map and poses, or cells and metres are mixed.
     """
-    told = [[episode for episode in theirs if _tells(episode)] for theirs in participants]
+    told = [[episode for episode in theirs if tells_places(episode)] for theirs in participants]
     told = [theirs for theirs in told if theirs]
     maps = [episode.start.map for theirs in told for episode in theirs if episode.start.map]
     units = {floor.unit for floor in maps}
@@ -89,5 +89,6 @@ def occupancy_figure(title: str, participants: Sequence[Sequence[Episode]]) -> F
     return figure
 
 
-def _tells(episode: Episode) -> bool:
+def tells_places(episode: Episode) -> bool:
+    """Whether an episode has a map, and a pose at every step."""
     return episode.start.map is not None and not bool(np.isnan(episode.poses[:, [0, 2]]).any())

@@ -34,6 +34,7 @@ _SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so t
 _RING_FROM_RAD = math.pi / 4  # a smaller turn is a bend of the line, which shows without a ring
 _FULL_CIRCLE = 2 * math.pi
 _PANELS = 10  # episodes of one block in a session's figure
+_ACROSS = 4  # panels beside each other that stay readable in a column
 _KEY_CM = 1.15  # height of the strip that explains colours and marks
 
 
@@ -169,7 +170,8 @@ def session_paths(log: SessionLog) -> Figure:
     blocks: dict[str, list[Episode]] = defaultdict(list)
     for episode in log.episodes:
         blocks[episode.plan.block_name].append(episode)
-    return paths_figure([(name, theirs[:_PANELS]) for name, theirs in blocks.items()])
+    groups = [(name, theirs[:_PANELS]) for name, theirs in blocks.items()]
+    return paths_figure(groups, across=max(1, _ACROSS // max(1, len(groups))))
 
 
 def _draw_key(part: SubFigure) -> None:

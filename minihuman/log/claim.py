@@ -11,13 +11,14 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.log.paths import SegmentPath
+from minihuman.log.reading import segment_starts
 
 
 def create(where: SegmentPath) -> int:
     """Make a segment's live file, locked, and return its file descriptor.
 
     Raises:
-        LogError: if the live file or, for a first segment, the finished log exists, or the folder cannot be written.
+        LogError: if the live file or a finished log with this segment exists, or the folder cannot be written.
     """
     while True:
         try:
@@ -34,11 +35,14 @@ def create(where: SegmentPath) -> int:
         if _is_at(fd, where.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
-    if where.segment == 1 and where.log.exists():
+    if where.log.exists() and where.segment in (1, *segment_starts(where.log)):
         where.part.unlink()
         os.close(fd)
-        raise LogError(f"{where.log} already exists; choose another --session or move it")
-    sync_folder(where.part.parent)
+        raise LogError(
+            f"{where.log} already exists and holds segment {where.segment}; choose another --session or move it"
+        )
+    for folder in where.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
+        sync_folder(folder)
     return fd
 
 

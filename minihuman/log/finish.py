@@ -17,9 +17,9 @@ from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.claim import is_live, sync_folder, taken
 from minihuman.log.decode import decode
-from minihuman.log.live import END_METADATA, LIBRARY, SEGMENT_METADATA
+from minihuman.log.live import END_METADATA, LIBRARY
 from minihuman.log.paths import PART_SUFFIX, SegmentPath
-from minihuman.log.reading import CUT_OFF
+from minihuman.log.reading import CUT_OFF, segment_starts
 from minihuman.log.scan import LogMessage, Scan
 from minihuman.study.events import SessionEnded
 
@@ -92,33 +92,19 @@ def leftovers(folder: Path) -> list[Path]:
     return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_live(part)]
 
 
-def segment_starts(path: Path) -> dict[int, str]:
-    """Read which segments a file holds as far as their plan, and the wall clock at which each started."""
-    starts: dict[int, str] = {}
-    facts: dict[str, str] = {}
-    for record in Scan(path):
-        if isinstance(record, Metadata) and record.name == SEGMENT_METADATA:
-            facts = record.metadata
-        elif isinstance(record, LogMessage) and record.channel.topic == topics.PLAN and facts:
-            starts[int(facts["segment"])] = facts["started_unix_ns"]
-    return starts
-
-
 def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -> Finished:
     with target.open("wb") as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         writer.start(profile=topics.PROFILE, library=LIBRARY)
         copy = _Copy(writer)
         if with_log:
-            log = Scan(where.log)
-            copy.all_of(log)
-            if not log.finished:
-                raise LogError(f"{where.log} is {log.stopped}; move it away to recover {where.part} by itself")
+            copy.all_of(Scan(where.log))
         part = Scan(where.part)
         copy.all_of(part)
         end_reason = copy.end_reason or CUT_OFF
         facts = {"segment": where.segment, "reason": end_reason, "clean": clean, "steps": copy.counts[topics.STEP]}
         facts |= {"stopped": part.stopped}
+        writer.flush()
         writer.add_metadata(END_METADATA, {name: str(value).lower() for name, value in facts.items()})
         writer.finish()
         file.flush()
@@ -153,6 +139,7 @@ class _Copy:
                 case LogMessage():
                     self._message(record, scan)
                 case Metadata():
+                    self._writer.flush()  # else it would come before the messages that it follows
                     self._writer.add_metadata(record.name, record.metadata)
                 case Attachment() if (record.name, record.data) not in self._attachments:
                     self._attachments.add((record.name, record.data))

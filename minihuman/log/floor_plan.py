@@ -9,7 +9,8 @@ from minihuman.worlds.pose import Map, Pose
 
 LONG_SIDE_PX = 384
 MARGIN_PX = 12
-PAPER, FLOOR, WALL, AGENT = "#ffffff", "#f1efe9", "#33363b", "#c8102e"
+ARROW_PX = 9  # its least radius
+PAPER, FLOOR, WALL, AGENT = "#ffffff", "#f1efe9", "#33363b", "#0072b2"
 
 
 def floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
@@ -31,7 +32,7 @@ def floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
         radius = max(thing.radius * scale, 2.0)
         draw.ellipse((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=WALL)
     if pose is not None:
-        draw.polygon([at(*corner) for corner in _arrow(pose, 0.4 if floor.unit == "cell" else 0.3)], fill=AGENT)
+        draw.polygon([at(*corner) for corner in _arrow(pose, max(0.4, ARROW_PX / scale))], fill=AGENT)
     buffer = io.BytesIO()
     image.save(buffer, "PNG")
     return buffer.getvalue()

@@ -4,7 +4,9 @@ While a segment is live it is ``sub-07_ses-01.mcap.part``, or ``sub-07_ses-01_se
 When it ends it becomes, or is merged into, the session's one ``sub-07_ses-01.mcap``.
 """
 
+import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,8 +67,14 @@ def session_folder(data: Path, study: str, participant: str, session: int) -> Pa
 
 def sessions_in(folder: Path) -> dict[Path, list[Path]]:
     """List a folder's sessions by the log each has or will have: that log, then live or cut-off segments in order."""
-    found: dict[Path, list[Path]] = {log: [log] for log in sorted(folder.glob(f"*{LOG_SUFFIX}"))}
-    parts = [SegmentPath.of_part(part) for part in folder.glob(f"*{PART_SUFFIX}")]
+    return sessions_among(folder, os.listdir(folder))
+
+
+def sessions_among(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
+    """As ``sessions_in``, for a folder whose names are already known."""
+    names = sorted(names)
+    found = {folder / name: [folder / name] for name in names if name.endswith(LOG_SUFFIX)}
+    parts = [SegmentPath.of_part(folder / name) for name in names if name.endswith(PART_SUFFIX)]
     for part in sorted(parts, key=lambda part: (part.log, part.segment)):
         found.setdefault(part.log, []).append(part.part)
     return found

@@ -10,7 +10,7 @@ from minihuman.log.decode import decode
 from minihuman.log.live import END_METADATA, SEGMENT_METADATA
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.scan import LogMessage, Scan
-from minihuman.log.topics import SCHEMA_VERSION
+from minihuman.log.topics import PLAN, SCHEMA_VERSION
 from minihuman.study.events import Event
 
 CUT_OFF = "cut_off"  # the end reason of a segment that never got to say one
@@ -24,7 +24,7 @@ class Reading:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.starts: list[dict[str, str]] = []  # one a segment: version, wall clock, study
+        self.starts: list[dict[str, str]] = []  # one a segment whose plan is there: version, wall clock, study
         self.ends: list[dict[str, str]] = []  # one a finished segment: reason, clean
 
     def messages(self) -> Iterator[LogMessage]:
@@ -34,14 +34,17 @@ class Reading:
             LogError: if the file cannot be opened, is no session log, of another schema version, or damaged.
         """
         scan = Scan(self.path)
+        start: dict[str, str] = {}
         for record in scan:
             match record:
                 case LogMessage():
-                    if not self.starts:
+                    if not start:
                         raise LogError(f"{self.path} is not a minihuman log: nothing in it says which version it has")
+                    if record.channel.topic == PLAN:
+                        self.starts.append(start)
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
-                    self.starts.append(self._checked(record.metadata))
+                    start = self._checked(record.metadata)
                 case Metadata() if record.name == END_METADATA:
                     self.ends.append(record.metadata)
         if not scan.finished and not self.path.name.endswith(PART_SUFFIX):
@@ -83,3 +86,15 @@ class Reading:
 def all_clean(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
     """Say whether every segment that started also ended by itself."""
     return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
+
+
+def segment_starts(path: Path) -> dict[int, str]:
+    """Read which segments a file holds, and the wall clock at which each started.
+
+    Raises:
+        LogError: as ``Reading.messages``.
+    """
+    reading = Reading(path)
+    for _ in reading.messages():
+        pass
+    return {int(facts["segment"]): facts["started_unix_ns"] for facts in reading.starts}

@@ -21,7 +21,7 @@ from minihuman.study.plan import SessionPlan
 
 BACKLOG = 65_536  # queued writes; at a hundred a second a disk may stall for ten minutes
 
-_CLOSE: tuple[Event, ...] = ()
+_CLOSE: tuple[Event, ...] = ()  # no write ever queues nothing
 
 
 class McapRecorder(Recorder):

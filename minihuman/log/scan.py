@@ -1,7 +1,8 @@
 """A log file read from front to back, as far as it is whole: finished, live, cut off, or with a garbage tail.
 
 Every record is framed and checked here before anything is believed: a record that runs past the file's end, a chunk
-whose checksum is wrong or bytes that are no record stop the scan, and ``stopped`` says where and why.
+whose checksum is wrong, a message that is missing or bytes that are no record stop the scan, and ``stopped`` says
+where and why.
 """
 
 import os
@@ -49,6 +50,7 @@ class Scan:
         self.channels: dict[int, Channel] = {}
         self.finished = False  # it has its summary and its end
         self._crc = 0  # of all that was read
+        self._sequence = 0  # of the last message; others' logs may not count, ours count from 1 in each segment
         self.stopped = ""  # why the scan ended before the end of the file; "" if it did not
 
     def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
@@ -118,6 +120,9 @@ class Scan:
             at += _HEAD.size
             if opcode == Opcode.MESSAGE:
                 channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
+                if self._sequence and sequence not in (self._sequence + 1, 1):  # 1: the next segment
+                    raise ValueError(f"message {sequence} follows message {self._sequence}")
+                self._sequence = sequence
                 payload = data[at + _MESSAGE.size : at + length]
                 yield LogMessage(self.channels[channel], sequence, log_time, publish_time, payload)
             elif opcode == Opcode.CHANNEL:

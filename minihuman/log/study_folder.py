@@ -13,12 +13,14 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from minihuman.errors import LogError
-from minihuman.log.paths import LOG_SUFFIX, PART_SUFFIX, sessions_in
+from minihuman.log.paths import sessions_among
 from minihuman.log.summary import Summary, summarise
 
 FILE_NAME = "sessions.sqlite"
 _COLUMNS = tuple(f'"{field.name}"' for field in fields(Summary))
 _TABLE = f"sessions_v1 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
+_PAGE = f"SELECT log, path, problem, {', '.join(_COLUMNS)} FROM sessions_v1 WHERE log > ? ORDER BY log LIMIT 100"
+BUSY_S = 2.0  # how long another process may hold the table before we do without it
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,52 +40,58 @@ def sessions(study: Path) -> Iterator[SessionRow]:
     """
     if not study.is_dir():
         raise LogError(f"{study} is not a folder; name a study's folder, or a session log's own")
-    with closing(_table(study)) as table:
-        _refresh(table, study)
-        for path, problem, *values in table.execute(
-            f"SELECT path, problem, {', '.join(_COLUMNS)} FROM sessions_v1 ORDER BY log"
-        ):
-            yield SessionRow(study / path, None if problem else Summary(*values), problem)
+    with closing(_up_to_date(study)) as table:
+        after = ""
+        while page := table.execute(_PAGE, (after,)).fetchall():  # no page is open while a caller works on its rows
+            for _, path, problem, *values in page:
+                yield SessionRow(study / path, None if problem else Summary(*values), problem)
+            after = page[-1][0]
 
 
-def _table(study: Path) -> sqlite3.Connection:
-    """Open the table; one in memory where the folder cannot be written or the file is no table."""
+def _up_to_date(study: Path) -> sqlite3.Connection:
+    """Open the table as of now; one in memory where the file cannot be written, is busy, or is no table."""
     try:
-        return _made(sqlite3.connect(study / FILE_NAME))
+        return _refreshed(sqlite3.connect(study / FILE_NAME, timeout=BUSY_S), study)
     except sqlite3.Error:
-        return _made(sqlite3.connect(":memory:"))
+        return _refreshed(sqlite3.connect(":memory:"), study)
 
 
-def _made(table: sqlite3.Connection) -> sqlite3.Connection:
-    with table:
-        table.execute(f"CREATE TABLE IF NOT EXISTS {_TABLE}")
-        table.execute("CREATE TEMP TABLE present (log TEXT PRIMARY KEY)")
+def _refreshed(table: sqlite3.Connection, study: Path) -> sqlite3.Connection:
+    try:
+        with table:
+            table.execute(f"CREATE TABLE IF NOT EXISTS {_TABLE}")
+            table.execute("CREATE TEMP TABLE present (log TEXT PRIMARY KEY)")
+            _refresh(table, study)
+    except sqlite3.Error:
+        table.close()
+        raise
     return table
 
 
 def _refresh(table: sqlite3.Connection, study: Path) -> None:
-    with table:
-        for log, files in _sessions_below(study):
-            key, fingerprint = str(log.relative_to(study)), _fingerprint(files)
-            table.execute("INSERT INTO present VALUES (?)", (key,))
-            known = table.execute("SELECT fingerprint FROM sessions_v1 WHERE log = ?", (key,)).fetchone()
-            if known != (fingerprint,):
-                row = (key, fingerprint, str(files[0].relative_to(study)), *_summary_or_problem(files))
-                table.execute(f"INSERT OR REPLACE INTO sessions_v1 VALUES ({', '.join('?' * len(row))})", row)
-        table.execute("DELETE FROM sessions_v1 WHERE log NOT IN (SELECT log FROM present)")
+    for log, files in _sessions_below(study):
+        key, fingerprint = str(log.relative_to(study)), _fingerprint(files)
+        table.execute("INSERT INTO present VALUES (?)", (key,))
+        known = table.execute("SELECT fingerprint FROM sessions_v1 WHERE log = ?", (key,)).fetchone()
+        if known != (fingerprint,):
+            row = (key, fingerprint, str(files[0].relative_to(study)), *_summary_or_problem(files))
+            table.execute(f"INSERT OR REPLACE INTO sessions_v1 VALUES ({', '.join('?' * len(row))})", row)
+    table.execute("DELETE FROM sessions_v1 WHERE log NOT IN (SELECT log FROM present)")
 
 
 def _sessions_below(study: Path) -> Iterator[tuple[Path, list[Path]]]:
     for folder, _, names in os.walk(study):
-        if any(name.endswith((LOG_SUFFIX, PART_SUFFIX)) for name in names):
-            yield from sessions_in(Path(folder)).items()
+        yield from sessions_among(Path(folder), names).items()
 
 
 def _fingerprint(files: list[Path]) -> str:
     found = []
     for file in files:
-        facts = file.stat()
-        found.append(f"{file.name} {facts.st_size} {facts.st_mtime_ns}")
+        try:
+            facts = file.stat()
+            found.append(f"{file.name} {facts.st_size} {facts.st_mtime_ns}")
+        except FileNotFoundError:  # finished just now; the next listing finds it under its new name
+            found.append(f"{file.name} gone")
     return "\n".join(found)
 
 

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 
 FIRST = 5  # episodes that count as the first
 
@@ -18,7 +17,7 @@ def slope_per_episode(values: Sequence[float], *, first: int = FIRST) -> float:
     there = ~np.isnan(early)
     if there.sum() < 2:
         return math.nan
-    return float(stats.linregress(np.flatnonzero(there), early[there]).slope)
+    return float(np.polyfit(np.flatnonzero(there), early[there], 1)[0])
 
 
 def gain(values: Sequence[float], *, first: int = FIRST) -> float:

@@ -3,7 +3,7 @@
 A step has a visible effect if the observation after it differs from the one before it.
 """
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -43,38 +43,57 @@ def key_uses(episodes: Sequence[Episode]) -> tuple[KeyUse, ...]:
     rows: list[KeyUse] = []
     for key_map, run in groupby(episodes, key=lambda episode: episode.plan.key_map):
         under = list(run)
-        tried = {press.key for episode in under for press in episode.keys if press.down}
-        others = sorted({*key_map.spare_keys, *tried} - set(key_map.keys))
-        rows += [_use(key, key_map.keys.get(key), under) for key in (*sorted(key_map.keys), *others)]
+        tallies = _tally(under)
+        others = {*key_map.spare_keys, *tallies} - {*key_map.keys, ""}  # "" caused a tick's no-op
+        for key in (*sorted(key_map.keys), *sorted(others)):
+            tally, action = tallies.get(key, _Tally()), key_map.keys.get(key)
+            found_s, found_steps = tally.found if tally.found and action is not None else (None, None)
+            rows.append(
+                KeyUse(
+                    key=key,
+                    action=action,
+                    first_episode=under[0].plan.episode,
+                    presses=tally.presses,
+                    steps=tally.steps,
+                    in_vain=tally.in_vain,
+                    refused=tally.refused,
+                    found_s=found_s,
+                    found_steps=found_steps,
+                )
+            )
     return tuple(rows)
 
 
-def _use(key: str, action: str | None, under: Sequence[Episode]) -> KeyUse:
-    verdicts: Counter[str] = Counter()
-    steps = in_vain = done = 0
-    played_ns = 0
+def refused_presses(episode: Episode) -> int:
+    """How many presses in an episode had no action, or came while none was taken; auto-repeats left out."""
+    return sum(press.down and press.verdict not in ("accepted", "queued", "repeat") for press in episode.keys)
+
+
+@dataclass(slots=True)
+class _Tally:
+    presses: int = 0
+    refused: int = 0
+    steps: int = 0
+    in_vain: int = 0
     found: tuple[float, int] | None = None
+
+
+def _tally(under: Sequence[Episode]) -> dict[str, _Tally]:
+    """Count every key's presses and steps under one key map, in one pass."""
+    tallies: dict[str, _Tally] = defaultdict(_Tally)
+    done = played_ns = 0
     for episode in under:
-        verdicts.update(press.verdict for press in episode.keys if press.key == key and press.down)
-        mine = np.array([cause == key for cause in episode.step_keys], bool)
-        effect = visible_effect(episode)
-        steps += int(mine.sum())
-        in_vain += int((mine & ~effect).sum())
-        showed = np.flatnonzero(mine & effect)
-        if found is None and showed.size:
-            first = int(showed[0])
-            found = ((played_ns + int(episode.key_t_ns[first] - episode.t_ns[0])) / 1e9, done + first + 1)
+        for press in episode.keys:
+            if press.down and press.verdict != "repeat":
+                tallies[press.key].presses += 1
+                tallies[press.key].refused += press.verdict not in ("accepted", "queued")
+        for step, (cause, shows) in enumerate(zip(episode.step_keys, visible_effect(episode).tolist(), strict=True)):
+            tally = tallies[cause]
+            tally.steps += 1
+            tally.in_vain += not shows
+            if shows and tally.found is None:
+                since_ns = played_ns + int(episode.key_t_ns[step] - episode.t_ns[0])
+                tally.found = (since_ns / 1e9, done + step + 1)
         done += len(episode.actions)
         played_ns += int(episode.t_ns[-1] - episode.t_ns[0])
-    presses = sum(verdicts.values()) - verdicts["repeat"]
-    return KeyUse(
-        key=key,
-        action=action,
-        first_episode=under[0].plan.episode,
-        presses=presses,
-        steps=steps,
-        in_vain=in_vain,
-        refused=presses - verdicts["accepted"] - verdicts["queued"],
-        found_s=found[0] if found and action is not None else None,
-        found_steps=found[1] if found and action is not None else None,
-    )
+    return tallies

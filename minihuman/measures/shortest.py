@@ -6,6 +6,8 @@ from functools import lru_cache
 
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt import World
+from minihuman.worlds.first_person import planner as first_person_planner
+from minihuman.worlds.first_person.layouts.goal import GoalEnv
 from minihuman.worlds.grid import planner as grid_planner
 from minihuman.worlds.grid.engine import GridEngine
 
@@ -36,10 +38,15 @@ def shortest(plan: EpisodePlan) -> Shortest:
 @lru_cache(maxsize=100_000)
 def _of_layout(world_id: str, options: str, seed: int) -> Shortest:
     world = _world(world_id, options)
-    if isinstance(world.unwrapped, GridEngine):
+    env = world.unwrapped
+    if isinstance(env, GridEngine):
         world.reset(seed)
-        actions = grid_planner.plan(world.unwrapped.state)
+        actions = grid_planner.plan(env.state)
         return UNKNOWN if actions is None else Shortest(len(actions), len(actions))
+    if isinstance(env, GoalEnv):
+        world.reset(seed)
+        way = first_person_planner.plan(env, env.box)
+        return Shortest(first_person_planner.least_steps(env, env.box), None if way is None else len(way))
     return UNKNOWN
 
 

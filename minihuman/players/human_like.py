@@ -16,6 +16,8 @@ from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt import World
 from minihuman.worlds.hashing import hash64
 
+_UNDO = {"left": "right", "right": "left", "turn_left": "turn_right", "turn_right": "turn_left"}
+
 
 @dataclass(frozen=True, slots=True)
 class Person:
@@ -97,42 +99,40 @@ class HumanLikePlayer(Player):
         Raises:
             PlayerError: if the world is of no kind that has a planner.
         """
-        seen = hash64(world.observation)
-        self._learn(seen)
+        seen = hash64([repr(world.pose()), world.observation])
+        if self._last is not None:
+            self._learn(*self._last, seen)
         key = self._choose(world)
         self._last = key, seen
         return Press(key, self._reaction_ms())
 
-    def _learn(self, seen: int) -> None:
-        if self._last is None:
-            return
+    def _learn(self, key: str, before: int, seen: int) -> None:
+        """What has the last key done, and is the way still the way?"""
         assert self._plan is not None
-        key, before = self._last
         action = self._plan.key_map.keys.get(key)
         if seen == before or action is None:
             self._fruitless[key] = self._fruitless.get(key, 0) + 1
+            return
+        self._understood[key] = action
+        if self._way[:1] == [action]:
+            self._way.pop(0)
+        elif self._way and action in _UNDO:
+            self._way.insert(0, _UNDO[action])
         else:
-            self._understood[key] = action
+            self._way = []
 
     def _choose(self, world: World) -> str:
         if self._happens(self.person.lapse):
-            self._way = []
             return self._any(self._pool)
-        if not self._detour and self._happens(self.person.astray):
+        if not self._detour and self._understood and self._happens(self.person.astray):
             length = int(self._rng.geometric(1 / self.person.detour_steps))
-            self._detour, self._way = (
-                [self._any(sorted(self._understood)) for _ in range(length) if self._understood],
-                [],
-            )
+            self._detour = [self._any(sorted(self._understood)) for _ in range(length)]
         if self._detour:
             return self._detour.pop()
         if not self._way:
             self._way = list(shortest_way(world))
-        key_of = {action: key for key, action in self._understood.items()}
-        if self._way and self._way[0] in key_of:
-            return key_of[self._way.pop(0)]
-        self._way = []  # the next key may do anything
-        return self._untried()
+        known = [key for key, action in self._understood.items() if self._way[:1] == [action]]
+        return known[0] if known else self._untried()
 
     def _untried(self) -> str:
         """One of the keys not understood yet, those that seemed dead last."""

@@ -5,8 +5,11 @@ Sending whole columns makes a session's recording tens of times faster than logg
 
 import io
 from collections import defaultdict
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 from PIL import Image
@@ -19,6 +22,8 @@ from minihuman.study.events import KeyPressed, Paused, Resumed
 from minihuman.worlds.adapt import World
 
 WALL, PATH, TRAIL, AGENT = 0xC8C8C8FF, 0x0072B2FF, 0xE69F00FF, 0xD55E00FF
+_POINT = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
+_STRIP = pa.list_(pa.field("item", _POINT, nullable=False))
 _TRAIL_MOVES = 12
 _PATH_ROWS = 400  # a longer path is redrawn every few moves: the whole of it each time would grow with the square
 _HEADING = {"cell": 0.8, "m": 0.7}
@@ -42,8 +47,7 @@ def send_session(recording: rr.RecordingStream, log: SessionLog, moments: Moment
     root = session_root(log)
     recording.log(f"{root}/facts", rr.TextDocument(facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True)
     _send_maps(recording, root, log, moments)
-    for episode in log.episodes:
-        _send_motion(recording, root, episode, moments)
+    _send_motion(recording, root, log, moments)
     _send_series(recording, root, log, moments)
     _send_keys(recording, root, log, moments)
     _send_events(recording, root, log, moments)
@@ -89,32 +93,67 @@ def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moment
     recording.send_columns(f"{root}/map/things", times, points.partition([len(floor.things) for _, floor in told]))
 
 
-def _send_motion(recording: rr.RecordingStream, root: str, episode: Episode, moments: Moments) -> None:
+def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
     """The agent at every step; path and trail whenever it moved."""
-    told = np.flatnonzero(~np.isnan(episode.poses[:, 0]))
-    if not told.size:
+    told = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
+    told = [(episode, here) for episode, here in told if here.any()]
+    if not told:
         return
-    places = episode.poses[told][:, [0, 2]].astype(np.float32)
-    yaw = episode.poses[told, 3]
-    length = _HEADING[episode.start.map.unit if episode.start.map else "m"]
+    times = np.concatenate([episode.t_ns[here] for episode, here in told])
+    poses = np.concatenate([episode.poses[here] for episode, here in told])
+    places = poses[:, [0, 2]].astype(np.float32)
+    length = np.concatenate([np.full(here.sum(), _heading(episode), np.float32) for episode, here in told])
+    heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
     arrows = rr.Arrows2D.columns(
         origins=places,
-        vectors=(length * np.stack([np.cos(yaw), -np.sin(yaw)], axis=1)).astype(np.float32),
-        colors=[AGENT] * len(places),
-        radii=[length / 8] * len(places),
+        vectors=(length[:, None] * heading).astype(np.float32),
+        colors=np.full(len(places), AGENT, np.uint32),
+        radii=length / 8,
     )
-    times = episode.t_ns[told]
     recording.send_columns(f"{root}/map/agent", moments.columns(times), arrows)
-    moved = np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
-    stride = -(-len(moved) // _PATH_ROWS)
-    ends = np.arange(len(moved))
-    for name, rows, firsts, colour in (
-        ("path", ends[::stride], np.zeros(len(ends[::stride]), int), PATH),
-        ("trail", ends, np.maximum(0, ends - max(_TRAIL_MOVES, stride)), TRAIL),
-    ):
-        strips = [places[moved[first : end + 1]] for first, end in zip(firsts, rows, strict=True)]
-        columns = rr.LineStrips2D.columns(strips=strips, colors=[colour] * len(strips))
-        recording.send_columns(f"{root}/map/{name}", moments.columns(times[moved[rows]]), columns)
+    ends = np.cumsum([here.sum() for _, here in told])
+    moves = [start + _moves(places[start:end]) for start, end in pairwise([0, *ends])]
+    _send_lines(recording, root, moments, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
+
+
+def _send_lines(
+    recording: rr.RecordingStream,
+    root: str,
+    moments: Moments,
+    times: NDArray[np.int64],
+    places: NDArray[np.float32],
+    moves: Sequence[NDArray[np.int64]],
+) -> None:
+    """Path and trail, from the rows of all episodes at which the agent moved, and their number in each."""
+    path: list[tuple[int, int]] = []
+    trail: list[tuple[int, int]] = []
+    for begin, end in pairwise(np.cumsum([0, *map(len, moves)]).tolist()):
+        stride = -(-(end - begin) // _PATH_ROWS)
+        path += [(begin, row + 1) for row in range(begin, end, stride)]
+        trail += [(max(begin, row - max(_TRAIL_MOVES, stride)), row + 1) for row in range(begin, end)]
+    for name, windows, colour in (("path", path, PATH), ("trail", trail, TRAIL)):
+        columns = rr.LineStrips2D.columns(
+            strips=_strips(places, windows), colors=np.full(len(windows), colour, np.uint32)
+        )
+        rows = moments.columns(times[[end - 1 for _, end in windows]])
+        recording.send_columns(f"{root}/map/{name}", rows, columns)
+
+
+def _moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
+    """The rows of one episode that stand elsewhere than the row before; the first always."""
+    return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
+
+
+def _heading(episode: Episode) -> float:
+    return _HEADING[episode.start.map.unit if episode.start.map else "m"]
+
+
+def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
+    """One line strip a window of rows [begin, end), as the Arrow array that rerun would make of them one by one."""
+    lengths = np.array([end - begin for begin, end in windows])
+    rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
+    points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
+    return pa.ListArray.from_arrays(np.cumsum([0, *lengths]).astype(np.int32), points, type=_STRIP)
 
 
 def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:

@@ -1,5 +1,6 @@
 """The report of a study, from its logs to a folder: tables, figures and one page."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
@@ -21,8 +22,12 @@ from minihuman.study.plan import SessionPlan
 _CURVES = (
     ("reward", "reward", (0.0, 1.0)),
     ("success", "success (share)", (0.0, 1.0)),
-    ("playing_s", "playing time (s)", None),
+    ("playing_s", "playing time (s)", (0.0, math.inf)),
 )
+_EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
+    "participant", "group", "session", "block", "episode", "attempt", "episode_in_block", "left_out",
+    *(measure for measure, _, _ in _CURVES),
+]  # fmt: skip
 
 
 class _Study:
@@ -30,7 +35,8 @@ class _Study:
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self.plan: SessionPlan | None = None
-        self.first: Path | None = None
+        self.example: Path | None = None  # the session with the most blocks, for the path figure
+        self._blocks = 0
         self.sessions = 0
         self.skipped: list[Skipped] = []
         self._say = say
@@ -47,13 +53,15 @@ class _Study:
                 self._say(f"skipped {one.path}: {one.reason}")
                 continue
             if self.plan is None:
-                self.plan, self.first = one.plan, one.path
+                self.plan = one.plan
             elif self.plan.study != one.plan.study:
                 raise ReportError(
-                    f"{one.path} is of study {one.plan.study!r}, {self.first} of {self.plan.study!r}; "
+                    f"{one.path} is of study {one.plan.study!r}, the ones before of {self.plan.study!r}; "
                     "a report is of one study: name its folder"
                 )
             self.sessions += 1
+            if one.rows["blocks"].num_rows > self._blocks:
+                self.example, self._blocks = one.path, one.rows["blocks"].num_rows
             yield one.rows
 
 
@@ -77,13 +85,12 @@ def build(
     study = _Study(say)
     reading = Reading(frozenset(only), frozenset(without))
     tables = write_tables(study.rows(read_study(source, reading, processes=processes)), out / "tables")
-    if study.plan is None or study.first is None:
+    if study.plan is None or study.example is None:
         raise ReportError(f"{source} holds no session log that can be read; {len(study.skipped)} were skipped")
-    episodes, blocks, participants = (
-        pd.read_parquet(out / "tables" / f"{name}.parquet") for name in ("episodes", "blocks", "participants")
-    )
+    episodes = pd.read_parquet(out / "tables" / "episodes.parquet", columns=_EPISODE_COLUMNS)
+    blocks, participants = (pd.read_parquet(out / "tables" / f"{name}.parquet") for name in ("blocks", "participants"))
     found = results(episodes, blocks, participants)
-    figures = [*_curves(episodes, found, out / "figures"), _paths(study.first, out / "figures")]
+    figures = [*_curves(episodes, found, out / "figures"), _paths(study.example, out / "figures")]
     facts = Page(
         study=study.plan.study,
         version=study.plan.study_version,

@@ -1,6 +1,7 @@
 """The columns of every table: name, type, unit and meaning. The data dictionary is written from here."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 import pyarrow as pa
@@ -131,6 +132,7 @@ PARTICIPANTS = (
     Column("started_at", "text", "UTC", "When the session began, ISO 8601."),
     Column("end_reason", "text", "", "Why the session ended."),
     Column("clean", "yes_no", "", "Whether the log was finished in the ordinary way."),
+    Column("completed_share", "number", "", "Share of the planned episodes that were played to an end."),
     *_OVER_EPISODES,
     _LEFT_OUT,
 )
@@ -144,6 +146,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 
 
+@cache
 def schema(table: str) -> pa.Schema:
     """The table's Arrow schema, each field with its unit and meaning as metadata."""
     return pa.schema(

@@ -9,6 +9,7 @@ from minihuman.report.columns import EPISODES, PARTICIPANTS
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import Exclusion, decode
 
+UNFINISHED_OUTCOMES = ("abandoned", "cut off")
 UNFINISHED = "not played to an end"
 _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
 
@@ -48,7 +49,7 @@ class Rules:
             return f"not tagged {' or '.join(sorted(self.only))}"
         if tags & self.without:
             return f"tagged {' '.join(sorted(tags & self.without))}"
-        if row["outcome"] in ("abandoned", "cut off"):
+        if row["outcome"] in UNFINISHED_OUTCOMES:
             return UNFINISHED
         return self._broken("episode", row)
 

@@ -45,7 +45,7 @@ def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataF
     rows = rows.sort_values(["group", "participant", "session"])
     subjects = rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]]
     each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
-    comparisons = compare_groups(each, list(MEASURES))
+    comparisons = compare_groups(each, list(MEASURES), order=_most_prepared_first(blocks))
     return Results(
         block=block,
         subjects=subjects.reset_index(drop=True),
@@ -64,6 +64,12 @@ def target_block(blocks: pd.DataFrame) -> str:
     played = [list(dict.fromkeys(part["block"])) for _, part in blocks.groupby("group")]
     common = [block for block in (played[0] if played else []) if all(block in theirs for theirs in played)]
     return str(common[-1]) if common else ""
+
+
+def _most_prepared_first(blocks: pd.DataFrame) -> list[str]:
+    """The groups, those first that played more blocks: what came before is what a transfer effect is of."""
+    counts = blocks.groupby("group")["block"].nunique()
+    return sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
 
 
 def group_rewards(each: pd.DataFrame) -> pd.DataFrame:

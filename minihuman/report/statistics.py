@@ -62,15 +62,17 @@ class Power:
     needed_for_large: int  # participants a group for a chance of 80 % at 0.8 standard deviations
 
 
-def compare_groups(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[Comparison, ...]:
+def compare_groups(rows: pd.DataFrame, measures: Sequence[str], *, order: Sequence[str] = ()) -> tuple[Comparison, ...]:
     """Compare every two groups on every measure; ``rows`` has one row a participant, with ``group`` and the measures.
+
+    Of a pair, the group that is earlier in ``order`` comes first; without an order, the earlier in the alphabet.
 
     Groups with fewer than two participants that tell a measure are not compared on it.
     """
     found = []
     for measure in measures:
         told = {str(group): part[measure].dropna().to_numpy(float) for group, part in rows.groupby("group", sort=True)}
-        told = {group: values for group, values in told.items() if len(values) > 1}
+        told = {group: told[group] for group in (order or told) if len(told.get(group, ())) > 1}
         found += [_compare(measure, a, b, told[a], told[b]) for a, b in combinations(told, 2)]
     return _corrected(found)
 

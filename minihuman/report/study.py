@@ -9,7 +9,7 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-from minihuman.errors import MinihumanError, WorldError
+from minihuman.errors import LogError, ProtocolError, WorldError
 from minihuman.marks import read_marks, tags
 from minihuman.measures.shortest import UNKNOWN, Shortest, shortest
 from minihuman.opened import Skipped, log_files, open_or_skip
@@ -43,6 +43,7 @@ def read_study(source: Path, reading: Reading, *, processes: int | None = None) 
 
     Raises:
         LogError: if there is no such file or folder.
+        ReportError: if the protocol excludes by a measure that there is not.
     """
     paths = log_files(source)
     workers = min(processes or os.cpu_count() or 1, len(paths) // _WORTH_A_POOL + 1)
@@ -65,7 +66,7 @@ def read_session(path: Path, reading: Reading) -> Session | Skipped:
         rows = session_tables(
             log, tags=in_force, rules=rules, shortest=_shortest if reading.with_shortest else _unknown
         )
-    except MinihumanError as error:
+    except (LogError, ProtocolError) as error:
         return Skipped(path, str(error))
     return Session(log.path, log.plan, rows)
 

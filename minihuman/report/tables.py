@@ -11,12 +11,12 @@ import pyarrow as pa
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.marks import tags_of
 from minihuman.measures.adaptation import slope_per_episode
-from minihuman.measures.keys import KeyUse, key_uses, visible_effect
+from minihuman.measures.keys import KeyUse, key_uses, refused_presses, visible_effect
 from minihuman.measures.path import path_efficiency, path_length, turns_in_place
 from minihuman.measures.shortest import Shortest
 from minihuman.measures.timing import pauses, playing_s, reaction_ms
 from minihuman.report.columns import schema
-from minihuman.report.exclusions import Rules
+from minihuman.report.exclusions import UNFINISHED_OUTCOMES, Rules
 from minihuman.study.plan import EpisodePlan
 
 Rows = dict[str, pa.Table]
@@ -54,7 +54,14 @@ def session_tables(
         | _over([row for row in kept if row["block"] == name], [e for e in counted if e.plan.block_name == name])
         for name in names
     ]
-    session = {"player": log.player, "started_at": log.started_at, "end_reason": log.end_reason, "clean": log.clean}
+    session: _Columns = {
+        "player": log.player,
+        "started_at": log.started_at,
+        "end_reason": log.end_reason,
+        "clean": log.clean,
+    }
+    completed = {row["episode"] for row in episodes if row["outcome"] not in UNFINISHED_OUTCOMES}
+    session["completed_share"] = len(completed) / len(log.plan.episodes)
     participant = who | session | _over(kept, counted)
     participant["left_out"] = rules.participant(participant)
     for row in blocks:
@@ -172,7 +179,7 @@ def _episode(episode: Episode, attempt: int, log: SessionLog, tags: frozenset[st
         "path_efficiency": _told(path_efficiency(episode)),
         "turns_in_place": len(turns_in_place(episode)),
         "in_vain": int((~visible_effect(episode)).sum()),
-        "refused": sum(use.refused for use in key_uses([episode])),
+        "refused": refused_presses(episode),
         "tags": " ".join(sorted(tags)),
     }
 

@@ -335,6 +335,7 @@ class Session:
                 self.close()
                 self._world = (key, self._make_world(plan.world, plan.options))
         self._play = Play(plan, self._world[1], picture_px=self._picture_px)
+        self._play.picture()  # a world's first picture may have to be compiled: not after the key that starts play
 
     def _play_on(self) -> None:
         """Start the episode that is ready, or go on with the one that was suspended."""

@@ -78,7 +78,8 @@ def feedback(plan: SessionPlan, played: Play) -> TextScreen:
         episode=episode.episode_in_block + 1,
         episodes=episode.episodes_in_block,
     )
-    return TextScreen("", body.strip(), GO_ON, progress(plan, episode))
+    body = body.strip()
+    return TextScreen("", body[:1].upper() + body[1:], GO_ON, progress(plan, episode))
 
 
 def rest(plan: SessionPlan, block: int, left_s: int) -> TextScreen:

@@ -36,8 +36,12 @@ class BlockingWindow(Window):
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
         """Block until something comes or time is up (None: for ever), and say what came, stamped; [] is no promise."""
 
+    @abc.abstractmethod
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into the toolkit's queue; from any thread, to measure with."""
+
     @property
-    def picture_px(self) -> Size | None:
+    def picture_px(self) -> Size:
         """The largest picture of a world there is room for."""
         return picture_size_px(self.size_px)
 

@@ -3,12 +3,14 @@
 from importlib.metadata import entry_points
 
 from minihuman.errors import WindowError
+from minihuman.study.screens import TextScreen
 from minihuman.windows.blocking import DEFAULT_SIZE_PX
 from minihuman.windows.compose import Size
 from minihuman.windows.port import Clock, Window
 
 GROUP = "minihuman.windows"
 AUTO = "auto"
+_OPENING = TextScreen("", "One moment, please.", "")  # worlds and log take a second or two to get ready
 _FIRST_CHOICE = ("pygame", "pyglet")  # pygame knows every key by position, on every system
 
 
@@ -45,4 +47,5 @@ def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window
     (entry, *_) = found
     window = entry.load()(clock, fullscreen=fullscreen, size_px=size_px)
     assert isinstance(window, Window), f"{entry.value} is no minihuman.windows.port.Window"
+    window.show(_OPENING)
     return window

@@ -35,9 +35,13 @@ def compose(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
 
 
 def picture_size_px(size_px: Size) -> Size:
-    """The room for a world's picture in a window: the largest width and height it may have to be shown as it is."""
+    """The room for a world's picture in a window: the largest width and height it may have to be shown as it is.
+
+    No wider than 4:3, the shape of what agents see: on a wide screen a person would see more of a 3D world than they.
+    """
     width, height = size_px
-    return width - 2 * round(height * _MARGIN), height - round(height * _TOP) - round(height * _BOTTOM)
+    room_height = height - round(height * _TOP) - round(height * _BOTTOM)
+    return min(width - 2 * round(height * _MARGIN), room_height * 4 // 3), room_height
 
 
 def _play(screen: PlayScreen, size_px: Size) -> NDArray[np.uint8]:

@@ -56,5 +56,6 @@ class HeldKeys:
         held = self._repeating
         if held is None or now_ns < held.due_ns:
             return []
-        held.due_ns = max(held.due_ns, now_ns - REPEAT_PERIOD_NS) + REPEAT_PERIOD_NS
+        on_time = now_ns - held.due_ns < REPEAT_PERIOD_NS
+        held.due_ns = (held.due_ns if on_time else now_ns) + REPEAT_PERIOD_NS
         return [KeyDown(now_ns, held.key, held.symbol, repeat=True)]

@@ -73,6 +73,11 @@ def from_scancode(scancode: int) -> str:
     return _BY_SCANCODE.get(scancode, f"scancode_{scancode}")
 
 
+def to_scancode(key: str) -> int:
+    """The SDL scancode of one of our names."""
+    return next(scancode for scancode, name in _BY_SCANCODE.items() if name == key)
+
+
 def from_xkb(position: str, keycode: int) -> str:
     """Our name for XKB's name of a position; "keycode_94" for one without."""
     return _BY_XKB.get(position, f"keycode_{keycode}")

@@ -1,6 +1,7 @@
 """The window in pygame-ce (SDL 2). Keys are known by position (scancode), whatever the layout."""
 
 import os
+import sys
 import time
 
 import numpy as np
@@ -11,10 +12,11 @@ from minihuman.errors import WindowError
 from minihuman.study.inputs import Input, Stop
 from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
 from minihuman.windows.compose import Size
-from minihuman.windows.keys import from_scancode
+from minihuman.windows.keys import from_scancode, to_scancode
 from minihuman.windows.port import Clock
 
 _NS_PER_MS = 1_000_000
+_SAY_WHERE = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
 _NO_DISPLAY = ("offscreen", "dummy")  # what SDL falls back to by itself
 _EVENTS = (
     pygame.KEYDOWN,
@@ -32,7 +34,7 @@ class PygameWindow(BlockingWindow):
     Args:
         clock: stamps inputs and flips.
         fullscreen: take the whole screen; ``size_px`` is then the screen's.
-        size_px: width and height of a window.
+        size_px: width and height of a window; smaller on a screen that is smaller.
 
     Raises:
         WindowError: if there is no display.
@@ -44,12 +46,14 @@ class PygameWindow(BlockingWindow):
         # preference, it takes 17 ms where OpenGL is done in software.
         os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
         try:
+            if sys.platform == "linux" and not any(map(os.environ.get, _SAY_WHERE)):
+                raise pygame.error("none of DISPLAY, WAYLAND_DISPLAY and SDL_VIDEODRIVER is set")
             pygame.display.init()  # never pygame.init(): it opens the sound device
             driver = pygame.display.get_driver()
             if driver in _NO_DISPLAY and os.environ.get("SDL_VIDEODRIVER") != driver:
                 raise pygame.error("SDL found no screen")
             pygame.display.set_caption(TITLE)
-            self._surface = self._open((0, 0) if fullscreen else size_px, fullscreen=fullscreen)
+            self._surface = self._open(size_px, fullscreen=fullscreen)
         except pygame.error as error:
             pygame.display.quit()
             raise WindowError(
@@ -66,6 +70,8 @@ class PygameWindow(BlockingWindow):
     @staticmethod
     def _open(size_px: Size, *, fullscreen: bool) -> pygame.Surface:
         """Open with vsync where the display has a refresh rate and the driver grants it, else without."""
+        screen_px = pygame.display.get_desktop_sizes()[0]
+        size_px = screen_px if fullscreen else (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
         flags = pygame.FULLSCREEN if fullscreen else 0
         if any(pygame.display.get_desktop_refresh_rates()):
             try:
@@ -110,6 +116,11 @@ class PygameWindow(BlockingWindow):
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
         return []
+
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into SDL's queue; from any thread."""
+        for kind in (pygame.KEYDOWN, pygame.KEYUP):
+            pygame.event.post(pygame.event.Event(kind, scancode=to_scancode(key), key=pygame.K_UNKNOWN))
 
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified."""

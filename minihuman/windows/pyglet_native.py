@@ -23,6 +23,12 @@ if ON_X11:
 EVENT_HANDLED = pyglet.event.EVENT_HANDLED
 
 
+def screen_now() -> Any:
+    """The screen that windows open on."""
+    displays = pyglet.canvas if hasattr(pyglet, "canvas") else pyglet.display  # pyglet 1.5, pyglet 2
+    return displays.get_display().get_default_screen()
+
+
 class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 has no types
     """Dispatches ``on_key(down, key, symbol)`` in our key names, beside pyglet's own events.
 
@@ -32,9 +38,14 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
 
     _enable_event_queue = False  # deliver at once and in order, as pyglet's own event loop has it
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, title: str, size_px: Size | None) -> None:
+        """Open a window of that size, no larger than the screen; None takes the whole screen."""
         self._positions: dict[int, str] = {}
-        super().__init__(vsync=True, **settings)
+        screen = screen_now()
+        settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
+        if size_px is not None:
+            settings = {"width": min(size_px[0], screen.width), "height": min(size_px[1], screen.height)}
+        super().__init__(caption=title, vsync=True, **settings)
         if ON_X11:
             self._positions = positions(xlib._lib, self.display._display)
         self._frame_size: Size | None = None

@@ -21,7 +21,7 @@ class PygletWindow(BlockingWindow):
     Args:
         clock: stamps inputs and flips.
         fullscreen: take the whole screen; ``size_px`` is then the screen's.
-        size_px: width and height of a window.
+        size_px: width and height of a window; smaller on a screen that is smaller.
 
     Raises:
         WindowError: if there is no display, or none with OpenGL 3.
@@ -76,6 +76,13 @@ class PygletWindow(BlockingWindow):
         self._inputs.append(Stop(self._clock(), "window_closed"))
         return True  # handled: pyglet is not to close it itself
 
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into pyglet's queue; from any thread."""
+        import pyglet
+
+        for down in (True, False):
+            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "")
+
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified."""
         import pyglet
@@ -110,8 +117,7 @@ def _open(*, fullscreen: bool, size_px: Size) -> "NativeWindow":
             raise WindowError("pyglet has been put into headless mode in this process; use --window pygame")
         from minihuman.windows.pyglet_native import NativeWindow
 
-        settings = {"fullscreen": True} if fullscreen else {"width": size_px[0], "height": size_px[1]}
-        window = NativeWindow(caption=TITLE, **settings)
+        window = NativeWindow(TITLE, None if fullscreen else size_px)
         pyglet.app.platform_event_loop.start()
     except WindowError:
         raise

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from minihuman.errors import WorldError
 from minihuman.log.recorder import McapRecorder
 from minihuman.study.plan import SessionPlan
 from minihuman.study.session import Session
@@ -16,12 +17,17 @@ def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> P
 
     Raises:
         LogError: if the log exists already or cannot be written.
+        WorldError: if the world failed; the log says so too, and everything before is in it.
         OSError: if the data folder cannot be written.
     """
     facts = {"player": "human", **machine_facts(), **window.facts()}
     recorder = McapRecorder(data, plan, started_ns=clock.started_unix_ns)
     session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
-    return run_session(session, window, recorder, clock)
+    path = run_session(session, window, recorder, clock)
+    if session.failure is not None:
+        failure = f"{type(session.failure).__name__}: {session.failure}"
+        raise WorldError(f"the world failed ({failure}); everything before that is in {path}") from session.failure
+    return path
 
 
 def _four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.grid.floor_plan import wall_outlines
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose, Thing
 
@@ -97,28 +98,6 @@ class MinigridLike(NativeWorld):
         columns, rows = (env.agent_view_size,) * 2 if view == "partial" else (env.width, env.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
         return np.asarray(env.get_frame(env.highlight, tile_px, view == "partial"), dtype=np.uint8)
-
-
-def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float, float], ...]:
-    """Where wall meets no wall, as the longest straight segments (x0, z0, x1, z1).
-
-    Args:
-        is_wall: bool[width, height], indexed column, row; cell (c, r) is the unit square centred on (c, r).
-    """
-    upright = [
-        (line, low, line, high) for line, low, high in _runs(is_wall[:-1] != is_wall[1:])
-    ]  # between column c and c + 1
-    level = [(low, line, high, line) for line, low, high in _runs((is_wall[:, :-1] != is_wall[:, 1:]).T)]
-    return tuple(upright + level)
-
-
-def _runs(edges: NDArray[np.bool_]) -> list[tuple[float, float, float]]:
-    """Runs of true values along the second axis, as (line, start, end) in cell-centred coordinates."""
-    padded = np.pad(edges.astype(np.int8), ((0, 0), (1, 1)))
-    change = np.diff(padded, axis=1)
-    starts, ends = np.argwhere(change == 1), np.argwhere(change == -1)
-    pairs = zip(starts.tolist(), ends.tolist(), strict=True)
-    return [(line + 0.5, low - 0.5, high - 0.5) for (line, low), (_, high) in pairs]
 
 
 def _nested(thing: Any) -> list[Any] | None:

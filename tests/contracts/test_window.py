@@ -8,6 +8,7 @@ import getpass
 import os
 import platform
 import random
+import shutil
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -248,6 +249,22 @@ def test_every_key_is_called_by_its_place(real_desk: RealDesk) -> None:
     assert len(there) > 80
     real_desk.typist.tap(*there)
     assert strokes_of(real_desk.hear(2 * len(there))) == [(key, down) for key in there for down in (True, False)]
+
+
+@pytest.mark.skipif(shutil.which("setxkbmap") is None, reason="setxkbmap, which changes the layout, is not installed")
+def test_on_a_french_keyboard_the_keys_keep_their_names_and_tell_the_layouts(real_desk: RealDesk) -> None:
+    real_desk.typist.set_layout("fr")
+    try:
+        real_desk.settle()
+        real_desk.typist.tap_place("1")
+        real_desk.typist.tap_place("q")
+        heard = [happened for happened in real_desk.hear(4) if isinstance(happened, KeyDown)]
+    finally:
+        real_desk.typist.set_layout("us")
+        real_desk.settle()
+    assert [happened.key for happened in heard] == ["1", "q"]
+    assert heard[0].symbol in ("1", "ampersand")  # SDL calls the digit row by its digits, also where they need Shift
+    assert heard[1].symbol.lower() == "a"
 
 
 def test_what_is_on_the_display_is_what_was_composed(real_desk: RealDesk) -> None:

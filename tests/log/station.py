@@ -26,9 +26,15 @@ def stations() -> ForkServerContext:
 
 
 def play_and_tell(data: Path, plan: SessionPlan, events: Sequence[Event], told: Connection, pause_s: float) -> None:
-    """Write events one by one, telling after each how many steps are durable; then close."""
+    """Write events one by one, telling after each how many steps are durable; then close.
+
+    The start is given time, as a participant who reads the first screen gives it.
+    """
     recorder = McapRecorder(data, plan, started_ns=STARTED_NS)
-    for event in events:
+    recorder.write(events[:1])
+    recorder.drain()
+    told.send(recorder.durable_steps)
+    for event in events[1:]:
         recorder.write([event])
         time.sleep(pause_s)
         told.send(recorder.durable_steps)

@@ -93,6 +93,16 @@ def test_a_flipped_bit_costs_only_what_follows_it(live: Live, tmp_path: Path) ->
         assert _steps(kept) >= live.steps_within(int(at))
 
 
+def test_a_chunk_that_is_taken_for_something_else_is_missed(live: Live, tmp_path: Path) -> None:
+    at = max(size for size in live.steps_at if size < len(live.bytes) - 1000)
+    taken = bytearray(live.bytes)
+    assert taken[at] == 0x06, "a chunk starts where the one before ended"
+    taken[at] = 0x07  # an index record, which a reader may skip
+    kept = _recovered(bytes(taken), tmp_path)
+    assert kept == EVENTS[: len(kept)]
+    assert _steps(kept) == live.steps_within(at)
+
+
 def _part(content: bytes, folder: Path) -> Path:
     part = folder / "sub-07_ses-01.mcap.part"
     SegmentPath.of_part(part).log.unlink(missing_ok=True)

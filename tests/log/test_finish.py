@@ -69,6 +69,14 @@ def test_a_resumed_session_ends_as_one_log_with_both_segments(tmp_path: Path) ->
     assert [facts["reason"] for facts in session.metadata["ends"]] == ["window_closed", "complete"]
 
 
+def test_a_segment_that_is_in_the_log_is_not_recorded_again(tmp_path: Path) -> None:
+    _record(tmp_path, FIRST, _first_events())
+    log = _record(tmp_path, SECOND, session_events(SECOND, steps=8), started_ns=STARTED_NS + HOUR_NS)
+    with pytest.raises(LogError, match="holds segment 2; choose another --session or move it"):
+        McapRecorder(tmp_path, SECOND, started_ns=STARTED_NS + 2 * HOUR_NS)
+    assert [path.name for path in log.parent.iterdir()] == [log.name]
+
+
 def test_while_a_second_segment_is_live_the_first_stays_readable(tmp_path: Path) -> None:
     first, second = _first_events(), session_events(SECOND, steps=8)
     log = _record(tmp_path, FIRST, first)
@@ -135,7 +143,7 @@ def test_a_damaged_log_is_not_merged_into(tmp_path: Path) -> None:
     log = _record(tmp_path, FIRST, _first_events())
     part = _left_over(tmp_path, SECOND, session_events(SECOND), started_ns=STARTED_NS + HOUR_NS)
     log.write_bytes(log.read_bytes()[:-2000])
-    with pytest.raises(LogError, match=r"is (cut off|damaged) .*move it away to recover"):
+    with pytest.raises(LogError, match=r"sub-07_ses-01\.mcap is (cut off|damaged)"):
         recover(part)
     assert part.exists()
     assert sorted(path.name for path in log.parent.iterdir()) == [log.name, part.name]

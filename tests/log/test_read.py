@@ -142,6 +142,19 @@ def _foreign(path: Path, *, metadata: dict[str, str] | None) -> None:
         writer.finish()
 
 
+def test_a_second_segment_that_has_no_plan_yet_changes_nothing(log: Path) -> None:
+    recorder = McapRecorder(log.parents[3], session_plan(episodes=3, segment=2), started_ns=STARTED_NS)
+    recorder.write(session_events(session_plan(episodes=3, segment=2))[:1])
+    recorder.drain()
+    part = log.with_name("sub-07_ses-01_seg-02.mcap.part")
+    start = part.read_bytes()[:900]
+    recorder.close()
+    log = record(log.parents[3] / "other", PLAN, EVENTS)
+    log.with_name(part.name).write_bytes(start)
+    session = open_log(log.parent)
+    assert (session.clean, len(session.episodes)) == (True, 3)
+
+
 def test_a_missing_step_is_named(tmp_path: Path) -> None:
     gap: list[Event] = [e for e in EVENTS if not (isinstance(e, Stepped) and (e.episode, e.step) == (1, 5))]
     log = record(tmp_path, PLAN, gap)

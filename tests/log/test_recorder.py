@@ -229,7 +229,7 @@ def test_a_finished_session_is_never_recorded_over(tmp_path: Path) -> None:
     log = recorder.close()
     assert log is not None
     before = log.read_bytes()
-    with pytest.raises(LogError, match="already exists; choose another --session or move it"):
+    with pytest.raises(LogError, match="already exists and holds segment 1; choose another --session or move it"):
         McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     assert log.read_bytes() == before
     assert [path.name for path in log.parent.iterdir()] == [log.name]

@@ -13,6 +13,7 @@ from minihuman.log.encode import for_viewers, truth
 from minihuman.log.read import read_events
 from minihuman.log.recorder import McapRecorder
 from minihuman.study import events as ev
+from tests.counts import count
 from tests.log.samples import EVENTS, EVENTS_BY_TYPE, STARTED_NS, STARTS, session_events, session_plan
 
 
@@ -22,7 +23,7 @@ def test_every_kind_of_event_has_a_strategy() -> None:
 
 @pytest.mark.parametrize("kind", EVENTS_BY_TYPE, ids=lambda kind: kind.__name__)
 def test_an_event_becomes_one_message_and_comes_back_equal(kind: type[ev.Event]) -> None:
-    @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    @settings(max_examples=count(10, 500), deadline=None, suppress_health_check=[HealthCheck.too_slow])
     @given(EVENTS_BY_TYPE[kind])
     def comes_back(event: ev.Event) -> None:
         topic, message = truth(event)
@@ -31,7 +32,7 @@ def test_an_event_becomes_one_message_and_comes_back_equal(kind: type[ev.Event])
     comes_back()
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=count(8, 300), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(start=STARTS, rest=st.lists(EVENTS.filter(lambda event: not isinstance(event, ev.SessionStarted)), max_size=6))
 def test_any_events_written_are_read_in_the_same_order(start: ev.SessionStarted, rest: list[ev.Event]) -> None:
     events = [start, *rest]

@@ -1,6 +1,7 @@
 """A study at a glance: a row a session, up to date, each log read once, the unreadable ones named."""
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -125,6 +126,23 @@ def test_the_table_may_be_deleted_spoilt_or_unwritable(tmp_path: Path) -> None:
     (tmp_path / FILE_NAME).unlink()
     (tmp_path / FILE_NAME).mkdir()
     assert [row.path for row in sessions(tmp_path)] == [log]
+
+
+def test_a_table_that_another_process_holds_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study_folder, "BUSY_S", 0.01)
+    log = _record(tmp_path, "sub-01")
+    with closing(sqlite3.connect(tmp_path / FILE_NAME)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        assert [row.path for row in sessions(tmp_path)] == [log]
+
+
+def test_a_row_in_hand_keeps_nobody_from_the_table(tmp_path: Path) -> None:
+    for number in range(3):
+        _record(tmp_path, f"sub-{number:02d}")
+    rows = sessions(tmp_path)
+    next(rows)
+    with closing(sqlite3.connect(tmp_path / FILE_NAME, timeout=0)) as other:
+        other.execute("BEGIN EXCLUSIVE")
 
 
 def test_the_table_is_read_by_sqlite(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import duckdb
 import msgspec
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 from minihuman.errors import ReportError
@@ -17,6 +18,7 @@ from minihuman.report.tables import session_tables
 from minihuman.report.writing import write_tables
 from minihuman.study.protocol import Exclusion
 from tests.builders import session, session_of
+from tests.counts import count
 
 RULES = Rules()
 
@@ -159,3 +161,21 @@ def test_units_are_in_the_dictionary():
         for column in columns:
             for ending, unit in (("_ms", "ms"), ("_s", "s"), ("_rad", "rad")):
                 assert not column.name.endswith(ending) or column.unit == unit
+
+
+@pytest.mark.long
+def test_ten_thousand_sessions_take_no_more_memory_than_a_few(log, tmp_path):
+    made = session_tables(session(), tags={}, rules=RULES, shortest=twenty)
+
+    def highest(sessions: int) -> int:
+        held = []
+
+        def stream():
+            for _ in range(sessions):
+                held.append(pa.total_allocated_bytes())
+                yield made
+
+        write_tables(stream(), tmp_path / str(sessions))
+        return max(held)
+
+    assert highest(count(300, 10_000)) < 1.2 * highest(100)

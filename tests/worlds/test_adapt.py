@@ -50,10 +50,25 @@ def test_a_minigrid_world_of_a_third_party_has_names_mission_pose_and_map():
     assert floor_plan.unit == "cell"
     assert floor_plan.bounds == (-0.5, -0.5, 7.5, 7.5)
     assert {thing.name for thing in floor_plan.things} == {"yellow door", "yellow key", "green goal"}
-    # the inner face of the outer wall, then the wall with the door
     assert (0.5, 0.5, 0.5, 6.5) in floor_plan.walls
     assert world.frame("full", (400, 300)).shape == (296, 296, 3)
     assert world.frame("partial", (400, 300)).shape == (294, 294, 3)
+
+
+def things(world: World) -> list[tuple[str, float, float]]:
+    return sorted((thing.name, thing.x, thing.z) for thing in world.map().things)
+
+
+@pytest.mark.parametrize("name", ["MiniGrid-FourRooms-v0", "MiniGrid-DoorKey-8x8-v0"])
+def test_what_is_read_off_a_minigrid_world_is_what_ours_says_of_itself(name):
+    theirs, ours = World(f"minigrid:{name}"), World(f"minihuman/{name}")
+    assert theirs.reset(7) == ours.reset(7)
+    assert theirs.action_names == ours.action_names
+    for action in (0, 2, 1, 2):
+        assert theirs.step(action) == ours.step(action)
+        assert theirs.pose() == ours.pose()
+        assert (theirs.map().walls, theirs.map().bounds) == (ours.map().walls, ours.map().bounds)
+        assert things(theirs) == things(ours)
 
 
 def test_drawing_changes_no_state():

@@ -28,10 +28,3 @@ class Agent(Entity):
         self.cam_fwd_disp = parameters.number("cam_fwd_disp", rng)
         self.cam_pitch = parameters.number("cam_pitch", rng)
         self.cam_fov_y = parameters.number("cam_fov_y", rng)
-
-    @property
-    def camera(self) -> tuple[float, float, float]:
-        """Where the camera is."""
-        ahead_x, ahead_z = self.forward
-        x, y, z = self.pos
-        return x + self.cam_fwd_disp * ahead_x, y + self.cam_height, z + self.cam_fwd_disp * ahead_z

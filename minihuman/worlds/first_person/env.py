@@ -16,7 +16,7 @@ from minihuman.worlds.first_person.agent import Agent
 from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.map import floor_map
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
-from minihuman.worlds.first_person.picture import Pictures
+from minihuman.worlds.first_person.picture import Glimpse, Pictures, glimpse
 from minihuman.worlds.first_person.rooms import WALL_HEIGHT, Limits, Point, Room, rectangle
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
@@ -33,7 +33,7 @@ _NOT_STATE = frozenset(
         "render_mode",
         "view",
     }
-    | {"window_px", "spec", "_pictures"}
+    | {"window_px", "spec", "_pictures", "_before"}
 )
 
 EntityT = TypeVar("EntityT", bound=Entity)
@@ -89,6 +89,8 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     ) -> None:
         if max_steps is not None and max_steps < 1:
             raise WorldError(f"max_steps is {max_steps}; an episode has 1 step or more, or None for no end")
+        if min(obs_width, obs_height) < 1:
+            raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
         if view not in ("agent", "top"):
             raise WorldError(f"view is {view!r}; render() draws the 'agent' view or the 'top' view")
         if render_mode not in (None, "rgb_array"):
@@ -106,6 +108,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.window_px = (window_width, window_height)
         self.step_count = 0
         self._stage: Stage | None = None
+        self._before: Glimpse | None = None  # how the last step began; None after a reset or restore
         self._pictures = Pictures((obs_width, obs_height), assets)
 
     # What a world says of itself.
@@ -231,7 +234,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
             WorldError: before the first reset.
         """
         if self._stage is None:
-            raise WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")
+            raise self._not_reset()
         return self._stage
 
     @property
@@ -248,13 +251,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Build a new episode; the same seed builds the same one. There are no options."""
-        super().reset(seed=seed)
-        self.step_count = 0
-        self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
-        self.build()
-        if self.agent not in self.entities:
-            raise WorldError(f"{type(self).__name__}.build() placed no agent; end it with self.place_agent()")
-        self._stage.randomise()
+        self.begin(seed=seed)
         return self.observe(), self.info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -263,15 +260,37 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         Raises:
             WorldError: if the action is not one of the action space, or before the first reset.
         """
+        reward, terminated, truncated = self.advance(action)
+        return self.observe(), reward, terminated, truncated, self.info()
+
+    def begin(self, *, seed: int | None = None) -> None:
+        """A reset without its observation."""
+        super().reset(seed=seed)
+        self.step_count = 0
+        self._before = None
+        self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
+        self.build()
+        if self.agent not in self.entities:
+            raise WorldError(f"{type(self).__name__}.build() placed no agent; end it with self.place_agent()")
+        self._stage.randomise()
+
+    def advance(self, action: Any) -> tuple[float, bool, bool]:
+        """A step without its observation: reward, terminated, truncated."""
+        self.check(action)
         stage = self.stage
-        if not 0 <= action < len(self.action_names):
-            raise WorldError(f"action {action!r} is not one of 0 to {len(self.action_names) - 1}")
         name = self.action_names[action]
+        self._before = glimpse(stage)
         self.step_count += 1
         rules.act(stage, self.motions.get(name, name))
         reward, terminated = self.judge(name)
-        truncated = self.max_steps is not None and self.step_count >= self.max_steps
-        return self.observe(), reward, terminated, truncated, self.info()
+        return reward, terminated, self.max_steps is not None and self.step_count >= self.max_steps
+
+    def check(self, action: Any) -> None:
+        """Raise what ``step`` would raise for this action now; nothing changes."""
+        if self._stage is None:
+            raise self._not_reset()
+        if not 0 <= action < len(self.action_names):
+            raise WorldError(f"action {action!r} is not one of 0 to {len(self.action_names) - 1}")
 
     def render(self) -> NDArray[np.uint8] | None:
         """The view asked for at construction, uint8[window_height, window_width, 3]; None without a render mode."""
@@ -295,6 +314,13 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     ) -> NDArray[np.uint8]:
         """The agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
         return self._pictures.draw(self.stage, view=view, size_px=size_px, palette=palette)
+
+    def glide(
+        self, fraction: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The agent's view on the way of the last step, 0 where it began to 1 where it ended. It changes no state."""
+        between = None if self._before is None else (self._before, fraction)
+        return self._pictures.draw(self.stage, view="partial", size_px=size_px, palette=palette, between=between)
 
     def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
         """How far away what the agent sees is, metres along its view, float32[H, W]."""
@@ -323,6 +349,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         for name in self._state().keys() - saved.state.keys():
             delattr(self, name)
         vars(self).update(copy.deepcopy(saved.state))
+        self._before = None
+
+    def _not_reset(self) -> WorldError:
+        return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")
 
     def _state(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in _NOT_STATE}

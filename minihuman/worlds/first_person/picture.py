@@ -1,23 +1,31 @@
 """The pictures of a stage: what the agent sees, how far away it is, the world from above. Drawing changes no state."""
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette, View
-from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.entities import Entity, Position
 from minihuman.worlds.first_person.floor import FloorPlan
-from minihuman.worlds.first_person.library import library
+from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render, render_depth, render_top, visible_things
-from minihuman.worlds.first_person.render.layout import lay_out
-from minihuman.worlds.first_person.render.scene import Camera, Scene, SceneRoom
-from minihuman.worlds.first_person.scenery import light, look, places, scene_rooms
+from minihuman.worlds.first_person.render.layout import furnish
+from minihuman.worlds.first_person.render.scene import Camera, Scene
+from minihuman.worlds.first_person.render.tables import Faces, Rooms
+from minihuman.worlds.first_person.scenery import light, look, places, room_tables
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.pose import Pose
+
+
+class Glimpse(NamedTuple):
+    """Where those that can move were: the agent, and what it carried."""
+
+    agent: tuple[Position, float]
+    carried: tuple[Entity, Position, float] | None
 
 
 class Pictures:
@@ -27,7 +35,7 @@ class Pictures:
         self.size_px = size_px  # of an observation: width, height
         self.assets = assets  # folder of textures and meshes; None: our own
         self._floor: FloorPlan | None = None
-        self._rooms: Sequence[SceneRoom] = ()
+        self._rooms: tuple[Faces, Rooms]  # the floor's
         self._staged: dict[Palette, tuple[Stage, list[Entity], Scene]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -37,11 +45,24 @@ class Pictures:
         """What the agent sees, in the size of an observation."""
         return render(self.scene(stage), camera(stage), *self.size_px)
 
-    def draw(self, stage: Stage, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
-        """What the agent sees, or the world from above with the agent in it."""
+    def draw(
+        self,
+        stage: Stage,
+        *,
+        view: View,
+        size_px: tuple[int, int],
+        palette: Palette,
+        between: tuple[Glimpse, float] | None = None,
+    ) -> NDArray[np.uint8]:
+        """What the agent sees, or the world from above with the agent in it.
+
+        With ``between``, an earlier glimpse and a fraction, the agent's view is that far from then to now.
+        """
         if min(size_px) < 1:
             raise WorldError(f"a picture of {size_px[0]} x {size_px[1]} pixels shows nothing; both are 1 or more")
         scene = self.scene(stage, palette)
+        if view == "partial" and between is not None:
+            return render(*self._on_the_way(stage, scene, palette, *between), *size_px)
         if view == "partial":
             return render(scene, camera(stage), *size_px)
         return render_top(scene, *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
@@ -60,26 +81,66 @@ class Pictures:
     def scene(self, stage: Stage, palette: Palette = "classic") -> Scene:
         """The scene now: laid out anew for a new stage or a new thing, otherwise with its things moved."""
         if self._floor is not stage.floor:
-            self._floor, self._rooms, self._staged = stage.floor, scene_rooms(stage.floor), {}
+            with library_lock:
+                rooms = room_tables(stage.floor, library(self.assets))
+            self._floor, self._rooms, self._staged = stage.floor, rooms, {}
         kept = self._staged.get(palette)
         things = [entity for entity in stage.entities if entity is not stage.agent]
         if kept is not None and kept[0] is stage and set(map(id, things)) <= set(map(id, kept[1])):
             things, scene = kept[1], kept[2].at(places(stage, kept[1]))
         else:
             looks = [look(thing, palette) for thing in things]
-            scene = lay_out(
-                self._rooms,
-                looks,
-                library=library(self.assets),
-                places=places(stage, things),
-                light=light(stage),
-                sky=stage.sky_colour,
-            )
+            with library_lock:
+                scene = furnish(
+                    self._rooms,
+                    looks,
+                    library=library(self.assets),
+                    places=places(stage, things),
+                    light=light(stage),
+                    sky=stage.sky_colour,
+                )
         self._staged[palette] = stage, things, scene
         return scene
 
+    def _on_the_way(
+        self, stage: Stage, scene: Scene, palette: Palette, before: Glimpse, fraction: float
+    ) -> tuple[Scene, Camera]:
+        """Scene and camera that far from a glimpse to now."""
+        now = camera(stage)
+        pos, yaw_rad = before.agent
+        there = camera(stage, pos, yaw_rad)
+        position = _mixed(there.position, now.position, fraction)
+        eye = replace(now, position=position, yaw_rad=yaw_rad + fraction * (now.yaw_rad - yaw_rad))
+        if before.carried is None:
+            return scene, eye
+        thing, pos, yaw_rad = before.carried
+        rows = scene.places.copy()
+        for row, kept in zip(rows, self._staged[palette][1], strict=True):
+            if kept is thing:
+                row[:3] = _mixed(pos, thing.pos, fraction)
+                row[3] = yaw_rad + fraction * (thing.dir - yaw_rad)
+        return scene.at(rows), eye
 
-def camera(stage: Stage) -> Camera:
-    """The agent's eye."""
+
+def glimpse(stage: Stage) -> Glimpse:
+    """Where those that can move are now."""
+    agent, carried = stage.agent, stage.agent.carrying
+    return Glimpse((agent.pos, agent.dir), None if carried is None else (carried, carried.pos, carried.dir))
+
+
+def camera(stage: Stage, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
+    """The agent's eye, where the agent stands or as if it stood elsewhere."""
     agent = stage.agent
-    return Camera(agent.camera, agent.dir, agent.cam_pitch * (math.pi / 180), agent.cam_fov_y)
+    x, y, z = agent.pos if pos is None else pos
+    yaw = agent.dir if yaw_rad is None else yaw_rad
+    position = (
+        x + agent.cam_fwd_disp * math.cos(yaw),
+        y + agent.cam_height,
+        z - agent.cam_fwd_disp * math.sin(yaw),
+    )
+    return Camera(position, yaw, agent.cam_pitch * (math.pi / 180), agent.cam_fov_y)
+
+
+def _mixed(a: Position, b: Position, fraction: float) -> Position:
+    x, y, z = (before + fraction * (after - before) for before, after in zip(a, b, strict=True))
+    return x, y, z

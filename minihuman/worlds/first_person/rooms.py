@@ -71,6 +71,10 @@ class Room:
     wall: str = "concrete"
     ceiling: str | None = "concrete_tiles"  # None: open to the sky
     number: int = -1  # its place in the floor plan, from 0; -1 outside of one
+    min_x: float = field(init=False)  # the extent of the outline
+    max_x: float = field(init=False)
+    min_z: float = field(init=False)
+    max_z: float = field(init=False)
     edges: tuple[Edge, ...] = field(init=False)
     portals: tuple[list[Portal], ...] = field(init=False)
 
@@ -78,6 +82,8 @@ class Room:
         self.outline = tuple((float(x), float(z)) for x, z in self.outline)
         if len(self.outline) < 3:
             raise WorldError(f"the outline {list(self.outline)} has fewer than 3 corners; a room has to close")
+        across, down = zip(*self.outline, strict=True)
+        self.min_x, self.max_x, self.min_z, self.max_z = min(across), max(across), min(down), max(down)
         self.edges = tuple(
             _edge(start, end) for start, end in zip(self.outline, self.outline[1:] + self.outline[:1], strict=True)
         )
@@ -85,26 +91,6 @@ class Room:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Room":
         return self  # no step changes a room: copies of a world share it
-
-    @property
-    def min_x(self) -> float:
-        """The smallest x of the outline."""
-        return min(x for x, _ in self.outline)
-
-    @property
-    def max_x(self) -> float:
-        """The largest x of the outline."""
-        return max(x for x, _ in self.outline)
-
-    @property
-    def min_z(self) -> float:
-        """The smallest z of the outline."""
-        return min(z for _, z in self.outline)
-
-    @property
-    def max_z(self) -> float:
-        """The largest z of the outline."""
-        return max(z for _, z in self.outline)
 
     @property
     def area(self) -> float:
@@ -164,13 +150,17 @@ class Room:
         pieces = []
         for index, (edge, portals) in enumerate(zip(self.edges, self.portals, strict=True)):
             reached = 0.0
-            for portal in portals:
-                pieces.append(WallPiece(index, reached, portal.start, 0.0, self.wall_height))
-                pieces.append(WallPiece(index, portal.start, portal.end, 0.0, portal.bottom))
-                pieces.append(WallPiece(index, portal.start, portal.end, portal.top, self.wall_height))
-                reached = portal.end
-            pieces.append(WallPiece(index, reached, edge.length, 0.0, self.wall_height))
-        return [piece for piece in pieces if piece.start != piece.end and piece.bottom != piece.top]
+            for start, end, bottom, top, _ in portals:
+                if start != reached:
+                    pieces.append(WallPiece(index, reached, start, 0.0, self.wall_height))
+                if bottom != 0.0:
+                    pieces.append(WallPiece(index, start, end, 0.0, bottom))
+                if top != self.wall_height:
+                    pieces.append(WallPiece(index, start, end, top, self.wall_height))
+                reached = end
+            if reached != edge.length:
+                pieces.append(WallPiece(index, reached, edge.length, 0.0, self.wall_height))
+        return pieces
 
 
 def rectangle(min_x: float, max_x: float, min_z: float, max_z: float) -> tuple[Point, ...]:

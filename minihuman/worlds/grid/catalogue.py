@@ -120,5 +120,9 @@ ENTRIES: tuple[Entry, ...] = (
             ("Full", 1, "four corners, no ball on a key", (1, 1), True, True, 4, 25),
         )
     ),
-    Entry("MiniGrid-GoToObj-Transfer-v0", "minihuman.worlds.grid.transfer:GoToObj", summary="go to the {} {}, the 3D one's pair"),
+    Entry(
+        "MiniGrid-GoToObj-Transfer-v0",
+        "minihuman.worlds.grid.transfer:GoToObj",
+        summary="go to the {} {}, the 3D one's pair",
+    ),
 )

@@ -1,6 +1,7 @@
 """GridEngine: what every grid world is. Holds one row of state; what an action does is in ``rules``."""
 
 import abc
+from copy import deepcopy
 from dataclasses import dataclass
 from operator import index
 from typing import Any, ClassVar, Literal
@@ -22,6 +23,7 @@ from minihuman.worlds.grid.state import (
     FAILED,
     HEIGHT,
     MAX_STEPS,
+    NEW,
     PHASE,
     PLAYING,
     SEE_THROUGH,
@@ -32,7 +34,8 @@ from minihuman.worlds.grid.state import (
     clear,
     row_length,
 )
-from minihuman.worlds.grid.view import LARGEST_VIEW, see
+from minihuman.worlds.grid.view import see, see_size
+from minihuman.worlds.grid.text import to_text
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
 
@@ -86,13 +89,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
             raise WorldError(f"a grid of {width} x {height} has no room inside its walls; 3 x 3 is the smallest")
         if max_steps < 1:
             raise WorldError(f"max_steps is {max_steps!r}; an episode has 1 step or more")
-        if agent_view_size % 2 == 0 or not 3 <= agent_view_size <= LARGEST_VIEW:
-            raise WorldError(f"agent_view_size is {agent_view_size!r}; it is odd, 3 to {LARGEST_VIEW}")
         self.action_names = ACTION_NAMES[:actions]
         self.mission_space = mission if isinstance(mission, MissionSpace) else MissionSpace(mission)
         self.mission = self.mission_space.first()
         self.action_space = spaces.Discrete(actions)
-        self.image_shape = (agent_view_size, agent_view_size, 3)
+        self.image_shape = (see_size(agent_view_size), agent_view_size, 3)
         self.observation_space = spaces.Dict(
             {
                 "image": spaces.Box(0, 255, self.image_shape, np.uint8),
@@ -156,36 +157,49 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
             return WorldError(f"action {action!r} is none of {self}'s; they are 0 to {self._row[ACTIONS] - 1}")
         return WorldError(f"{self} is not in an episode; call reset() before step(), and again after an end")
 
+    def _in_world(self) -> State:
+        """The state, once there is one to look at."""
+        if self._row[PHASE] == NEW:
+            raise WorldError(f"{self} is not laid out yet; call reset() first")
+        return self.state
+
     def observation(self) -> dict[str, Any]:
         """What the agent observes now."""
-        image = np.empty(self.image_shape, np.uint8)
-        see(self._row, image)
-        return {"image": image, "direction": self.state.direction, "mission": self.mission}
+        return {"image": self.look(self.image_shape[0]), "direction": self.state.direction, "mission": self.mission}
+
+    def look(self, size: int) -> NDArray[np.uint8]:
+        """The agent's view with ``size`` cells on a side, uint8[size, size, 3]."""
+        image = np.empty((size, size, 3), np.uint8)
+        see(self._in_world().row, image)
+        return image
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """The whole world from above, ``tile_size`` pixels a cell; None without a render mode."""
         if self.render_mode is None:
             return None
-        return draw(self._row, view="full", view_size=self.image_shape[0], tile_px=self.tile_size, palette=self.palette)
+        row = self._in_world().row
+        return draw(row, view="full", view_size=self.image_shape[0], tile_px=self.tile_size, palette=self.palette)
 
     def pose(self) -> Pose:
         """The agent's cell (column, 0, row) and direction."""
-        x, y = self.state.position
-        return Pose(float(x), 0.0, float(y), YAWS_RAD[self.state.direction])
+        state = self._in_world()
+        x, y = state.position
+        return Pose(float(x), 0.0, float(y), YAWS_RAD[state.direction])
 
     def map(self) -> Map:
         """The floor plan with doors, objects and goal where they are now."""
-        return floor_plan(self.state, self.palette)
+        return floor_plan(self._in_world(), self.palette)
 
     def state_hash(self) -> int:
         """A uint64 over layout, agent, task, mission and random stream."""
         saved = self.save()
-        return hash64([saved.row, saved.words, saved.mission, saved.kept])
+        words = saved.words[: 6 if saved.words[4] else 4]  # without a buffered half draw its value means nothing
+        return hash64([saved.row, words, saved.mission, saved.kept])
 
     def save(self) -> Saved:
         """An exact copy of the state in mid-episode."""
         read_words(self.np_random, self._words)
-        kept = {name: getattr(self, name) for name in self.kept}
+        kept = {name: deepcopy(getattr(self, name)) for name in self.kept}
         return Saved(self._row.copy(), self._words.copy(), self.mission, kept)
 
     def restore(self, saved: Saved) -> None:
@@ -199,7 +213,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         write_words(saved.words, self.np_random)
         self.mission = saved.mission
         for name in self.kept:
-            setattr(self, name, saved.kept[name])
+            setattr(self, name, deepcopy(saved.kept[name]))
 
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
@@ -208,7 +222,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         size = self.image_shape[0]
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
-        return draw(self._row, view=view, view_size=size, tile_px=tile_px, palette=palette)
+        return draw(self._in_world().row, view=view, view_size=size, tile_px=tile_px, palette=palette)
+
+    def text(self) -> str:
+        """A diagram of the grid in characters; ``text.py`` says which."""
+        return to_text(self._in_world())
 
     def __str__(self) -> str:
         return type(self).__name__ if self.spec is None else self.spec.id

@@ -54,4 +54,5 @@ def make(family: str, *, view: str = "grid", **options: Any) -> Any:
         return GridEnv(family, **options)
     from minihuman.worlds.first_person.grid_view import first_person
 
-    return first_person(GridEnv(family, **options), view)
+    picture = {name: options.pop(name) for name in ("obs_width", "obs_height") if name in options}
+    return first_person(GridEnv(family, **options), view, **picture)

@@ -13,11 +13,7 @@ from minihuman.worlds.pose import Map, Thing
 def floor_plan(state: State, palette: Palette = "classic") -> Map:
     """The map of a state: wall outlines, and every thing that lies in a cell now."""
     kinds = kind_of(state.cells)
-    solid = np.pad(kinds == WALL, 1)
-    upright = _runs(solid[1:, 1:-1] != solid[:-1, 1:-1])
-    level = _runs((solid[1:-1, 1:] != solid[1:-1, :-1]).T)
-    walls = [(edge, start, edge, end) for edge, start, end in upright]
-    walls += [(start, edge, end, edge) for edge, start, end in level]
+    walls = wall_outlines(kinds == WALL)
     things = []
     for x, y in np.argwhere((kinds != WALL) & (kinds != EMPTY)).tolist():
         code = int(state.cells[x, y])
@@ -25,7 +21,21 @@ def floor_plan(state: State, palette: Palette = "classic") -> Map:
         name = kind if kind_of(code) == LAVA else f"{colour} {kind}"
         things.append(Thing(name, float(x), float(y), 0.5, hex_colour(code, palette)))
     bounds = (-0.5, -0.5, state.width - 0.5, state.height - 0.5)
-    return Map("cell", bounds, tuple(walls), tuple(things))
+    return Map("cell", bounds, walls, tuple(things))
+
+
+def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float, float], ...]:
+    """Where wall meets no wall, as the longest straight segments x0, z0, x1, z1.
+
+    Args:
+        is_wall: bool[width, height], indexed column, row; cell (c, r) is the unit square centred on (c, r).
+    """
+    solid = np.pad(is_wall, 1)
+    upright = _runs(solid[1:, 1:-1] != solid[:-1, 1:-1])
+    level = _runs((solid[1:-1, 1:] != solid[1:-1, :-1]).T)
+    walls = [(edge, start, edge, end) for edge, start, end in upright]
+    walls += [(start, edge, end, edge) for edge, start, end in level]
+    return tuple(walls)
 
 
 def _runs(edges: NDArray[np.bool_]) -> list[tuple[float, float, float]]:

@@ -12,14 +12,14 @@ RGB = tuple[int, int, int]
 OBJECT_COLOURS: Mapping[Palette, tuple[RGB, ...]] = MappingProxyType(
     {
         "classic": ((235, 64, 52), (60, 200, 80), (66, 121, 245), (160, 88, 224), (247, 214, 64), (158, 163, 172)),
-        # after Okabe and Ito's set, told apart by lightness as well as by hue
-        "colour-safe": ((213, 94, 0), (0, 158, 115), (40, 120, 220), (204, 121, 167), (250, 238, 110), (150, 150, 150)),
+        # told apart by lightness as well as by hue; the test beside this measures it for three kinds of eyes
+        "colour-safe": ((208, 100, 12), (0, 130, 90), (32, 80, 255), (172, 140, 215), (255, 245, 130), (200, 200, 200)),
     }
 )
 LAVA_COLOURS: Mapping[Palette, RGB] = MappingProxyType({"classic": (240, 120, 36), "colour-safe": (230, 130, 20)})
 AGENT_COLOURS: Mapping[Palette, RGB] = MappingProxyType({"classic": (255, 74, 62), "colour-safe": (255, 255, 255)})
-FLOOR: RGB = (27, 29, 35)
-GRID_LINE: RGB = (44, 47, 55)
+FLOOR: RGB = (36, 39, 46)
+GRID_LINE: RGB = (54, 58, 67)
 UNSEEN: RGB = (10, 10, 13)
 WALL: RGB = (96, 101, 112)
 

@@ -23,12 +23,12 @@ from minihuman.worlds.grid.cells import (
     pack,
 )
 from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at
-from minihuman.worlds.grid.tiles import agent, thing, tile, unseen
+from minihuman.worlds.grid.tiles import agent, in_hand, tile, unseen
 from minihuman.worlds.grid.view import see
 
 LOOKS = 512  # kind, colour and state make nine bits
 LIT = 0.13  # how much lighter a cell is that the agent sees
-CARRIED = 0.5  # the size of a carried object's picture, in tiles
+CARRIED = 0.56  # the size of a carried object's picture, in tiles
 Pixels = NDArray[np.uint8]
 
 
@@ -56,7 +56,7 @@ def atlas(tile_px: int, palette: Palette) -> Atlas:
     small = max(1, round(tile_px * CARRIED))
     carried = np.zeros((len(looks) + 1, small, small, 4), np.uint8)
     for look in looks:
-        canvas = thing(look, small, palette)
+        canvas = in_hand(look, small, palette)
         carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
     agents = [agent(direction, tile_px, palette) for direction in range(4)]
     return Atlas(
@@ -102,8 +102,8 @@ def draw_view(
             look = image[i, j, 0] | np.int64(image[i, j, 1]) << 4 | np.int64(image[i, j, 2]) << 7
             if i == middle and j == bottom:
                 look = cell_at(row, row[X], row[Y]) & (LOOKS - 1)
-            out[j * px : (j + 1) * px, i * px : (i + 1) * px] = tiles[0, number[look]]
-    put_agent(row, agents[3], carried[number[row[CARRYING] & (LOOKS - 1)]], middle * px, bottom * px, out)
+            lay_tile(tiles, 0, number[look], i * px, j * px, out)
+    put_agent(row, agents, 3, carried, number, middle * px, bottom * px, out)
 
 
 @njit(cache=True)
@@ -112,7 +112,7 @@ def draw_world(
 ) -> None:
     """Draw the whole grid; a ``view_size`` of 0 lights no cell."""
     width, height = row[WIDTH], row[HEIGHT]
-    lit = np.zeros((width, height), np.bool_)
+    lit = np.zeros((width, height), np.int64)
     if view_size > 0:
         image = np.empty((view_size, view_size, 3), np.uint8)
         see(row, image)
@@ -125,33 +125,50 @@ def draw_world(
                 x = row[X] + forward_x * ahead - forward_y * aside
                 y = row[Y] + forward_y * ahead + forward_x * aside
                 if image[i, j, 0] != 0 and 0 <= x < width and 0 <= y < height:
-                    lit[x, y] = True
+                    lit[x, y] = 1
     px = tiles.shape[2]
     for x in range(width):
         for y in range(height):
             look = row[HEADER + x * height + y] & (LOOKS - 1)
-            out[y * px : (y + 1) * px, x * px : (x + 1) * px] = tiles[1 if lit[x, y] else 0, number[look]]
-    held = carried[number[row[CARRYING] & (LOOKS - 1)]]
-    put_agent(row, agents[row[DIRECTION]], held, row[X] * px, row[Y] * px, out)
+            lay_tile(tiles, lit[x, y], number[look], x * px, y * px, out)
+    put_agent(row, agents, row[DIRECTION], carried, number, row[X] * px, row[Y] * px, out)
 
 
 @njit(cache=True)
-def put_agent(row: Row, figure: Pixels, held: Pixels, left: int, top: int, out: Pixels) -> None:
+def lay_tile(tiles: Pixels, lit: int, tile: int, left: int, top: int, out: Pixels) -> None:
+    """Copy a tile into a picture."""
+    for v in range(tiles.shape[2]):
+        for u in range(tiles.shape[3]):
+            for part in range(3):
+                out[top + v, left + u, part] = tiles[lit, tile, v, u, part]
+
+
+@njit(cache=True)
+def put_agent(
+    row: Row,
+    agents: Pixels,
+    direction: int,
+    carried: Pixels,
+    number: NDArray[np.int64],
+    left: int,
+    top: int,
+    out: Pixels,
+) -> None:
     """Lay the agent over its tile, and what it carries, small, over its middle."""
-    lay_over(figure, left, top, out)
+    lay_over(agents, direction, left, top, out)
     if row[CARRYING] != EMPTY:
-        inset = (figure.shape[0] - held.shape[0]) // 2
-        lay_over(held, left + inset, top + inset, out)
+        inset = (agents.shape[1] - carried.shape[1]) // 2
+        lay_over(carried, number[row[CARRYING] & (LOOKS - 1)], left + inset, top + inset, out)
 
 
 @njit(cache=True)
-def lay_over(figure: Pixels, left: int, top: int, out: Pixels) -> None:
+def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
     """Blend a figure with transparency into a picture."""
-    for v in range(figure.shape[0]):
-        for u in range(figure.shape[1]):
-            alpha = np.int64(figure[v, u, 3])
+    for v in range(figures.shape[1]):
+        for u in range(figures.shape[2]):
+            alpha = np.int64(figures[figure, v, u, 3])
             if alpha > 0:
                 for part in range(3):
                     under = np.int64(out[top + v, left + u, part])
-                    over = np.int64(figure[v, u, part])
+                    over = np.int64(figures[figure, v, u, part])
                     out[top + v, left + u, part] = (over * alpha + under * (255 - alpha) + 127) // 255

@@ -1,73 +1,131 @@
-"""The expert: shortest action sequences on the real rules, turns counted."""
+"""The expert: shortest lists of actions on the real rules, turns counted."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.cells import GOAL, LAVA, kind_of, lets_pass
-from minihuman.worlds.grid.state import HEADER, HEIGHT, WIDTH, Row, State
-from minihuman.worlds.grid.tasks import FORWARD, LEFT, RIGHT
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.cells import GOAL, colour_of, identity_of, kind_of
+from minihuman.worlds.grid.search import FAR, FOUND, FULL, distances, search
+from minihuman.worlds.grid.state import TARGET, TASK, State
+from minihuman.worlds.grid.tasks import (
+    DODGE,
+    FETCH,
+    FORWARD,
+    IN_ORDER,
+    LEFT,
+    MATCH,
+    OPEN_DOOR,
+    PICK,
+    PUT_NEAR,
+    REACH,
+    RIGHT,
+    STAND_BY,
+    is_open,
+)
 
-FAR = np.iinfo(np.int32).max
+FIRST_LIMIT = 1 << 12  # nodes of the first search; each next one may keep 16 times as many
 
 
-def plan(state: State) -> list[int] | None:
-    """The shortest list of actions that succeeds from this state; None if there is none. The state is not changed."""
+def plan(state: State, *, limit: int = 1 << 20) -> list[int] | None:
+    """The shortest list of actions that succeeds from this state, which is not changed; None if there is none.
+
+    The step limit is not looked at. Doors, keys, boxes and things in the way are dealt with by search, which is
+    exact and grows with the number of things that can be moved.
+
+    Args:
+        state: Where to start.
+        limit: States to look at before giving up; 2**20 take about a second and 100 MB.
+
+    Raises:
+        WorldError: if obstacles move by themselves, so that no list of actions is sure, or if the search gave up.
+    """
     row = state.row
-    steps = distances(row, np.flatnonzero(kind_of(state.cells.ravel()) == GOAL))
-    (x, y), direction = state.position, state.direction
-    if steps[x, y, direction] == FAR:
+    if row[TASK] == DODGE:
+        raise WorldError("obstacles move by chance in this world; no list of actions is sure to succeed")
+    poses, extra = _nearest(state)
+    sources = _numbers(state, poses)
+    if len(sources) == 0:
         return None
+    bound = distances(row, sources, True)
+    here = (*state.position, state.direction)
+    if bound[here] >= FAR:
+        return None
+    if row[TASK] == REACH:
+        walking = distances(row, sources, False)
+        if walking[here] == bound[here]:
+            return _descend(walking, *here)
+    allowed = min(FIRST_LIMIT, limit)
+    while True:
+        outcome, actions = search(row, bound, extra, allowed, np.zeros(6, np.uint64))
+        if outcome == FOUND:
+            return [int(action) for action in actions]
+        if outcome != FULL:
+            return None
+        if allowed == limit:
+            raise WorldError(f"no plan among the first {limit} states; give plan() a larger limit, or a smaller world")
+        allowed = min(16 * allowed, limit)
+
+
+def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
+    """Poses of which one must be reached, and how many actions at least follow."""
+    row = state.row
+    task, target = int(row[TASK]), row[TARGET : TARGET + 4].tolist()
+    kinds, colours = kind_of(state.cells), colour_of(state.cells)
+    if task == REACH:
+        return _standing(np.argwhere(kinds == GOAL)), 0
+    if task == MATCH:
+        return _standing(np.array([target[:2]])), 0
+    if task == STAND_BY:
+        return _standing(np.array([target[:2]]) + [[1, 0], [-1, 0], [0, 1], [0, -1]]), 1
+    if task == PICK:
+        found = np.argwhere(identity_of(state.cells) == target[0])
+        return (_facing(found), 1) if len(found) else (_anywhere(state), 0)
+    if task == FETCH:
+        return _facing(np.argwhere((kinds == target[0]) & (colours == target[1]))), 1
+    if task == OPEN_DOOR:
+        return _facing(np.array([target[:2]])), 1
+    if task == IN_ORDER and not is_open(row, *target[:2]):
+        return _facing(np.array([target[:2]])), 2
+    if task == IN_ORDER:
+        return _facing(np.array([target[2:]])), 1
+    assert task == PUT_NEAR
+    return _anywhere(state), 0
+
+
+def _numbers(state: State, poses: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Pose numbers of the poses that lie in the grid."""
+    x, y, direction = poses.T
+    inside = (x >= 0) & (y >= 0) & (x < state.width) & (y < state.height)
+    return ((x * state.height + y) * 4 + direction)[inside]
+
+
+def _standing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.array([(x, y, direction) for x, y in cells for direction in range(4)], np.int64).reshape(-1, 3)
+
+
+def _facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    steps = ((1, 0), (0, 1), (-1, 0), (0, -1))
+    poses = [(x - dx, y - dy, direction) for x, y in cells for direction, (dx, dy) in enumerate(steps)]
+    return np.array(poses, np.int64).reshape(-1, 3)
+
+
+def _anywhere(state: State) -> NDArray[np.int64]:
+    return _standing(np.argwhere(np.ones(state.cells.shape, bool)))
+
+
+def _descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
+    """Walk down the distances to where they are 0."""
     actions = []
     while steps[x, y, direction] > 0:
-        action, x, y, direction = _next(steps, x, y, direction)
+        dx, dy = ((1, 0), (0, 1), (-1, 0), (0, -1))[direction]
+        for action, pose in (
+            (FORWARD, (x + dx, y + dy, direction)),
+            (LEFT, (x, y, (direction + 3) % 4)),
+            (RIGHT, (x, y, (direction + 1) % 4)),
+        ):
+            if min(pose) >= 0 and pose[0] < len(steps) and pose[1] < steps.shape[1]:
+                if steps[pose] == steps[x, y, direction] - 1:
+                    break
         actions.append(action)
+        x, y, direction = pose
     return actions
-
-
-def _next(steps: NDArray[np.int32], x: int, y: int, direction: int) -> tuple[int, int, int, int]:
-    dx, dy = (1, 0, -1, 0)[direction], (0, 1, 0, -1)[direction]
-    choices = (
-        (FORWARD, x + dx, y + dy, direction),
-        (LEFT, x, y, (direction + 3) % 4),
-        (RIGHT, x, y, (direction + 1) % 4),
-    )
-    return next(choice for choice in choices if steps[choice[1:]] == steps[x, y, direction] - 1)
-
-
-@njit(cache=True)
-def distances(row: Row, targets: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Actions from each pose (x, y, direction) to any of the target cells (x * height + y), turning and walking only.
-
-    Lava is never walked on, and nothing is opened or moved; FAR where there is no way.
-    """
-    width, height = row[WIDTH], row[HEIGHT]
-    steps = np.full((width, height, 4), FAR, np.int32)
-    queue = np.empty((width * height * 4, 3), np.int64)
-    head = tail = 0
-    for target in targets:
-        for direction in range(4):
-            x, y = target // height, target % height
-            steps[x, y, direction] = 0
-            queue[tail] = x, y, direction
-            tail += 1
-    while head < tail:
-        x, y, direction = queue[head]
-        head += 1
-        ahead = steps[x, y, direction] + 1
-        for turn in (1, 3):
-            other = (direction + turn) % 4
-            if steps[x, y, other] == FAR:
-                steps[x, y, other] = ahead
-                queue[tail] = x, y, other
-                tail += 1
-        from_x = x - (1 - direction) * (1 - direction % 2)
-        from_y = y - (2 - direction) * (direction % 2)
-        if 0 <= from_x < width and 0 <= from_y < height and steps[from_x, from_y, direction] == FAR:
-            code = row[HEADER + from_x * height + from_y]
-            kind = kind_of(code)
-            if lets_pass(code) and kind != GOAL and kind != LAVA:
-                steps[from_x, from_y, direction] = ahead
-                queue[tail] = from_x, from_y, direction
-                tail += 1
-    return steps

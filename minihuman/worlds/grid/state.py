@@ -45,12 +45,10 @@ def clear(row: Row) -> None:
     row[CARRYING] = EMPTY
     row[STEP] = 0
     row[PHASE] = NEW
-    row[OBJECTS] = 0
-    row[TASK] = 0
-    row[TARGET:HEADER] = 0
-    cells = row[WIDTH] * row[HEIGHT]
-    row[HEADER : HEADER + cells] = EMPTY
-    row[HEADER + cells :] = 0
+    for k in range(OBJECTS, len(row)):
+        row[k] = 0
+    for k in range(HEADER, HEADER + row[WIDTH] * row[HEIGHT]):
+        row[k] = EMPTY
 
 
 @njit(cache=True)

@@ -59,9 +59,10 @@ def unseen(size_px: int) -> Canvas:
     return canvas
 
 
-def thing(code: int, size_px: int, palette: Palette) -> Canvas:
-    """An object alone, its surroundings transparent."""
+def in_hand(code: int, size_px: int, palette: Palette) -> Canvas:
+    """A carried object on a dark plate, the corners transparent."""
     canvas = Canvas(size_px)
+    canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
     paint(canvas, code, palette)
     return canvas
 

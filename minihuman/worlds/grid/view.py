@@ -4,10 +4,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from minihuman.errors import WorldError
 from minihuman.worlds.grid.cells import AGENT, GREY_WALL, RED, colour_of, kind_of, lets_see, state_of
 from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
+
+
+def see_size(size: int) -> int:
+    """The size, if a view can have it.
+
+    Raises:
+        WorldError: if it cannot.
+    """
+    if size % 2 == 0 or not 3 <= size <= LARGEST_VIEW:
+        raise WorldError(f"agent_view_size is {size!r}; it is odd, 3 to {LARGEST_VIEW}")
+    return size
 
 
 @njit(cache=True)

@@ -25,7 +25,9 @@ class Texture:
         if self.pixels.dtype != np.uint8 or self.pixels.shape != (height, width, 3):
             raise WorldError(f"a texture is uint8[h, w, 3], not {self.pixels.dtype}{list(self.pixels.shape)}")
         if not 1 <= max(height, width) < 2**MOST_LEVELS:
-            raise WorldError(f"a texture of {width}x{height} texels is too large; {2**MOST_LEVELS - 1} a side is the most")
+            raise WorldError(
+                f"a texture of {width}x{height} texels is too large; {2**MOST_LEVELS - 1} a side is the most"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +39,7 @@ class Mesh:
     texture_places: F64  # (n, 3, 2) 0 to 1 over the texture, right and up
     colours: F64  # (n, 3)
     textures: tuple[str | None, ...]  # (n,)
+    light_scales: bool = False  # lit the brighter the smaller it is drawn, as OpenGL lights a scaled mesh
 
     @property
     def height(self) -> float:
@@ -75,10 +78,8 @@ class Library:
         self._texture_rows: dict[str, int] = {}
         self._sizes_m: list[tuple[float, float]] = []
         self._mesh_ranges: dict[str, tuple[int, int]] = {}
-        self._mesh_heights: dict[str, float] = {}
-        self.textures = Textures(
-            np.zeros(0, np.uint32), np.zeros((0, MOST_LEVELS, 3), np.int64), np.zeros(0, np.int64)
-        )
+        self._meshes: dict[str, Mesh] = {}
+        self.textures = Textures(np.zeros(0, np.uint32), np.zeros((0, MOST_LEVELS, 3), np.int64), np.zeros(0, np.int64))
         sides = unit_cube()
         self.faces = pack(sides, [np.zeros((4, 2))] * len(sides))
         self._mesh_ranges[CUBE] = 0, len(sides)
@@ -102,10 +103,12 @@ class Library:
             self._add(name, self._assets.mesh(name))
         return self._mesh_ranges[name]
 
-    def mesh_height(self, name: str) -> float:
-        """How high a mesh is, in its own units."""
+    def mesh_scale(self, name: str, height_m: float) -> tuple[float, float]:
+        """How much to scale a mesh for a height in metres, and how much that scales its normals."""
         self.mesh_faces(name)
-        return self._mesh_heights[name]
+        mesh = self._meshes[name]
+        scale = height_m / mesh.height
+        return scale, 1.0 / scale if mesh.light_scales else 1.0
 
     def mesh_reach(self, name: str) -> tuple[float, float]:
         """How far a mesh reaches from its axis, and from the middle of its base, in its own units."""
@@ -119,7 +122,7 @@ class Library:
         first = len(self.faces.texture)
         self.faces = join(self.faces, mesh_table(mesh, rows))
         self._mesh_ranges[name] = first, len(self.faces.texture)
-        self._mesh_heights[name] = mesh.height
+        self._meshes[name] = mesh
 
 
 def mesh_table(mesh: Mesh, texture_rows: NDArray[np.int32]) -> Faces:
@@ -159,9 +162,15 @@ def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None 
 
 def join(a: Faces, b: Faces) -> Faces:
     """Two tables of faces, one after the other."""
-    both = [np.concatenate(pair) for pair in zip(a, b, strict=True)]
-    start = np.concatenate([a.start, b.start[1:] + a.start[-1]]).astype(np.int32)
-    return Faces(start, *both[1:])
+    return Faces(
+        np.concatenate([a.start, b.start[1:] + a.start[-1]]).astype(np.int32),
+        np.concatenate([a.position, b.position]),
+        np.concatenate([a.texture_place, b.texture_place]),
+        np.concatenate([a.normal, b.normal]),
+        np.concatenate([a.colour, b.colour]),
+        np.concatenate([a.texture, b.texture]),
+        np.concatenate([a.plane, b.plane]),
+    )
 
 
 def newell(polygon: F64) -> F64:

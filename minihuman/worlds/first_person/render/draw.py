@@ -2,17 +2,19 @@
 
 import math
 import threading
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render import kernel
-from minihuman.worlds.first_person.render.assets import join, pack
+from minihuman.worlds.first_person.render.assets import join, pack, unit_cube
 from minihuman.worlds.first_person.render.layout import Layout
-from minihuman.worlds.first_person.render.project import VIEW_SIZE
+from minihuman.worlds.first_person.render.project import FAR, PARALLEL, VIEW_SIZE
 from minihuman.worlds.first_person.render.scene import Camera, Light, Scene
-from minihuman.worlds.first_person.render.tables import F64, Drawn, Things
+from minihuman.worlds.first_person.render.shade import resolve
+from minihuman.worlds.first_person.render.tables import F64, I64, Drawn, Things
 from minihuman.worlds.pose import Pose
 
 _GLOBAL_AMBIENT = 0.2  # OpenGL adds this much white to every light
@@ -20,6 +22,7 @@ _AGENT_RGB = (1.0, 0.0, 0.0)
 _AGENT_RADIUS_M = 0.4
 _AGENT_HEIGHT_M = 1.6
 _PLAN_MARGIN_M = 1.0
+_QUERY_CUBE_M = 0.2
 
 _memory = threading.local()  # arrays to draw into, kept from picture to picture; they hold nothing from one to the next
 
@@ -34,12 +37,9 @@ def render(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.
 
 
 def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
-    """How far away things are along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
+    """How far things are along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
     view = _perspective(camera, width, height)
-    layout, drawn = scene.layout, _room_to_draw(scene.layout, width, height)
-    kernel.draw(
-        layout.faces, layout.rooms, layout.library, layout.things, _turned(scene.places), view, _light(scene.light), drawn
-    )
+    drawn, _ = _cover(scene, view, width, height)
     out = np.empty((height, width), np.float32)
     kernel.distances(drawn, view, out)
     return out
@@ -63,19 +63,26 @@ def plan_scale(scene: Scene, width: int, height: int) -> tuple[float, float, flo
 
 def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> list[int]:
     """The indices of the things that can be seen: a small cube at a thing's place stands for it, as in Miniworld."""
-    view = _perspective(camera, width, height)
-    layout, drawn = scene.layout, _room_to_draw(scene.layout, width, height)
-    seen = np.zeros(layout.thing_count, np.bool_)
-    kernel.in_sight(
-        layout.faces, layout.rooms, layout.library, _turned(scene.places), view, _light(scene.light), drawn, seen
+    count = scene.layout.thing_count
+    cubes = Things(
+        np.tile(np.array([[0, len(unit_cube())]], np.int32), (count, 1)),
+        np.full((count, 3), _QUERY_CUBE_M),
+        np.ones(count),
+        np.ones((count, 3)),
+        np.full((count, 2), _QUERY_CUBE_M),
     )
-    return [int(index) for index in np.flatnonzero(seen)]
+    places = scene.places.copy()
+    places[:, 3] = np.where(np.isnan(places[:, 3]), np.nan, 0.0)
+    shown = replace(scene, layout=replace(scene.layout, things=cubes), places=places)
+    _, claimed = _cover(shown, _perspective(camera, width, height), width, height)
+    return [int(index) for index in np.flatnonzero(claimed)]
 
 
-def _picture(scene: Scene, view: F64, width: int, height: int) -> NDArray[np.uint8]:
-    layout = scene.layout
-    out = np.empty((height, width, 3), np.uint8)
-    kernel.picture(
+def _cover(scene: Scene, view: F64, width: int, height: int) -> tuple[Drawn, I64]:
+    """Draw without colours: which face covers each sample, and how many samples each thing got."""
+    layout, drawn = scene.layout, _room_to_draw(scene.layout, width, height)
+    claimed = np.empty(layout.thing_count, np.int64)
+    kernel.draw(
         layout.faces,
         layout.rooms,
         layout.library,
@@ -83,9 +90,26 @@ def _picture(scene: Scene, view: F64, width: int, height: int) -> NDArray[np.uin
         _turned(scene.places),
         view,
         _light(scene.light),
-        _room_to_draw(layout, width, height),
-        layout.textures,
+        drawn,
+        claimed,
+    )
+    return drawn, claimed
+
+
+def _picture(scene: Scene, view: F64, width: int, height: int) -> NDArray[np.uint8]:
+    drawn, _ = _cover(scene, view, width, height)
+    textures = scene.layout.textures
+    out = np.empty((height, width, 3), np.uint8)
+    least = 0.5 if view[PARALLEL] else 0.5 / view[FAR]  # of 1 / distance: beyond a face's edge it may reach nonsense
+    resolve(
+        drawn.owner,
+        drawn.planes,
+        drawn.kind,
+        textures.texels,
+        textures.levels,
+        textures.level_count,
         np.array(scene.sky, np.float64),
+        least,
         out,
     )
     return out
@@ -170,6 +194,7 @@ def _room_to_draw(layout: Layout, width: int, height: int) -> Drawn:
             np.empty(4 * height, np.int32),
             np.empty((2, layout.most_corners, 3)),
             np.empty((layout.most_corners, 2)),
+            np.empty((3, 3)),
         )
         _memory.drawn = drawn
     return drawn
@@ -190,7 +215,5 @@ def _with_agent(scene: Scene, agent: Pose) -> Scene:
         np.concatenate([old.reach, np.full((1, 2), r)]),
     )
     place = np.array([[agent.x, agent.y + _AGENT_HEIGHT_M, agent.z, agent.yaw_rad]])
-    with_agent = Layout(
-        layout.faces, layout.rooms, library, things, layout.textures, layout.capacity + 1, layout.most_corners
-    )
-    return Scene(with_agent, np.concatenate([scene.places, place]), scene.light, scene.sky)
+    with_agent = replace(layout, library=library, things=things, capacity=layout.capacity + 1)
+    return replace(scene, layout=with_agent, places=np.concatenate([scene.places, place]))

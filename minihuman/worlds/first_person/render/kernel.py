@@ -1,4 +1,4 @@
-"""One picture from start to end: rooms in sight, things in them, then colours or distances."""
+"""Which face covers each sample: rooms in sight, then the things in them; and how far away that is."""
 
 import numpy as np
 from numba import njit
@@ -9,28 +9,23 @@ from minihuman.worlds.first_person.render.project import (
     EYE,
     FAR,
     FORWARD,
-    NEAR,
     NORMAL_SCALE,
     PARALLEL,
     PLACE,
     PLACEMENT_SIZE,
-    RIGHT,
     SCALE,
     SIN,
     TINT,
     draw_face,
 )
 from minihuman.worlds.first_person.render.raster import SAMPLE_X
-from minihuman.worlds.first_person.render.shade import resolve
-from minihuman.worlds.first_person.render.tables import F64, Drawn, Faces, Rooms, Textures, Things
+from minihuman.worlds.first_person.render.tables import F64, I32, I64, Drawn, Faces, Rooms, Things
 from minihuman.worlds.first_person.render.visit import visit
 
-QUERY_HALF_M = 0.1  # a thing counts as seen where a cube of twice this on its place is
 
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw_rooms(
-    faces: Faces, rooms: Rooms, view: F64, light: F64, windows: F64, order: NDArray[np.int32], drawn: Drawn
+    faces: Faces, rooms: Rooms, view: F64, light: F64, windows: F64, order: I32, drawn: Drawn
 ) -> tuple[int, int, bool]:
     """Draw every room in sight; how many face numbers are taken, and what ``visit`` says."""
     here = np.zeros(PLACEMENT_SIZE)
@@ -47,14 +42,14 @@ def draw_rooms(
     return number, seen, everything
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def window_of(
     x: float,
     z: float,
     reach: float,
     rooms: Rooms,
     windows: F64,
-    order: NDArray[np.int32],
+    order: I32,
     seen: int,
     everything: bool,
     out: F64,
@@ -72,10 +67,10 @@ def window_of(
             window = windows[room]
             out[0], out[1] = min(out[0], window[0]), min(out[1], window[1])
             out[2], out[3] = max(out[2], window[2]), max(out[3], window[3])
-    return out[0] < out[2] and out[1] < out[3]
+    return bool(out[0] < out[2] and out[1] < out[3])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw_things(
     library: Faces,
     things: Things,
@@ -84,13 +79,17 @@ def draw_things(
     view: F64,
     light: F64,
     windows: F64,
-    order: NDArray[np.int32],
+    order: I32,
     seen: int,
     everything: bool,
     drawn: Drawn,
     number: int,
-) -> int:
-    """Draw every thing that may be in sight; ``places`` rows are x, y, z, cos yaw, sin yaw. The next free number."""
+    claimed: I64,
+) -> None:
+    """Draw every thing that may be in sight; ``places`` rows are x, y, z, cos yaw, sin yaw.
+
+    ``claimed`` takes how many samples each got when it was drawn, behind walls and the things before it.
+    """
     placement = np.empty(PLACEMENT_SIZE)
     window = np.empty(4)
     for thing in range(places.shape[0]):
@@ -113,26 +112,14 @@ def draw_things(
         placement[NORMAL_SCALE] = things.normal_scale[thing]
         placement[TINT : TINT + 3] = things.tint[thing]
         for face in range(things.faces[thing, 0], things.faces[thing, 1]):
-            if draw_face(library, face, view, placement, light, window, drawn, number) > 0:
+            samples = draw_face(library, face, view, placement, light, window, drawn, number)
+            if samples > 0:
                 number += 1
-    return number
+                claimed[thing] += samples
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw(
-    faces: Faces, rooms: Rooms, library: Faces, things: Things, places: F64, view: F64, light: F64, drawn: Drawn
-) -> None:
-    """Find out which face covers each sample."""
-    drawn.owner[:] = -1
-    count = rooms.first_face.shape[0] - 1
-    windows = np.empty((count, 4))
-    order = np.empty(count, np.int32)
-    number, seen, everything = draw_rooms(faces, rooms, view, light, windows, order, drawn)
-    draw_things(library, things, places, rooms, view, light, windows, order, seen, everything, drawn, number)
-
-
-@njit(cache=True, nogil=True)
-def picture(
     faces: Faces,
     rooms: Rooms,
     library: Faces,
@@ -141,17 +128,19 @@ def picture(
     view: F64,
     light: F64,
     drawn: Drawn,
-    textures: Textures,
-    sky: F64,
-    out: NDArray[np.uint8],
+    claimed: I64,
 ) -> None:
-    """Draw and colour."""
-    draw(faces, rooms, library, things, places, view, light, drawn)
-    least = 0.5 if view[PARALLEL] == 1.0 else 0.5 / view[FAR]
-    resolve(drawn, textures, sky, least, out)
+    """Find out which face covers each sample, and how many samples each thing got."""
+    drawn.owner[:] = -1
+    claimed[:] = 0
+    count = rooms.first_face.shape[0] - 1
+    windows = np.empty((count, 4))
+    order = np.empty(count, np.int32)
+    number, seen, everything = draw_rooms(faces, rooms, view, light, windows, order, drawn)
+    draw_things(library, things, places, rooms, view, light, windows, order, seen, everything, drawn, number, claimed)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
     """How far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
     for y in range(out.shape[0]):
@@ -165,38 +154,3 @@ def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
                 near = plane[0] * (x + SAMPLE_X[3] / 256.0) + plane[1] * py + plane[2]
                 far = min(1.0 / max(near, 1e-9), far)
             out[y, x] = far
-
-
-@njit(cache=True, nogil=True)
-def in_sight(
-    faces: Faces,
-    rooms: Rooms,
-    library: Faces,
-    places: F64,
-    view: F64,
-    light: F64,
-    drawn: Drawn,
-    seen: NDArray[np.bool_],
-) -> None:
-    """Which things' cubes (the library's first six faces) cover a sample, behind walls and the cubes of the things before them."""
-    drawn.owner[:] = -1
-    count = rooms.first_face.shape[0] - 1
-    windows = np.empty((count, 4))
-    order = np.empty(count, np.int32)
-    number, listed, everything = draw_rooms(faces, rooms, view, light, windows, order, drawn)
-    placement = np.ones(PLACEMENT_SIZE)
-    placement[SCALE : SCALE + 3] = 2.0 * QUERY_HALF_M
-    placement[COS] = 1.0
-    placement[SIN] = 0.0
-    window = np.empty(4)
-    for thing in range(places.shape[0]):
-        seen[thing] = False
-        if not np.isfinite(places[thing, 0]):
-            continue
-        if not window_of(places[thing, 0], places[thing, 2], 1.0, rooms, windows, order, listed, everything, window):
-            continue
-        placement[PLACE : PLACE + 3] = places[thing, :3]
-        for face in range(6):
-            if draw_face(library, face, view, placement, light, window, drawn, number) > 0:
-                number += 1
-                seen[thing] = True

@@ -51,7 +51,20 @@ def lay_out(
     """
     if not rooms:
         raise WorldError("a scene without rooms has nothing to show; give it one")
-    faces, room_table = _rooms(rooms, library)
+    return furnish(_rooms(rooms, library), looks, library=library, places=places, light=light, sky=sky)
+
+
+def furnish(
+    tables: tuple[Faces, Rooms],
+    looks: Sequence[Look] = (),
+    *,
+    library: Library,
+    places: F64 | None = None,
+    light: Light | None = None,
+    sky: Rgb = (0.25, 0.82, 1.0),
+) -> Scene:
+    """Make a scene of rooms that are tables already."""
+    faces, room_table = tables
     frames, things = _things(looks, library)
     layout = Layout(
         faces,
@@ -118,9 +131,9 @@ def _things(looks: Sequence[Look], library: Library) -> tuple[Faces, Things]:
                 reaches.append((around, float(np.hypot(around, size[1]))))
             case MeshLook(mesh, height_m):
                 ranges.append(library.mesh_faces(mesh))
-                scale = height_m / library.mesh_height(mesh)
+                scale, normal_scale = library.mesh_scale(mesh, height_m)
                 scales.append((scale,) * 3)
-                normal_scales.append(1.0 / scale)
+                normal_scales.append(normal_scale)
                 tints.append((1.0, 1.0, 1.0))
                 around, reach = library.mesh_reach(mesh)
                 reaches.append((around * scale, reach * scale))

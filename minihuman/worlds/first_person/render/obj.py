@@ -55,6 +55,7 @@ def read_obj(path: Path) -> Mesh:
         np.where(placed, places[index[:, :, 1]], 0.0).astype(np.float64),
         np.array([material.colour for material in chosen], np.float64),
         tuple(None if material.texture is None else str(material.texture) for material in chosen),
+        light_scales=True,
     )
 
 
@@ -103,7 +104,9 @@ def _read_lines(path: Path) -> _Lines:
                 material = name
             case ["f", *corners]:
                 if len(corners) != 3:
-                    raise WorldError(f"{path}:{number}: a face has {len(corners)} corners; export the mesh as triangles")
+                    raise WorldError(
+                        f"{path}:{number}: a face has {len(corners)} corners; export the mesh as triangles"
+                    )
                 lines.faces.append([_corner(corner, lines, path, number) for corner in corners])
                 lines.materials.append(material)
     return lines

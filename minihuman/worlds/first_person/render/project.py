@@ -19,7 +19,7 @@ PLACE, COS, SIN, SCALE, NORMAL_SCALE, TINT = 0, 3, 4, 5, 8, 9
 PLACEMENT_SIZE = 12
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: float) -> int:
     """Keep the part of polygon ``source`` (0 or 1) where a*x + b*y + c*z + d >= 0, in the other row; its corners."""
     into = 1 - source
@@ -50,7 +50,7 @@ def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: 
     return kept
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw_face(
     faces: Faces, face: int, view: F64, placement: F64, light: F64, window: F64, drawn: Drawn, number: int
 ) -> int:
@@ -66,7 +66,11 @@ def draw_face(
     if parallel:
         ex, ey, ez, ew = -view[FORWARD], -view[FORWARD + 1], -view[FORWARD + 2], 0.0
     else:
-        ex, ey, ez = view[EYE] - placement[PLACE], view[EYE + 1] - placement[PLACE + 1], view[EYE + 2] - placement[PLACE + 2]
+        ex, ey, ez = (
+            view[EYE] - placement[PLACE],
+            view[EYE + 1] - placement[PLACE + 1],
+            view[EYE + 2] - placement[PLACE + 2],
+        )
         ew = 1.0
     mx = (co * ex - si * ez) / sx
     mz = (si * ex + co * ez) / sz
@@ -126,13 +130,11 @@ def draw_face(
         y1 = y if i == 0 else max(y1, y)
     if x1 <= window[0] * 256.0 or x0 >= window[2] * 256.0 or y1 <= window[1] * 256.0 or y0 >= window[3] * 256.0:
         return -1
-    return fill(drawn, number, count, window)
+    return fill(drawn.owner, drawn.planes, drawn.left, drawn.right, screen, number, count, window)
 
 
-@njit(cache=True, nogil=True)
-def vary(
-    faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int
-) -> bool:
+@njit(cache=True, nogil=True, error_model="numpy")
+def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int) -> bool:
     """Work out how nearness, texture and light vary over the picture; False where the face is seen edge-on.
 
     Whatever varies evenly over a flat face varies, divided by distance, evenly over the picture. Three corners, not yet
@@ -156,8 +158,11 @@ def vary(
     determinant = x0 * ax + y0 * ay + z0 * az
     if abs(determinant) < 1e-12:
         return False
+    per_x = 1.0 / (determinant * view[FOCAL_X])
+    per_y = 1.0 / (determinant * view[FOCAL_Y])
+    per_z = 1.0 / determinant
     planes, kind = drawn.planes, drawn.kind
-    lit = np.empty((3, 3))
+    lit = drawn.lit
     same = True
     co, si, long = placement[COS], placement[SIN], placement[NORMAL_SCALE]
     lx = co * light[0] - si * light[2]
@@ -186,9 +191,9 @@ def vary(
             if same:
                 planes[number, 3 * column] = v0
                 continue
-        gx = (v0 * ax + v1 * bx + v2 * cx) / determinant / view[FOCAL_X]
-        gy = (v0 * ay + v1 * by + v2 * cy) / determinant / view[FOCAL_Y]
-        gz = (v0 * az + v1 * bz + v2 * cz) / determinant
+        gx = (v0 * ax + v1 * bx + v2 * cx) * per_x
+        gy = (v0 * ay + v1 * by + v2 * cy) * per_y
+        gz = (v0 * az + v1 * bz + v2 * cz) * per_z
         planes[number, 3 * column] = gx
         planes[number, 3 * column + 1] = -gy
         planes[number, 3 * column + 2] = gz - gx * view[CENTRE_X] + gy * view[CENTRE_Y]

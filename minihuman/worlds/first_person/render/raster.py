@@ -7,20 +7,28 @@ exact in a double. Two faces that share an edge therefore never both cover a sam
 import numpy as np
 from numba import njit
 
-from minihuman.worlds.first_person.render.tables import F64, Drawn
+from minihuman.worlds.first_person.render.tables import F64, I32
 
 SAMPLE_X = np.array([160.0, 32.0, 224.0, 96.0])  # of the four sample rows of a pixel, in 1/256 pixel from its left
 ROW_STEP = 64.0  # between sample rows, in 1/256 pixel; the first is half a step down
 
 
-@njit(cache=True, nogil=True)
-def fill(drawn: Drawn, face: int, corner_count: int, window: F64) -> int:
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill(
+    owner: I32,
+    planes: F64,
+    left: I32,
+    right: I32,
+    screen: F64,
+    face: int,
+    corner_count: int,
+    window: F64,
+) -> int:
     """Claim for ``face`` the samples inside its corners and the window that nothing nearer owns; how many it got.
 
     ``window`` is x0, y0, x1, y1 in whole pixels. Edges that run through a sample belong to the face on their right or,
     if level, above: the rule of OpenGL's pictures turned upside down.
     """
-    owner, planes, left, right, screen = drawn.owner, drawn.planes, drawn.left, drawn.right, drawn.screen
     low = screen[0, 1]
     high = low
     for i in range(1, corner_count):

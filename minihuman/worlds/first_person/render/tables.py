@@ -72,3 +72,4 @@ class Drawn(NamedTuple):
     right: I32  # (4 * height,)
     corners: F64  # (2, most, 3) a polygon before and after a cut
     screen: F64  # (most, 2) its corners in 1/256 of a pixel
+    lit: F64  # (3, 3) how bright each channel is at three corners

@@ -21,7 +21,7 @@ DOORSTEP_M = 0.06  # a camera this close to an opening may see through all of it
 _VISITS_A_ROOM = 16
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def contains(rooms: Rooms, room: int, x: float, z: float) -> bool:
     """Is the place inside the room or within a millionth of a metre of it?"""
     for e in range(rooms.first_edge[room], rooms.first_edge[room + 1]):
@@ -30,7 +30,7 @@ def contains(rooms: Rooms, room: int, x: float, z: float) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, result: F64) -> bool:
     """The part of a window through which an opening is seen, into ``result``; False if none is."""
     hole = rooms.opening[opening]
@@ -64,15 +64,17 @@ def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, re
     result[1] = max(window[1], np.floor(y0) - 1.0)
     result[2] = min(window[2], np.ceil(x1) + 1.0)
     result[3] = min(window[3], np.ceil(y1) + 1.0)
-    return result[0] < result[2] and result[1] < result[3]
+    return bool(result[0] < result[2] and result[1] < result[3])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, order: I32) -> tuple[int, bool]:
     """List the rooms to draw, nearest first, in ``order``; the window of each goes into ``windows``.
 
     ``picture`` is the window of the whole picture. A window may be larger than needed, never smaller. From above, from
-    outside every room, and where a room without a roof is in sight, all rooms are listed. Returns how many are, and whether it is all of them.
+    outside every room, and where a room without a roof is in sight, all rooms are listed.
+
+    Returns how many are listed, and whether all are.
     """
     count = rooms.first_face.shape[0] - 1
     seen = 0

@@ -1,0 +1,18 @@
+"""Where everybody was in one world, every participant weighing the same."""
+
+import sys
+from pathlib import Path
+
+from minihuman.figures.files import save
+from minihuman.figures.occupancy import occupancy_figure
+from minihuman.opened import Skipped, opened
+
+
+def main(study: str, world: str, out: str) -> None:
+    logs = [log for log in opened(Path(study)) if not isinstance(log, Skipped)]
+    theirs = [[episode for episode in log.episodes if episode.plan.world == world] for log in logs]
+    print(*save(occupancy_figure(world, [episodes for episodes in theirs if episodes]), Path(out)), sep="\n")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,167 @@
+"""Steps per CPU-second of our grid worlds and of Minigrid's, in one process, taking turns.
+
+    python -m benchmarks.grid [--others]
+
+Each line is the median over rounds in which first the one, then the other plays: the machine's other work meets both.
+``--others`` adds navix and xminigrid (both need jax) where they are installed: batches of 64 on the same CPU.
+"""
+
+import argparse
+import importlib.metadata
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from operator import itemgetter
+
+import gymnasium
+import minigrid  # noqa: F401
+import numpy as np
+from gymnasium.wrappers import TransformObservation
+from minigrid.wrappers import ImgObsWrapper, RGBImgPartialObsWrapper
+
+import minihuman
+from minihuman.worlds.grid.items import door, goal, key
+from minihuman.worlds.grid.world import GridWorld
+from minihuman.worlds.grid.wrappers import Pictures
+
+WORLDS = ("FourRooms-v0", "DoorKey-8x8-v0", "MultiRoom-N6-v0", "Dynamic-Obstacles-8x8-v0")
+ROUNDS = 7
+N = 64
+
+
+class WrittenInPython(GridWorld):
+    """DoorKey-8x8 as a user writes it."""
+
+    def __init__(self, size: int = 8) -> None:
+        super().__init__(width=size, height=size, max_steps=10 * size**2)
+
+    def layout(self, grid):
+        grid.wall_rect()
+        grid.put(goal(), grid.width - 2, grid.height - 2)
+        split = grid.integer(2, grid.width - 2)
+        grid.down(split, 0)
+        grid.place_agent(size=(split, grid.height))
+        grid.put(door("yellow", locked=True), split, grid.integer(1, grid.width - 2))
+        grid.place(key("yellow"), size=(split, grid.height))
+
+
+def stepping(env: gymnasium.Env, steps: int) -> Callable[[], float]:
+    """A round of random play, resets included: steps per CPU-second."""
+    actions = np.random.default_rng(0).integers(0, env.action_space.n, steps).tolist()
+
+    def round_() -> float:
+        env.reset(seed=0)
+        start = time.process_time()
+        for action in actions:
+            _, _, terminated, truncated, _ = env.step(action)
+            if terminated or truncated:
+                env.reset()
+        return steps / (time.process_time() - start)
+
+    return round_
+
+
+def resetting(env: gymnasium.Env, resets: int) -> Callable[[], float]:
+    """A round of resets: resets per CPU-second."""
+
+    def round_() -> float:
+        env.reset(seed=0)
+        start = time.process_time()
+        for _ in range(resets):
+            env.reset()
+        return resets / (time.process_time() - start)
+
+    return round_
+
+
+def batched(name: str, steps: int) -> Callable[[], float]:
+    """A round of random play in a batch: steps of single worlds per CPU-second."""
+    worlds = gymnasium.make_vec(f"minihuman/MiniGrid-{name}", num_envs=N, vectorization_mode="vector_entry_point")
+    actions = np.random.default_rng(0).integers(0, worlds.single_action_space.n, (steps, N))
+
+    def round_() -> float:
+        worlds.reset(seed=0)
+        start = time.process_time()
+        for action in actions:
+            worlds.step(action)
+        return steps * N / (time.process_time() - start)
+
+    return round_
+
+
+def compare(what: str, ours: Callable[[], float], theirs: Callable[[], float], wanted: float) -> None:
+    """Play rounds in turn and print medians and the median of the rounds' ratios."""
+    ours(), theirs()  # compile and warm up
+    pairs = [(ours(), theirs()) for _ in range(ROUNDS)]
+    ratio = statistics.median(mine / its for mine, its in pairs)
+    mine, its = (statistics.median(column) for column in zip(*pairs, strict=True))
+    print(f"{what:44}{mine:12,.0f}{its:12,.0f}{ratio:9.0f}x   at least {wanted:.0f}x", flush=True)
+
+
+def pixels(env: gymnasium.Env) -> gymnasium.Env:
+    """Our 56 x 56 picture of the agent's view, alone."""
+    drawn = Pictures(env, tile_px=8)
+    return TransformObservation(drawn, itemgetter("image"), drawn.observation_space["image"])
+
+
+def navix_rate() -> float:
+    """navix, 64 worlds, steps per CPU-second."""
+    import jax
+    import navix
+
+    env = navix.make("Navix-DoorKey-8x8-v0")
+    step = jax.jit(jax.vmap(env.step))
+    timestep = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.PRNGKey(0), N))
+    return jax_rate(lambda state, action: step(state, action), timestep)
+
+
+def xminigrid_rate() -> float:
+    """xminigrid, 64 worlds, steps per CPU-second."""
+    import jax
+    import xminigrid
+
+    env, parameters = xminigrid.make("MiniGrid-DoorKey-8x8")
+    step = jax.jit(jax.vmap(lambda timestep, action: env.step(parameters, timestep, action)))
+    timestep = jax.jit(jax.vmap(lambda seed: env.reset(parameters, seed)))(jax.random.split(jax.random.PRNGKey(0), N))
+    return jax_rate(lambda state, action: step(state, action), timestep)
+
+
+def jax_rate(step: Callable, state: object) -> float:
+    """Steps of single worlds per CPU-second of a jitted batch step."""
+    import jax
+
+    actions = np.random.default_rng(0).integers(0, 6, (500, N))
+    state = jax.block_until_ready(step(state, actions[0]))
+    start = time.process_time()
+    for action in actions:
+        state = step(state, action)
+    jax.block_until_ready(state)
+    return actions.size / (time.process_time() - start)
+
+
+def main() -> None:
+    """Print every comparison."""
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("--others", action="store_true", help="also navix and xminigrid")
+    others = arguments.parse_args().others
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in ("minigrid", "numba", "numpy"))
+    print(f"minihuman {minihuman.__version__}; {versions}; Python {platform.python_version()}; {time.strftime('%F')}")
+    print(f"{'':44}{'ours':>12}{'minigrid':>12}{'ratio':>10}")
+    for name in WORLDS:
+        make = lambda name=name: gymnasium.make(f"minihuman/MiniGrid-{name}")  # noqa: E731
+        theirs = gymnasium.make(f"MiniGrid-{name}")
+        compare(f"{name}, one world", stepping(make(), 10_000), stepping(theirs, 400), 20)
+        compare(f"{name}, batch of {N}", batched(name, 400), stepping(theirs, 400), 300)
+        compare(f"{name}, reset", resetting(make(), 500), resetting(theirs, 20), 5)
+        picture = ImgObsWrapper(RGBImgPartialObsWrapper(gymnasium.make(f"MiniGrid-{name}"), tile_size=8))
+        compare(f"{name}, 56 x 56 pictures", stepping(pixels(make()), 5_000), stepping(picture, 200), 50)
+    theirs = gymnasium.make("MiniGrid-DoorKey-8x8-v0")
+    compare("DoorKey-8x8 written in Python, one world", stepping(WrittenInPython(), 10_000), stepping(theirs, 400), 15)
+    if others:
+        for name, rate in (("navix", navix_rate), ("xminigrid", xminigrid_rate)):
+            print(f"{name}, DoorKey-8x8, batch of {N}: {rate():,.0f} steps per CPU-second", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,222 @@
+"""Our own textures, each painted by its own recipe the first time a scene asks for it.
+
+Names and the sizes they cover are those that Miniworld's worlds refer to; the pictures are ours.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from minihuman.worlds.first_person.render.noise import SIZE, cloud, grain, grid, mix, scatter, smooth, soft, tiles
+from minihuman.worlds.first_person.render.tables import F64
+
+Recipe = Callable[[int], F64]  # a seed in, a picture (SIZE, SIZE, 3) of 0 to 255 out
+Shade = tuple[int, int, int]
+
+
+def _lit(picture: F64, part: F64, depth: float) -> F64:
+    """Darker where ``part`` is low."""
+    return picture * (1.0 - depth + depth * part)[..., None]
+
+
+def _plaster(low: Shade, high: Shade, roughness: float) -> Recipe:
+    def paint(seed: int) -> F64:
+        part = cloud(4, seed) * 1.6 - 0.3 + roughness * (grain(seed + 50) - 0.5)
+        return mix(low, high, part)
+
+    return paint
+
+
+def _concrete(low: Shade, high: Shade) -> Recipe:
+    def paint(seed: int) -> F64:
+        picture = mix(low, high, cloud(3, seed, 6) * 1.8 - 0.4 + 0.18 * (grain(seed + 9) - 0.5))
+        pores = smooth((soft(96, 96, seed + 20) - 0.83) * 12.0)
+        stains = smooth((cloud(2, seed + 30, 4) - 0.55) * 5.0)
+        return _lit(_lit(picture, 1.0 - pores, 0.22), 1.0 - stains, 0.10)
+
+    return paint
+
+
+def _slabs(low: Shade, high: Shade, columns: int, rows: int, joint: int, dark: float) -> Recipe:
+    def paint(seed: int) -> F64:
+        on, column, row = tiles(columns, rows, joint)
+        own = scatter(column, row, seed)
+        part = 0.55 * cloud(6, seed, 5) + 0.45 * own + 0.10 * (grain(seed + 3) - 0.5)
+        return _lit(mix(low, high, part), on, dark)
+
+    return paint
+
+
+def _bricks(low: Shade, high: Shade, mortar: Shade, columns: int, rows: int, joint: int) -> Recipe:
+    def paint(seed: int) -> F64:
+        on, column, row = tiles(columns, rows, joint, offset=True)
+        own = scatter(column, row, seed)
+        part = 0.6 * own + 0.5 * cloud(10, seed + 5, 5) - 0.05 + 0.14 * (grain(seed + 4) - 0.5)
+        brick = mix(low, high, part)
+        bed = mix(mortar, (mortar[0] + 28, mortar[1] + 28, mortar[2] + 26), cloud(24, seed + 8, 3))
+        worn = smooth((on - 0.25 * (cloud(32, seed + 7, 2) - 0.4)) * 1.3)
+        return bed + worn[..., None] * (brick - bed)
+
+    return paint
+
+
+def _checks(seed: int) -> F64:
+    x, y = grid()
+    half = SIZE // 2
+    light = ((x // half + y // half) % 2).astype(np.float64)
+    on, _, _ = tiles(2, 2, 4)
+    veins = smooth(1.0 - np.abs(cloud(3, seed + 2, 5) - 0.5) * 26.0)
+    white = _lit(mix((206, 203, 196), (228, 226, 221), cloud(5, seed)), 1.0 - veins, 0.10)
+    black = mix((34, 34, 37), (58, 58, 62), cloud(5, seed + 11) + 0.5 * veins)
+    return _lit(black + light[..., None] * (white - black), on, 0.45)
+
+
+def _speckled(low: Shade, high: Shade, stones: Shade) -> Recipe:
+    def paint(seed: int) -> F64:
+        picture = mix(low, high, 0.6 * cloud(8, seed, 4) + 0.4 * soft(170, 170, seed + 40))
+        stone = smooth((soft(128, 128, seed + 60) - 0.72) * 8.0)
+        picture = picture + (0.55 * stone)[..., None] * (np.array(stones, np.float64) - picture)
+        return _lit(picture, grain(seed + 70), 0.20)
+
+    return paint
+
+
+def _grass(low: Shade, high: Shade) -> Recipe:
+    def paint(seed: int) -> F64:
+        blades = 0.5 * soft(128, 32, seed) + 0.3 * soft(256, 64, seed + 1) + 0.2 * grain(seed + 2)
+        return _lit(mix(low, high, 0.75 * blades + 0.45 * cloud(4, seed + 3, 3) - 0.1), soft(200, 60, seed + 4), 0.35)
+
+    return paint
+
+
+def _wood(low: Shade, high: Shade, planks: int) -> Recipe:
+    def paint(seed: int) -> F64:
+        x, y = grid()
+        width = SIZE // planks
+        plank = x // width
+        shift = (scatter(plank, plank * 0, seed) * SIZE).astype(np.int64)
+        along = (y + shift) % SIZE
+        bend = cloud(3, seed + 1, 3)[along, x]
+        rings = x * (22.0 / SIZE) + 5.0 * bend + 3.0 * scatter(plank, plank * 0, seed + 2)
+        ring = np.abs(2.0 * (rings - np.floor(rings)) - 1.0)
+        fibre = soft(256, 8, seed + 3)[along, x]
+        own = scatter(plank, plank * 0, seed + 4)
+        picture = mix(low, high, 0.45 * ring + 0.30 * fibre + 0.35 * own - 0.05)
+        edge = np.minimum(x % width, width - 1 - x % width)
+        return _lit(picture, smooth(edge / 3.0), 0.55) if planks > 1 else picture
+
+    return paint
+
+
+def _marble(low: Shade, high: Shade, vein: Shade) -> Recipe:
+    def paint(seed: int) -> F64:
+        picture = mix(low, high, cloud(3, seed, 5))
+        fine = smooth(1.0 - np.abs(cloud(2, seed + 5, 6) - 0.5) * 34.0) + 0.6 * smooth(
+            1.0 - np.abs(cloud(4, seed + 6, 6) - 0.5) * 40.0
+        )
+        return picture + np.clip(0.7 * fine, 0.0, 1.0)[..., None] * (np.array(vein, np.float64) - picture)
+
+    return paint
+
+
+def _liquid(low: Shade, high: Shade, crest: Shade, cells: int) -> Recipe:
+    def paint(seed: int) -> F64:
+        bend = cloud(cells, seed, 5)
+        ridge = smooth(1.0 - np.abs(bend - 0.5) * 11.0)
+        picture = mix(low, high, cloud(cells, seed + 7, 4) * 1.5 - 0.25)
+        return picture + (0.8 * ridge * ridge)[..., None] * (np.array(crest, np.float64) - picture)
+
+    return paint
+
+
+def _ceiling_tiles(seed: int) -> F64:
+    on, _, _ = tiles(1, 1, 10)
+    holes = smooth((soft(110, 110, seed) - 0.74) * 14.0)
+    return _lit(_lit(mix((196, 195, 190), (214, 213, 208), grain(seed + 1)), 1.0 - holes, 0.22), on, 0.30)
+
+
+def _panel(base: Shade, inset: int, rows: int) -> Recipe:
+    """A door or a box: a frame with sunken panels."""
+
+    def paint(seed: int) -> F64:
+        x, y = grid()
+        height = SIZE // rows
+        inside = np.minimum(np.minimum(x, SIZE - 1 - x), np.minimum(y % height, height - 1 - y % height)) - inset
+        rim = smooth(1.0 - np.abs(inside.astype(np.float64)) / 5.0)
+        colour = np.array(base, np.float64) * (0.92 + 0.12 * cloud(4, seed, 5))[..., None]
+        return _lit(colour, 1.0 - rim, 0.40) * np.where(inside > 0, 0.95, 1.0)[..., None]
+
+    return paint
+
+
+def _grille(bar: Shade, pitch: int) -> Recipe:
+    def paint(seed: int) -> F64:
+        x, y = grid()
+        across = np.minimum(np.abs(x % pitch - pitch // 2), np.abs(y % pitch - pitch // 2)).astype(np.float64)
+        metal = mix((bar[0] - 40, bar[1] - 40, bar[2] - 40), bar, 1.0 - across / (pitch * 0.25) + 0.2 * cloud(6, seed))
+        hole = smooth((across - pitch * 0.2) / 3.0)
+        return metal + hole[..., None] * (np.array((18.0, 19.0, 21.0)) - metal)
+
+    return paint
+
+
+def _fence(seed: int) -> F64:
+    x, y = grid()
+    wood = _wood((196, 190, 178), (236, 232, 222), 4)(seed)
+    gap = (x % 128 > 92) & ~((y > 130) & (y < 180)) & ~((y > 360) & (y < 410))
+    return np.where(gap[..., None], np.array((74.0, 104.0, 62.0)), wood)
+
+
+def _logo(seed: int) -> F64:
+    """A framed sign: a maze from above, an agent in it and the way to its goal."""
+    x, y = grid()
+    picture = mix((236, 233, 224), (246, 244, 238), cloud(3, seed))
+    for x0, y0, x1, y1 in (
+        *((40, 60, 472, 76), (40, 436, 472, 452), (40, 60, 56, 452), (456, 60, 472, 452)),
+        *((180, 60, 196, 320), (320, 200, 336, 452), (180, 304, 260, 320)),
+    ):
+        picture[y0:y1, x0:x1] = (38.0, 52.0, 82.0)
+    for cx, cy, r, colour in ((112, 360, 40, (214, 52, 44)), (398, 130, 44, (36, 158, 92))):
+        picture[(x - cx) * (x - cx) + (y - cy) * (y - cy) < r * r] = colour
+    for dot in range(6):
+        cx, cy = 170 + 36 * dot, 392 - 12 * dot if dot < 3 else 368 - 60 * (dot - 2)
+        picture[(x - cx) * (x - cx) + (y - cy) * (y - cy) < 90] = (140.0, 140.0, 150.0)
+    return picture
+
+
+_GREY = ((112, 111, 107), (150, 149, 144))
+
+# name: (recipe, how many variants, metres covered)
+RECIPES: dict[str, tuple[Recipe, int, float]] = {
+    "airduct_grate": (_grille((150, 152, 156), 64), 1, 1.0),
+    "asphalt": (_speckled((52, 52, 55), (84, 84, 87), (128, 126, 122)), 1, 1.0),
+    "brick_wall": (_bricks((122, 54, 40), (178, 92, 68), (148, 142, 132), 8, 16, 6), 1, 2.0),
+    "cardboard": (_panel((186, 148, 100), 8, 1), 4, 1.0),
+    "ceiling_tile_noborder": (_plaster((196, 195, 190), (214, 213, 208), 0.5), 1, 1.0),
+    "ceiling_tiles": (_ceiling_tiles, 1, 1.0),
+    "cinder_blocks": (_bricks((128, 128, 124), (166, 166, 160), (98, 97, 93), 4, 8, 7), 1, 2.0),
+    "concrete": (_concrete(*_GREY), 4, 1.0),
+    "concrete_tiles": (_slabs((126, 126, 122), (170, 169, 163), 3, 3, 6, 0.45), 1, 1.5),
+    "door_doom": (_panel((112, 84, 62), 36, 3), 2, 2.0),
+    "door_garage_red": (_panel((168, 44, 38), 20, 8), 1, 2.0),
+    "door_garage_white": (_panel((226, 226, 222), 20, 8), 1, 2.0),
+    "door_steel_brown": (_panel((124, 88, 62), 44, 2), 1, 1.0),
+    "door_steel_grey": (_panel((132, 136, 142), 44, 2), 1, 1.0),
+    "door_steel_red": (_panel((160, 48, 42), 44, 2), 1, 1.0),
+    "drywall": (_plaster((204, 200, 190), (222, 219, 210), 0.25), 1, 1.0),
+    "floor_tiles_bw": (_checks, 1, 1.0),
+    "floor_tiles_white": (_slabs((206, 206, 202), (232, 232, 229), 2, 2, 6, 0.40), 1, 1.0),
+    "grass": (_grass((40, 78, 26), (112, 154, 62)), 2, 2.0),
+    "lava": (_liquid((96, 16, 6), (204, 66, 12), (255, 214, 84), 4), 2, 1.0),
+    "logo_mila": (_logo, 1, 2.0),
+    "marble": (_marble((212, 208, 202), (238, 236, 232), (132, 130, 136)), 2, 1.0),
+    "metal_grill": (_grille((142, 146, 152), 32), 2, 1.0),
+    "picket_fence": (_fence, 1, 1.0),
+    "rock": (_speckled((88, 80, 70), (150, 140, 126), (174, 166, 152)), 1, 2.0),
+    "slime": (_liquid((30, 66, 18), (78, 132, 38), (168, 206, 84), 5), 1, 1.0),
+    "stucco": (_plaster((190, 172, 142), (226, 212, 186), 0.9), 1, 1.0),
+    "water": (_liquid((18, 62, 104), (48, 116, 158), (170, 214, 230), 4), 3, 1.0),
+    "white": (_plaster((255, 255, 255), (255, 255, 255), 0.0), 1, 1.0),
+    "wood": (_wood((112, 74, 40), (178, 128, 78), 1), 2, 1.0),
+    "wood_planks": (_wood((104, 70, 42), (170, 124, 80), 8), 1, 2.0),
+}

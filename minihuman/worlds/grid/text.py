@@ -1,0 +1,82 @@
+"""Text: a grid as lines of characters, two a cell, for diagrams and tests; and back.
+
+The first character is the kind, the second the colour (r g b p y, and - for grey). ``WW`` is a grey wall, two spaces
+an empty cell, the agent ``>>`` ``vv`` ``<<`` ``^^``. A door is ``D`` closed, ``L`` locked, ``O`` open. What the agent
+stands on, what it carries and what boxes contain is not shown.
+"""
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.cells import (
+    COLOURS,
+    DOOR,
+    DOOR_STATES,
+    EMPTY,
+    GREY_WALL,
+    KINDS,
+    colour_of,
+    kind_of,
+    state_of,
+)
+from minihuman.worlds.grid.items import Item
+from minihuman.worlds.grid.layout import Layout
+from minihuman.worlds.grid.state import State
+
+AGENT = (">>", "vv", "<<", "^^")  # by direction
+COLOUR_LETTERS = "rgbpy-"  # by colour number
+KIND_LETTERS = {"wall": "W", "floor": "F", "key": "K", "ball": "A", "box": "B", "goal": "G", "lava": "V"}
+DOOR_LETTERS = {"open": "O", "closed": "D", "locked": "L"}
+
+
+def to_text(state: State) -> str:
+    """A diagram of the grid."""
+    lines = []
+    for y in range(state.height):
+        cells = [_cell(int(state.cells[x, y])) for x in range(state.width)]
+        if state.position[1] == y:
+            cells[state.position[0]] = AGENT[state.direction]
+        lines.append("".join(cells))
+    return "\n".join(lines)
+
+
+def from_text(diagram: str, grid: Layout) -> None:
+    """Lay a diagram out: one line a row, from the top left cell. Call it in a world's ``layout``.
+
+    Raises:
+        WorldError: if a cell's two characters mean nothing, naming its column and row, or the diagram is too large.
+    """
+    for y, line in enumerate(diagram.splitlines()):
+        for x in range(0, len(line), 2):
+            cell = line[x : x + 2].ljust(2)
+            if cell in AGENT:
+                grid.put_agent(x // 2, y, AGENT.index(cell))
+            elif cell != "  ":
+                grid.put(_item(cell, x // 2, y), x // 2, y)
+
+
+def _cell(code: int) -> str:
+    if kind_of(code) == EMPTY:
+        return "  "
+    if code == GREY_WALL:
+        return "WW"
+    if kind_of(code) == DOOR:
+        letter = DOOR_LETTERS[DOOR_STATES[state_of(code)]]
+    else:
+        letter = KIND_LETTERS[KINDS[kind_of(code)]]
+    return letter + COLOUR_LETTERS[colour_of(code)]
+
+
+def _item(cell: str, x: int, y: int) -> Item:
+    if cell == "WW":
+        return Item("wall", "grey")
+    letter, colour = cell
+    if colour in COLOUR_LETTERS:
+        name = COLOURS[COLOUR_LETTERS.index(colour)]
+        for state, door in DOOR_LETTERS.items():
+            if letter == door:
+                return Item("door", name, state)
+        for kind, other in KIND_LETTERS.items():
+            if letter == other:
+                return Item(kind, name)
+    raise WorldError(
+        f"{cell!r} in column {x}, row {y} of the diagram means nothing; docs/grid-worlds.md lists the cells"
+    )

@@ -1,0 +1,59 @@
+"""Every script in analysis/ runs on a small study and makes what it says."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from tests.builders import WORLDS, session, write_log
+
+SCRIPTS = Path(__file__).parents[2] / "analysis"
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    for index in range(4):
+        group = ("grid_first", "direct")[index % 2]
+        write_log(session(participant=f"sub-0{index + 1}", index=index, group=group, seed=index, episodes=2), data)
+    return data / "transfer"
+
+
+def run(monkeypatch, name, *arguments):
+    monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+    runpy.run_path(str(SCRIPTS / name), run_name="__main__")
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("paths.py", ["sub-01/ses-01"]),
+        ("overview.py", ["sub-01/ses-01"]),
+        ("occupancy.py", [".", WORLDS["grid"]]),
+        ("learning.py", [".", "room"]),
+    ],
+)
+def test_a_figures_script_writes_a_picture_and_a_page(study, tmp_path, monkeypatch, capsys, name, arguments):
+    run(monkeypatch, name, study / arguments[0], *arguments[1:], tmp_path / "figure")
+    assert capsys.readouterr().out.split() == [str(tmp_path / "figure.png"), str(tmp_path / "figure.pdf")]
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "figure.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_reward_table_has_a_row_a_subject(study, tmp_path, monkeypatch):
+    run(monkeypatch, "reward_table.py", study, tmp_path / "table.csv")
+    table = pd.read_csv(tmp_path / "table.csv")
+    assert table["participant"].tolist() == ["sub-02", "sub-04", "sub-01", "sub-03"]
+    assert table["reward_mean"].between(0, 1).all()
+
+
+def test_every_script_is_in_the_list_and_tested_here():
+    listed = (SCRIPTS / "README.md").read_text()
+    here = Path(__file__).read_text()
+    scripts = sorted(path.name for path in SCRIPTS.glob("*.py"))
+    assert scripts
+    for name in scripts:
+        assert f"analysis/{name}" in listed
+        assert f'"{name}"' in here

@@ -1,0 +1,117 @@
+"""check, simulate, status and run, as typed."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+import typer
+from typer.testing import CliRunner, Result
+
+from minihuman.cli import session
+from minihuman.errors import AllocationError, LogError, ProtocolError
+from minihuman.log.register import read_register
+from minihuman.study.expand import enrol, expand
+from minihuman.study.plan import SessionPlan
+from minihuman.study.protocol import decode
+
+PROTOCOLS = Path(__file__).parents[2] / "protocols"
+TRANSFER = PROTOCOLS / "fourrooms-transfer.toml"
+
+
+def typed(*words: object) -> Result:
+    app = typer.Typer()
+    session.add_to(app)
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def edited(tmp_path: Path, old: str, new: str) -> Path:
+    text = TRANSFER.read_text()
+    assert old in text
+    path = tmp_path / "edited.toml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.fixture
+def grid_only(tmp_path: Path) -> Path:
+    path = edited(tmp_path, 'blocks = ["grid", "first-person"]', 'blocks = ["grid"]')
+    path.write_text(path.read_text().replace('blocks = ["first-person"]', 'blocks = ["grid"]'))
+    return path
+
+
+def test_check_prints_everything_a_participant_will_play():
+    told = typed("check", TRANSFER, "--participant", "sub-02")
+    assert told.exit_code == 0
+    plan = expand(decode(TRANSFER.read_bytes()), enrol(decode(TRANSFER.read_bytes()), 1))
+    for episode in plan.episodes:
+        assert str(episode.seed) in told.stdout
+    for key, action in plan.episodes[0].key_map.keys.items():
+        assert f"{key} {action}" in told.stdout
+    assert plan.consent_sha256 in told.stdout
+    assert "at most 100 steps" in told.stdout
+
+
+def test_check_prints_the_plan_itself_as_json():
+    told = typed("check", TRANSFER, "--participant", "sub-03", "--json")
+    study = decode(TRANSFER.read_bytes())
+    assert msgspec.json.decode(told.stdout, type=SessionPlan) == expand(study, enrol(study, 2))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            '"forward"]',
+            '"fly"]',
+            "$.blocks[0].actions names 'fly', which minihuman/MiniGrid-FourRooms-v0 does not have",
+        ),
+        ("MiniGrid-FourRooms-v0", "MiniGrid-FiveRooms-v0", "$.blocks[0].world"),
+        ("max_steps = 100\n", 'max_steps = 100\noptions = { colour = "red" }\n', "do not take {'colour': 'red'}"),
+    ],
+)
+def test_check_finds_a_block_that_its_world_cannot_play(tmp_path, old, new, said):
+    failed = typed("check", edited(tmp_path, old, new)).exception
+    assert isinstance(failed, ProtocolError)
+    assert said in str(failed)
+    assert "\n" not in str(failed)
+
+
+def test_a_protocol_that_is_not_there_is_said_so(tmp_path):
+    failed = typed("check", tmp_path / "none.toml").exception
+    assert isinstance(failed, ProtocolError)
+    assert "No such file" in str(failed)
+
+
+def test_simulate_prints_each_log_and_status_lists_them(tmp_path, grid_only):
+    told = typed("simulate", grid_only, "--participants", 2, "--data", tmp_path, "--player", "optimal")
+    assert told.exit_code == 0
+    paths = [Path(line) for line in told.stdout.splitlines()]
+    assert [path.name for path in paths] == ["sub-01_ses-01.mcap", "sub-02_ses-01.mcap"]
+    assert all(path.exists() for path in paths)
+    listed = typed("status", tmp_path / "fourrooms-transfer").stdout.splitlines()
+    assert [line.split()[0] for line in listed[1:]] == ["sub-01", "sub-02"]
+    assert all("10/10" in line and "complete, optimal" in line for line in listed[1:])
+
+
+def test_the_status_of_no_study_is_an_error(tmp_path):
+    assert isinstance(typed("status", tmp_path / "none").exception, LogError)
+
+
+def test_more_participants_than_slots_are_refused(tmp_path, grid_only):
+    grid_only.write_text(grid_only.read_text().replace("participants = 60", "participants = 1"))
+    failed = typed("simulate", grid_only, "--participants", 2, "--data", tmp_path, "--player", "optimal").exception
+    assert isinstance(failed, AllocationError)
+    assert "all 1 slots" in str(failed)
+
+
+def test_a_station_without_a_display_says_so_in_one_line_and_uses_up_no_slot(tmp_path, grid_only):
+    nothing = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-m", "minihuman", "run", str(grid_only), "--data", str(tmp_path / "data")]
+    done = subprocess.run(command, env=nothing, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    [line] = [line for line in done.stderr.splitlines() if line.startswith("minihuman:")]
+    assert "window" in line
+    assert read_register(tmp_path / "data" / "fourrooms-transfer") == ()

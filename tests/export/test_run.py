@@ -1,0 +1,91 @@
+"""Exports of whole studies: filters, cards, bad input and what is left behind."""
+
+import pytest
+
+from minihuman.errors import ExportError, LogError
+from minihuman.export.choose import Filters
+from minihuman.export.run import export
+from minihuman.log.read import open_log
+from minihuman.marks import Mark, add_mark
+from tests.export.study import recorded
+
+EVERYTHING = Filters()
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp("study"), participants=2)
+
+
+@pytest.fixture
+def log(study):
+    return next(study.glob("sub-01/*/*.mcap"))
+
+
+def written(study, out, filters=EVERYTHING, format_name="parquet"):
+    return export(format_name, study, out, filters)[0]
+
+
+@pytest.mark.parametrize("format_name", ["csv", "parquet", "minari", "lerobot", "imitation"])
+def test_every_format_writes_a_study_and_its_card(study, tmp_path, monkeypatch, format_name):
+    monkeypatch.chdir(tmp_path)
+    done, _ = export(format_name, study, type(study)("out"), Filters())
+    assert done.episodes == 8
+    assert all(path.exists() for path in done.paths)
+    card = (tmp_path / "out/README.md").read_text()
+    assert "8 episodes" in card
+    assert "| sub-02 | 4 |" in card
+
+
+def test_filters_take_what_they_say(study, log, tmp_path):
+    assert written(study, tmp_path / "a", Filters(participant=("sub-02",))).episodes == 4
+    assert written(study, tmp_path / "b", Filters(block=("grid",))).episodes == 4
+    ended_so = sum(episode.outcome == "goal" for path in study.rglob("*.mcap") for episode in open_log(path).episodes)
+    assert written(study, tmp_path / "c", Filters(outcome=("goal",))).episodes == ended_so
+    assert written(log, tmp_path / "d").episodes == 4
+
+
+def test_marked_episodes_can_be_left_out_or_taken_alone(tmp_path):
+    study = recorded(tmp_path / "data", participants=1)
+    path = add_mark(open_log(next(study.rglob("*.mcap"))), Mark(tag="exclude", at="2026-01-01T00:00:00Z", episode=2))
+    assert path.exists()
+    assert written(study, tmp_path / "a", Filters(without_tag=("exclude",))).episodes == 3
+    assert written(study, tmp_path / "b", Filters(tag=("exclude",))).episodes == 1
+
+
+def test_a_damaged_log_is_named_in_the_card_and_the_rest_is_written(tmp_path):
+    study = recorded(tmp_path / "data", participants=2)
+    damaged = next(study.glob("sub-01/*/*.mcap"))
+    damaged.write_bytes(b"not a log")
+    done, card = export("parquet", study, tmp_path / "out", Filters())
+    assert done.episodes == 4
+    assert any(damaged.name in line for line in card.skipped)
+    assert damaged.name in (tmp_path / "out/README.md").read_text()
+    assert damaged.read_bytes() == b"not a log"
+
+
+def test_nothing_is_overwritten(study, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/mine.txt").write_text("keep")
+    with pytest.raises(ExportError, match="already exists; choose another folder"):
+        written(study, tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["mine.txt"]
+
+
+def test_filters_that_nothing_passes_leave_nothing(study, tmp_path):
+    with pytest.raises(ExportError, match=r"passes the filters \(--outcome failure\); nothing was written"):
+        written(study, tmp_path / "out", Filters(outcome=("failure",)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_format_lists_the_known(study, tmp_path):
+    with pytest.raises(
+        ExportError, match="no export format 'xlsx'; there are csv, imitation, lerobot, minari, parquet"
+    ):
+        written(study, tmp_path / "out", format_name="xlsx")
+
+
+def test_a_source_that_is_not_there_says_so(tmp_path):
+    with pytest.raises((LogError, OSError), match="nowhere"):
+        written(tmp_path / "nowhere", tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,184 @@
+import numpy as np
+import pytest
+
+from minihuman.errors import PlayerError
+from minihuman.log.port import MemoryRecorder
+from minihuman.players.choose import make_player
+from minihuman.players.human_like import Person
+from minihuman.players.ways import shortest_way
+from minihuman.study.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped
+from minihuman.study.expand import enrol, expand
+from minihuman.study.protocol import decode
+from minihuman.study.session import Session
+from minihuman.study.well_formed import complaints
+from minihuman.windows.run import run_session
+from minihuman.windows.scripted import VirtualClock
+from minihuman.windows.simulated import SimulatedWindow
+from minihuman.worlds.adapt import World
+
+GRID = "minihuman/MiniGrid-FourRooms-v0"
+ROOMS = "minihuman/MiniWorld-FourRooms-v0"
+MOVES = {GRID: ["left", "right", "forward"], ROOMS: ["turn_left", "turn_right", "move_forward"]}
+
+
+STUDY = """
+[study]
+name = "trial"
+version = "1"
+seed = 5
+[[groups]]
+name = "all"
+blocks = {blocks}
+"""
+BLOCK = """
+[[blocks]]
+name = {name!r}
+world = {world!r}
+episodes = {episodes}
+actions = {actions}
+max_steps = 250
+key_map = {key_map!r}
+"""
+
+
+def a_plan(*blocks: dict[str, object]):
+    toml = STUDY.format(blocks=[block["name"] for block in blocks])
+    protocol = decode((toml + "".join(BLOCK.format(**block) for block in blocks)).encode())
+    return expand(protocol, enrol(protocol, 0))
+
+
+def one_block(world: str, episodes: int, *, key_map: str = "fresh"):
+    actions = MOVES.get(world, ["0", "1"])
+    return a_plan({"name": "only", "world": world, "episodes": episodes, "actions": actions, "key_map": key_map})
+
+
+def two_blocks(key_map: str):
+    both = {"world": GRID, "episodes": 4, "actions": MOVES[GRID]}
+    return a_plan({"name": "first", "key_map": "fresh", **both}, {"name": "second", "key_map": key_map, **both})
+
+
+def second_block(events) -> list[KeyPressed]:
+    starts = [
+        place for place, event in enumerate(events) if isinstance(event, EpisodeStarted) and event.plan.block == 1
+    ]
+    return [event for event in events[starts[0] :] if isinstance(event, KeyPressed)]
+
+
+def played(player: str, plan, seed: int = 0):
+    clock, recorder = VirtualClock(), MemoryRecorder()
+    session = Session(plan, World, {}, picture_px=None)
+    window = SimulatedWindow(make_player(player, np.random.default_rng(seed)), session, clock)
+    run_session(session, window, recorder, clock)
+    assert complaints(recorder.events) == []
+    return recorder.events
+
+
+def steps_an_episode(events) -> list[int]:
+    return [event.steps for event in events if isinstance(event, EpisodeEnded)]
+
+
+def outcomes(events) -> set[str]:
+    return {event.outcome for event in events if isinstance(event, EpisodeEnded)}
+
+
+@pytest.mark.parametrize(("world", "episodes"), [(GRID, 5), (ROOMS, 2)])
+def test_the_optimal_player_takes_the_shortest_way(world, episodes):
+    plan = one_block(world, episodes)
+    events = played("optimal", plan)
+    assert outcomes(events) == {"goal"}
+    for episode, steps in zip(plan.episodes, steps_an_episode(events), strict=True):
+        fresh = World(episode.world)
+        fresh.reset(episode.seed)
+        assert steps == len(shortest_way(fresh))
+
+
+@pytest.mark.parametrize("player", ["optimal", "random", "human-like"])
+def test_the_same_seed_plays_the_same_keys_at_the_same_times(player):
+    plan = one_block(GRID, 2)
+    assert played(player, plan, seed=4) == played(player, plan, seed=4)
+
+
+@pytest.mark.parametrize("player", ["random", "human-like"])
+def test_another_seed_plays_otherwise(player):
+    plan = one_block(GRID, 2)
+    assert played(player, plan, seed=4) != played(player, plan, seed=5)
+
+
+def test_a_random_player_uses_every_key_that_does_something_and_no_other():
+    plan = one_block(GRID, 2)
+    keys = {event.key for event in played("random", plan) if isinstance(event, Stepped)}
+    assert keys == set(plan.episodes[0].key_map.keys)
+
+
+def test_a_person_has_to_find_the_keys_that_are_not_shown():
+    def keys_before_the_first_step(key_map: str) -> int:
+        events = played("human-like:lapse=0,astray=0", one_block(GRID, 1, key_map=key_map))
+        return sum(getattr(event, "verdict", "") == "spare" for event in events)
+
+    assert keys_before_the_first_step("fresh") > 0
+    assert keys_before_the_first_step("shown") == 0
+
+
+def test_a_person_who_knows_the_keys_and_never_errs_is_optimal():
+    plan = one_block(GRID, 4, key_map="shown")
+    assert steps_an_episode(played("human-like:lapse=0,astray=0", plan)) == steps_an_episode(played("optimal", plan))
+
+
+def test_a_person_reaches_the_goal_in_more_steps_than_it_takes():
+    plan = one_block(GRID, 10)
+    person, best = played("human-like", plan), played("optimal", plan)
+    assert outcomes(person) == {"goal"}
+    assert sum(steps_an_episode(person)) > sum(steps_an_episode(best))
+
+
+def test_a_person_gets_faster_with_practice():
+    plan = one_block(GRID, 20, key_map="shown")
+    rts = {}
+    for event in played("human-like", plan):
+        if isinstance(event, Stepped) and event.rt_ms is not None:
+            rts.setdefault(event.episode, []).append(event.rt_ms)
+    early, late = (np.mean(np.concatenate([rts[episode] for episode in which])) for which in (range(3), range(17, 20)))
+    assert late < 0.7 * early
+
+
+def test_reaction_times_have_the_mean_that_was_asked_for():
+    """Parameter recovery in the small: mu + tau, without practice."""
+    plan = one_block(GRID, 40, key_map="shown")
+    events = played("human-like:mu_ms=400,sigma_ms=40,tau_ms=100,practice=0,lapse=0,astray=0", plan)
+    rts = [event.rt_ms for event in events if isinstance(event, Stepped)]
+    assert abs(np.mean(rts) - 500) < 4 * np.hypot(40, 100) / np.sqrt(len(rts))
+
+
+@pytest.mark.parametrize(("key_map", "searches"), [("carry", False), ("fresh", True)])
+def test_a_person_searches_for_keys_again_only_where_they_are_new(key_map, searches):
+    plan = two_blocks(key_map)
+    searched = {
+        event.phase == "playing" and event.verdict == "spare"
+        for event in second_block(played("human-like:lapse=0,astray=0", plan))
+    }
+    assert (True in searched) == searches
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("clairvoyant", "player 'clairvoyant' is unknown; it is one of"),
+        ("human-like:speed=9", "no parameter 'speed'; it has mu_ms"),
+        ("human-like:lapse=often", "lapse is 'often'; give a number"),
+        ("human-like:lapse=2", "a chance is 0 to 1"),
+        ("human-like:tau_ms=-1", "use 0 or more"),
+        ("human-like:detour_steps=0", "1 step or more"),
+    ],
+)
+def test_a_player_that_cannot_be_says_why(name, said):
+    with pytest.raises(PlayerError, match=said):
+        make_player(name, np.random.default_rng(0))
+
+
+def test_a_persons_parameters_are_read_from_its_name():
+    assert Person.parse("lapse=0.1,tau_ms=300") == Person(lapse=0.1, tau_ms=300.0)
+
+
+def test_the_optimal_player_refuses_a_world_that_has_no_planner():
+    with pytest.raises(PlayerError, match="no planner knows its goal"):
+        played("optimal", one_block("CartPole-v1", 1))

@@ -1,0 +1,130 @@
+"""Studies made with known parameters: what the report estimates is what was put in, as often as it says."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from minihuman.measures.shortest import UNKNOWN
+from minihuman.report.exclusions import Rules
+from minihuman.report.results import results
+from minihuman.report.statistics import compare_groups
+from minihuman.report.study import Reading, read_study
+from minihuman.report.tables import session_tables
+from minihuman.study.protocol import decode
+from minihuman.windows.simulate import simulate
+from tests.builders import made, plan, session_of
+from tests.counts import count
+
+EFFECT, OWN_SD, NOISE_SD = 0.10, 0.08, 0.05  # of reward: between groups, between people, between episodes
+REACTION_MS, REACTION_FACTOR = 400.0, 0.30
+PEOPLE, EPISODES, STEPS = 16, 4, 12
+KEYS = 3  # with an action, pressed at random: each is found after a geometric number of steps of chance 1 / 3
+RULES = Rules()
+
+
+def person(rng, index):
+    """One participant's session: rewards, reaction times and key presses drawn with the known parameters."""
+    own = 0.6 + EFFECT * (index % 2) + rng.normal(0, OWN_SD)
+    played = []
+    for number in range(EPISODES):
+        actions = rng.integers(0, KEYS, STEPS)
+        poses = [(float(step), 0.0, 0.0, 0.0) for step in range(STEPS + 1)]  # every press shows
+        rt_ms = REACTION_MS * np.exp(rng.normal(0, REACTION_FACTOR, STEPS))
+        reward = own + rng.normal(0, NOISE_SD)
+        its_plan = plan(number, in_block=number, of=EPISODES)
+        start_ns = 60_000_000_000 * number
+        played.append(made(its_plan, poses, actions, None, rt_ms=rt_ms, reward=reward, start_ns=start_ns))
+    group = ("control", "trained")[index % 2]
+    return session_of(played, participant=f"sub-{index:02}", index=index, group=group)
+
+
+def estimates(seed):
+    """One study through the tables to its results: interval of the effect, p, reaction time interval, found steps."""
+    rng = np.random.default_rng([2026, seed])
+    people = [person(rng, index) for index in range(PEOPLE)]
+    rows = [session_tables(one, tags={}, rules=RULES, shortest=lambda _: UNKNOWN) for one in people]
+    tables = {name: pd.concat([one[name].to_pandas() for one in rows]) for name in rows[0]}
+    found = results(tables["episodes"], tables["blocks"], tables["participants"])
+    reward = next(one for one in found.comparisons if one.measure == "reward_mean")
+    medians = tables["participants"]["reaction_median_ms"]
+    interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
+    keys = tables["keys"]
+    return reward, found.model, interval, keys.loc[keys["action"] != "", "found_steps"].to_numpy(float)
+
+
+@pytest.mark.long
+def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
+    studies = [estimates(seed) for seed in range(count(4, 400))]
+    covered = {
+        "effect of the group": [one.interval[0] <= -EFFECT <= one.interval[1] for one, *_ in studies],
+        "effect in the model": [_covers(model, EFFECT) for _, model, *_ in studies],
+        "reaction time": [low <= REACTION_MS <= high for _, _, (low, high), _ in studies],
+    }
+    for name, hits in covered.items():
+        assert stats.binomtest(sum(hits), len(hits), 0.95).pvalue > 0.001, f"{name}: {np.mean(hits):.3f} of 0.95"
+    found = np.concatenate([steps for *_, steps in studies])
+    assert np.isnan(found).mean() < 0.01
+    assert np.nanmean(found) == pytest.approx(KEYS, abs=4 * np.nanstd(found) / math.sqrt(len(found)))
+    differences = np.array([one.difference for one, *_ in studies])
+    assert differences.mean() == pytest.approx(-EFFECT, abs=4 * differences.std(ddof=1) / math.sqrt(len(differences)))
+
+
+@pytest.mark.long
+def test_without_an_effect_p_is_small_as_rarely_as_it_should_be():
+    small = []
+    for seed in range(count(12, 2_000)):
+        rng = np.random.default_rng([7, seed])
+        rows = pd.DataFrame({"group": ["a", "b"] * 6, "reward": rng.normal(0.7, 0.1, 12)})
+        small.append(_p(rows) < 0.05)
+    assert stats.binomtest(sum(small), len(small), 0.05, alternative="greater").pvalue > 0.001
+
+
+PROTOCOL = b"""
+[study]
+name = "recovery"
+version = "1"
+seed = 5
+participants = 12
+[keys]
+pool = ["1", "2", "3", "4", "5"]
+[[groups]]
+name = "everyone"
+blocks = ["grid"]
+[[blocks]]
+name = "grid"
+world = "minihuman/MiniGrid-FourRooms-v0"
+episodes = 3
+actions = ["left", "right", "forward"]
+max_steps = 100
+"""
+
+
+@pytest.mark.long
+def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in(tmp_path):
+    """Ex-Gaussian reaction times with mean 300 + 100 ms, no practice: their mean over all steps is 400 ms."""
+    player = "human-like:mu_ms=300,sigma_ms=40,tau_ms=100,practice=0"
+    people = count(2, 12)
+    paths = list(simulate(decode(PROTOCOL), tmp_path, participants=people, seed=3, player=player))
+    sessions = list(read_study(tmp_path, Reading(), processes=1))
+    assert len(sessions) == len(paths) == people
+    times = np.concatenate([one.rows["steps"].column("reaction_ms").to_numpy() for one in sessions])
+    times = times[~np.isnan(times)]
+    error = math.sqrt(40**2 + 100**2) / math.sqrt(len(times))
+    assert times.mean() == pytest.approx(400, abs=4 * error)
+    for one in sessions:
+        keys = one.rows["keys"].to_pandas()
+        mapped = keys[keys["action"] != ""]
+        reached = [row["success"] for row in one.rows["episodes"].to_pylist()]
+        assert mapped["found_steps"].notna().sum() >= 2 * any(reached)  # a goal elsewhere takes a turn and strides
+
+
+def _covers(model, truth):
+    low, high = model.intervals[model.terms.index("group: trained")]
+    return low <= truth <= high
+
+
+def _p(rows):
+    return compare_groups(rows, ["reward"])[0].p

@@ -1,0 +1,153 @@
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from minihuman.study.keys import KEY_NAMES
+from minihuman.study.screens import PlayScreen, TextScreen
+from minihuman.windows import theme
+from minihuman.windows.compose import compose, picture_size_px
+from minihuman.windows.keycaps import arrange, caption, label
+
+SIZES = ((1280, 720), (1024, 768), (1920, 1080), (640, 360))
+HD = SIZES[0]
+BACKGROUND = np.array(theme.BACKGROUND, np.uint8)
+
+
+def lit_pixels(picture: np.ndarray, colour: Sequence[int]) -> int:
+    return int((picture == np.array(colour, np.uint8)).all(axis=2).sum())
+
+
+def edge_is_empty(picture: np.ndarray) -> bool:
+    edges = (picture[:2], picture[-2:], picture[:, :2], picture[:, -2:])
+    return all((edge == BACKGROUND).all() for edge in edges)
+
+
+@pytest.mark.parametrize("size_px", SIZES)
+def test_a_screen_fills_the_window(size_px: tuple[int, int]) -> None:
+    screens = (
+        TextScreen("Title", "Body", "Prompt"),
+        PlayScreen(np.zeros((56, 56, 3), np.uint8), "mission", "progress"),
+    )
+    for screen in screens:
+        picture = compose(screen, size_px)
+        assert picture.shape == (size_px[1], size_px[0], 3)
+        assert picture.dtype == np.uint8
+
+
+def test_the_same_screen_gives_the_same_picture_and_the_callers_may_draw_on_it() -> None:
+    screen = PlayScreen(np.full((56, 56, 3), 200, np.uint8), "mission", "progress", (("1", "left"),))
+    first = compose(screen, HD)
+    kept = first.copy()
+    first[:] = 0
+    assert np.array_equal(compose(screen, HD), kept)
+    words = TextScreen("Title", "Body", "Prompt")
+    compose(words, HD)[:] = 0
+    assert compose(words, HD).any()
+
+
+def test_a_small_picture_is_enlarged_by_a_whole_number_and_centred() -> None:
+    colours = np.random.default_rng(0).integers(1, 255, (7, 7, 3), dtype=np.uint8)
+    shown = compose(PlayScreen(colours, "", ""), HD)
+    scale = picture_size_px(HD)[1] // 7
+    rows, columns = np.nonzero((shown != BACKGROUND).any(axis=2))
+    cut = shown[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    assert np.array_equal(cut, np.kron(colours, np.ones((scale, scale, 1), np.uint8)))
+    assert abs(columns.min() + columns.max() + 1 - HD[0]) <= 1
+
+
+def test_a_large_picture_is_averaged_into_the_room_it_has() -> None:
+    picture = np.zeros((2000, 3000, 3), np.uint8)
+    picture[:, ::2] = 255
+    shown = compose(PlayScreen(picture, "", ""), HD)
+    width, height = picture_size_px(HD)
+    columns = np.nonzero((shown != BACKGROUND).any(axis=(0, 2)))[0]
+    assert columns.max() - columns.min() + 1 <= width
+    assert 100 < shown[HD[1] // 2, HD[0] // 2].mean() < 155
+    assert edge_is_empty(shown)
+    assert height < HD[1]
+
+
+def test_first_person_pictures_get_640_by_480_in_the_usual_window() -> None:
+    width, height = picture_size_px(HD)
+    assert width >= 640
+    assert height >= 480
+
+
+@pytest.mark.parametrize("size_px", SIZES)
+@pytest.mark.parametrize("paragraphs", [1, 3, 8])
+def test_long_texts_stay_on_the_page(size_px: tuple[int, int], paragraphs: int) -> None:
+    body = "\n\n".join(["You may stop at any time without giving a reason. " * 3] * paragraphs)
+    shown = compose(TextScreen("Consent", body, "Press Enter if you agree, Escape if you do not"), size_px)
+    assert edge_is_empty(shown)
+    assert lit_pixels(shown, theme.ACCENT) > 0
+
+
+def test_a_word_longer_than_the_line_is_broken() -> None:
+    assert edge_is_empty(compose(TextScreen("", "x" * 400, ""), HD))
+
+
+def test_no_last_word_stands_alone() -> None:
+    shown = compose(TextScreen("", "Press each of these keys once. A key lights up when it has arrived.", ""), HD)
+    rows = (shown != BACKGROUND).any(axis=2)
+    inked = np.nonzero(rows.any(axis=1))[0]
+    gap = int(np.argmax(np.diff(inked)))
+    second = rows[inked[gap + 1] :].any(axis=0)
+    first = rows[: inked[gap] + 1].any(axis=0)
+    assert np.ptp(np.nonzero(second)[0]) > 0.5 * np.ptp(np.nonzero(first)[0])
+
+
+def test_a_key_lights_up_when_it_has_been_pressed() -> None:
+    pool = tuple(str(digit) for digit in range(1, 10))
+    lit = [
+        lit_pixels(compose(TextScreen("", "", "", keys=tuple((key, key <= last) for key in pool)), HD), theme.LIT)
+        for last in ("0", "4", "9")
+    ]
+    assert lit[0] == 0
+    assert lit[1] == pytest.approx(lit[2] * 4 / 9, rel=0.05)
+
+
+def test_every_key_of_the_vocabulary_can_be_drawn_apart() -> None:
+    caps, width, height = arrange(sorted(KEY_NAMES))
+    assert {cap.key for cap in caps} == KEY_NAMES
+    for cap in caps:
+        assert 0 <= cap.x <= cap.x + cap.width <= width
+        assert 0 <= cap.y <= height - 1
+        overlapping = [
+            other.key
+            for other in caps
+            if other is not cap and other.y == cap.y and cap.x < other.x + other.width and other.x < cap.x + cap.width
+        ]
+        assert overlapping == []
+    assert edge_is_empty(compose(TextScreen("", "", "", keys=tuple((key, True) for key in sorted(KEY_NAMES))), HD))
+
+
+def test_no_two_keys_say_the_same() -> None:
+    words = [(label(key), caption(key)) for key in sorted(KEY_NAMES)]
+    assert len(set(words)) == len(words)
+
+
+def test_keys_lie_as_on_a_keyboard() -> None:
+    caps, width, height = arrange(("1", "2", "9"))
+    assert [(cap.x, cap.y) for cap in caps] == [(0.0, 0.0), (1.0, 0.0), (8.0, 0.0)]
+    assert (width, height) == (9.0, 1.0)
+    places = {cap.key: (cap.x, cap.y) for cap in arrange(("up", "left", "down", "right"))[0]}
+    assert places == {"up": (1.0, 0.0), "left": (0.0, 1.0), "down": (1.0, 1.0), "right": (2.0, 1.0)}
+
+
+def test_a_legend_of_many_actions_stays_on_the_page() -> None:
+    legend = tuple((key, f"a_long_action_name_{key}") for key in "123456789")
+    picture = np.full((56, 56, 3), 9, np.uint8)
+    assert edge_is_empty(compose(PlayScreen(picture, "", "", legend), HD))
+    assert lit_pixels(compose(PlayScreen(picture, "", "", legend), HD), theme.SURFACE) > 0
+
+
+def test_words_stand_out_from_the_page() -> None:
+    def luminance(colour: theme.Colour) -> float:
+        linear = [c / 3294 if c <= 10 else ((c / 255 + 0.055) / 1.055) ** 2.4 for c in colour]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    page = luminance(theme.BACKGROUND)
+    contrast = {colour: (luminance(colour) + 0.05) / (page + 0.05) for colour in (theme.INK, theme.QUIET, theme.ACCENT)}
+    assert contrast[theme.INK] > 10
+    assert all(ratio > 4.5 for ratio in contrast.values())  # WCAG 2.2, level AA

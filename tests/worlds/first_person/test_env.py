@@ -1,0 +1,232 @@
+import copy
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import minihuman  # noqa: F401
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.catalogue import ENTRIES
+from minihuman.worlds.first_person.entities import Box
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.rules import MOVES
+
+IDS = [entry.id for entry in ENTRIES]
+
+
+def make(name, **options):
+    return gymnasium.make(f"minihuman/MiniWorld-{name}-v0", obs_width=8, obs_height=6, **options).unwrapped
+
+
+def play(env, steps, seed=0):
+    """Hashes after each of some random actions."""
+    rng = np.random.default_rng(seed)
+    hashes = []
+    for _ in range(steps):
+        env.step(int(rng.integers(env.action_space.n)))
+        hashes.append(env.state_hash())
+    return hashes
+
+
+@pytest.mark.parametrize("world", IDS)
+def test_gymnasium_finds_nothing_wrong(world):
+    env = gymnasium.make(world, obs_width=8, obs_height=6, window_width=16, window_height=12, render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+
+
+@pytest.mark.parametrize("world", IDS)
+def test_a_world_saved_pickled_or_copied_in_mid_episode_goes_on_the_same(world):
+    env = gymnasium.make(world, obs_width=8, obs_height=6, domain_rand="Sign" not in world).unwrapped
+    env.reset(seed=3)
+    play(env, 40)
+    saved, pickled, copied = env.save(), pickle.loads(pickle.dumps(env)), copy.deepcopy(env)
+    shown = env.picture(size_px=(16, 12))
+    onwards = play(env, 40, seed=1)
+    for other in (pickled, copied):
+        assert np.array_equal(other.picture(size_px=(16, 12)), shown)
+        assert play(other, 40, seed=1) == onwards
+    env.restore(pickle.loads(pickle.dumps(saved)))
+    assert play(env, 40, seed=1) == onwards
+    env.restore(saved)
+    assert play(env, 40, seed=1) == onwards
+
+
+def test_what_is_carried_is_still_carried_after_a_restore():
+    env = make("PutNext")
+    env.reset(seed=0)
+    env.agent.carrying = env.red_box
+    env.step(0)
+    saved = env.save()
+    env.step(env.action_names.index("drop"))
+    assert env.agent.carrying is None
+    env.restore(saved)
+    assert env.agent.carrying is env.red_box
+    assert env.red_box in env.entities
+
+
+def test_sixteen_worlds_in_one_process_are_each_as_they_are_alone():
+    ids = IDS[:16]
+
+    def pictures(env, steps):
+        return [env.step(step % env.action_space.n)[0] for step in range(steps)]
+
+    def flat(seen):
+        return [frame["obs"] if isinstance(frame, dict) else frame for frame in seen]
+
+    alone = []
+    for number, world in enumerate(ids):
+        env = gymnasium.make(world, obs_width=16, obs_height=12)
+        env.reset(seed=number)
+        alone.append(flat(pictures(env, 5)))
+    together = [gymnasium.make(world, obs_width=16, obs_height=12) for world in ids]
+    for number, env in enumerate(together):
+        env.reset(seed=number)
+    seen = [[] for _ in together]
+    for step in range(5):
+        for frames, env in zip(seen, together, strict=True):
+            frames += flat([env.step(step % env.action_space.n)[0]])
+    assert all(np.array_equal(a, b) for a, b in zip(alone, seen, strict=True))
+
+
+def test_drawing_changes_no_state():
+    env = make("FourRooms")
+    env.reset(seed=1)
+    env.step(2)
+    before = env.state_hash()
+    env.picture(size_px=(32, 24))
+    env.picture(view="full", size_px=(32, 24), palette="colour-safe")
+    env.glide(0.5, size_px=(32, 24))
+    env.depth(size_px=(32, 24))
+    env.visible_entities()
+    assert env.state_hash() == before
+
+
+def test_a_glide_leads_from_the_last_picture_to_this_one():
+    env = make("RoomObjects")
+    env.reset(seed=2)
+    first = env.picture(size_px=(40, 30))
+    env.step(0)
+    assert np.array_equal(env.glide(0.0, size_px=(40, 30)), first)
+    assert np.array_equal(env.glide(1.0, size_px=(40, 30)), env.picture(size_px=(40, 30)))
+    halfway = env.glide(0.5, size_px=(40, 30))
+    assert not np.array_equal(halfway, first)
+    assert not np.array_equal(halfway, env.picture(size_px=(40, 30)))
+
+
+def test_a_glide_moves_what_is_carried_along():
+    env = make("PutNext")
+    env.reset(seed=0)
+    env.agent.carrying = env.red_box
+    env.step(0)
+    first = env.picture(size_px=(40, 30))
+    env.step(0)
+    assert np.array_equal(env.glide(0.0, size_px=(40, 30)), first)
+
+
+def test_the_map_has_the_walls_and_the_things_but_not_the_agent():
+    env = make("FourRooms")
+    env.reset(seed=0)
+    plan = env.map()
+    assert plan.unit == "m"
+    assert plan.bounds == (-7, -7, 7, 7)
+    assert len(plan.walls) == len(env.stage.floor.walls)
+    (thing,) = plan.things
+    assert thing.name == "red box"
+    assert (thing.x, thing.z) == (env.box.pos[0], env.box.pos[2])
+    assert thing.colour == "#ff0000"
+
+
+def test_the_limit_of_steps_truncates_and_does_not_terminate():
+    env = make("FourRooms", max_steps=2)
+    env.reset(seed=0)
+    assert env.step(0)[2:4] == (False, False)
+    assert env.step(0)[2:4] == (False, True)
+
+
+def test_the_red_box_is_in_view_when_the_agent_faces_it():
+    env = make("OneRoom")
+    env.reset(seed=0)
+    x, _, z = env.box.pos
+    env.agent.pos, env.agent.dir = (x - 3.0, 0.0, z), 0.0
+    assert env.visible_entities() == [env.box]
+    env.agent.dir = np.pi
+    assert env.visible_entities() == []
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"max_steps": 0}, "max_steps is 0"),
+        ({"view": "side"}, "view is 'side'"),
+        ({"render_mode": "human"}, "render_mode is 'human'"),
+        ({"obs_width": 0}, "0 x 60 pixels"),
+    ],
+)
+def test_a_wrong_option_is_named(options, said):
+    with pytest.raises(WorldError, match=said):
+        gymnasium.make("minihuman/MiniWorld-FourRooms-v0", **options)
+
+
+def test_misuse_in_play_is_named():
+    env = gymnasium.make("minihuman/MiniWorld-FourRooms-v0")
+    for call in (lambda: env.step(0), lambda: env.unwrapped.picture(), lambda: env.unwrapped.state_hash()):
+        with pytest.raises(WorldError, match="has not been reset"):
+            call()
+    env.reset(seed=0)
+    with pytest.raises(WorldError, match="action 3 is not one of 0 to 2"):
+        env.step(3)
+    other = make("Hallway")
+    other.reset(seed=0)
+    with pytest.raises(WorldError, match="was not saved by a FourRooms"):
+        env.unwrapped.restore(other.save())
+
+
+class Odd(FirstPersonEnv):
+    def __init__(self, build):
+        self._build = None
+        self.steps_of_build = build
+        super().__init__(actions=MOVES, obs_width=4, obs_height=3)
+
+    def build(self):
+        self.steps_of_build(self)
+
+
+def room(env, **looks):
+    return env.add_rect_room(min_x=0, max_x=4, min_z=0, max_z=4, **looks)
+
+
+@pytest.mark.parametrize(
+    ("build", "said"),
+    [
+        (lambda env: None, "has no room"),
+        (room, "placed no agent"),
+        (lambda env: env.add_room(((0, 0), (1, 0))), "fewer than 3 corners"),
+        (lambda env: env.add_room(((0, 0), (4, 0), (4, 4), (0, 4))), "counter-clockwise"),
+        (lambda env: env.add_room(((0, 0), (0, 0), (4, 4))), "twice in a row"),
+        (lambda env: env.add_rect_room(min_x=1, max_x=1, min_z=0, max_z=4), "has no floor"),
+        (lambda env: env.connect_rooms(room(env), room(env), min_x=0, max_x=1), "No wall|no wall"),
+        (
+            lambda env: env.connect_rooms(
+                room(env), env.add_rect_room(min_x=5, max_x=9, min_z=0, max_z=4), min_z=1, max_z=5
+            ),
+            "does not fit the wall",
+        ),
+        (
+            lambda env: env.connect_rooms(
+                room(env), env.add_rect_room(min_x=5, max_x=9, min_z=0, max_z=4), min_x=1, max_x=2
+            ),
+            "runs across x",
+        ),
+        (lambda env: (room(env), env.place_entity(Box("red", 9.0))), "no free place for red box"),
+        (lambda env: (room(env), env.place_entity(Box("pink"))), "no colour is called 'pink'"),
+        (lambda env: (room(env), env.place_entity(Box("red"), pos=(1, 0, 1)), room(env)), "floor plan is closed"),
+    ],
+)
+def test_a_world_that_cannot_be_built_says_why(build, said):
+    with pytest.raises(WorldError, match=said):
+        Odd(build).reset(seed=0)

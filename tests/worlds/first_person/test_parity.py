@@ -1,0 +1,103 @@
+"""The same seed and the same actions give what miniworld gives, bit for bit."""
+
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+
+import minihuman  # noqa: F401
+from minihuman.worlds.first_person.catalogue import ENTRIES
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from tests.counts import count
+from tests.worlds.first_person.oracle import Job, transcripts
+
+NAMES = [name for entry in ENTRIES if (name := entry.name[len("MiniWorld-") : -len("-v0")]) != "GoToObj-Transfer"]
+STEPS = 250  # an episode, played on past its end
+EPISODES = count(1, 100)  # a world, a policy and a setting: 50,000 steps a world in the full count
+
+
+def make(name: str, **options) -> FirstPersonEnv:
+    """Played with pictures of one pixel: what is compared is everything but the pictures."""
+    env = gymnasium.make(f"minihuman/MiniWorld-{name}-v0", obs_width=1, obs_height=1, **options).unwrapped
+    assert isinstance(env, FirstPersonEnv)
+    return env
+
+
+def random_action(env: FirstPersonEnv, rng: np.random.Generator) -> int:
+    return int(rng.choice(env.action_space.n, p=_mostly_forward(env.action_space.n)))
+
+
+def seeking_action(env: FirstPersonEnv, rng: np.random.Generator) -> int:
+    """Towards the nearest thing that is not carried, picking up and dropping on the way, with a slip now and then."""
+    x, _, z = env.agent.pos
+    others = [e for e in env.entities if e is not env.agent and e is not env.agent.carrying and e.radius < 5]
+    if rng.random() < 0.15 or not others:
+        return random_action(env, rng)
+    nearest = min(others, key=lambda e: math.hypot(e.pos[0] - x, e.pos[2] - z))
+    if math.hypot(nearest.pos[0] - x, nearest.pos[2] - z) < 1.2 and "pickup" in env.action_names:
+        return env.action_names.index("pickup")
+    off = (math.atan2(z - nearest.pos[2], nearest.pos[0] - x) - env.agent.dir + math.pi) % (2 * math.pi) - math.pi
+    return 2 if abs(off) < 0.3 else (0 if off > 0 else 1)
+
+
+def played(name: str, seed: int, policy, options):
+    env = make(name, **options)
+    env.reset(seed=seed)
+    rng = np.random.default_rng(seed)
+    agent, stage = env.agent, env.stage
+    things = [(*e.pos, e.dir, float(e.radius), float(e.height)) for e in env.entities]
+    camera = (agent.cam_height, agent.cam_fwd_disp, agent.cam_pitch, agent.cam_fov_y)
+    light = (*stage.sky_colour, *stage.light_pos, *stage.light_colour, *stage.light_ambient)
+    actions, poses, others, rewards, flags = [], [(*agent.pos, agent.dir)], [_sum(env)], [], []
+    for _ in range(STEPS):
+        actions.append(policy(env, rng))
+        _, reward, terminated, truncated, _ = env.step(actions[-1])
+        pose = env.pose()
+        poses.append((pose.x, pose.y, pose.z, pose.yaw_rad))
+        others.append(_sum(env))
+        rewards.append(reward)
+        flags.append((terminated, truncated))
+    job = Job(name, seed, tuple(actions), options)
+    return job, (stage.floor.walls, things, camera, light, poses, others, rewards, flags)
+
+
+@pytest.fixture(scope="module")
+def compared():
+    """Every episode played here and there: the job, ours, theirs."""
+    ours = [
+        played(name, seed, policy, {"domain_rand": True} if randomised else {})
+        for name in NAMES
+        for randomised in ((False,) if name == "Sign" else (False, True))
+        for policy in (random_action, seeking_action)
+        for seed in range(EPISODES // 2 + 1 if name != "Sign" else EPISODES)
+    ]
+    theirs = transcripts([job for job, _ in ours])
+    return [(job, mine, theirs) for (job, mine), theirs in zip(ours, theirs, strict=True)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", NAMES)
+def test_a_world_plays_as_miniworlds_does(compared, name):
+    episodes = [(job, mine, theirs) for job, mine, theirs in compared if job.name == name]
+    assert episodes
+    for job, (walls, things, camera, light, poses, others, rewards, flags), theirs in episodes:
+        where = f"{job.name} seed {job.seed} {job.options}"
+        assert np.array_equal(walls, theirs.walls), where
+        assert things == theirs.things, where
+        assert camera == theirs.camera, where
+        assert light == theirs.light, where
+        assert np.array_equal(np.array(poses), theirs.poses), where
+        assert np.array_equal(np.array(others), theirs.others), where
+        assert rewards == theirs.rewards, where
+        assert flags == theirs.flags, where
+
+
+def _mostly_forward(actions: int) -> np.ndarray:
+    weights = np.ones(actions)
+    weights[2] += actions / 2
+    return weights / weights.sum()
+
+
+def _sum(env: FirstPersonEnv) -> float:
+    return sum(e.pos[0] + 2 * e.pos[1] + 3 * e.pos[2] + 4 * e.dir for e in env.entities)

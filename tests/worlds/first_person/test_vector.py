@@ -1,0 +1,95 @@
+import gymnasium
+import numpy as np
+import pytest
+
+import minihuman  # noqa: F401
+from minihuman.errors import WorldError
+
+SIZE = {"obs_width": 16, "obs_height": 12}
+
+
+def batch(name="OneRoomS6Fast", num_envs=3, **options):
+    return gymnasium.make_vec(
+        f"minihuman/MiniWorld-{name}-v0",
+        num_envs=num_envs,
+        vectorization_mode="vector_entry_point",
+        **SIZE,
+        **options,
+    )
+
+
+def singles(name, num_envs, mode):
+    make = lambda: gymnasium.make(f"minihuman/MiniWorld-{name}-v0", **SIZE)  # noqa: E731
+    return gymnasium.vector.SyncVectorEnv([make] * num_envs, autoreset_mode=mode)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("name", ["OneRoomS6Fast", "CollectHealth", "Sign"])
+def test_a_batch_is_its_worlds_one_by_one(name, mode):
+    ours, theirs = batch(name, autoreset_mode=mode), singles(name, 3, gymnasium.vector.AutoresetMode(mode))
+    seen, _ = ours.reset(seed=4)
+    expected, _ = theirs.reset(seed=4)
+    assert _same(seen, expected)
+    rng = np.random.default_rng(0)
+    ends = 0
+    for _ in range(70):
+        actions = rng.integers(ours.single_action_space.n, size=3)
+        stepped, expected_step = ours.step(actions), theirs.step(actions)
+        assert _same(stepped[0], expected_step[0])
+        for mine, their in zip(stepped[1:4], expected_step[1:4], strict=True):
+            assert np.array_equal(mine, their)
+        ends += int(stepped[2].sum() + stepped[3].sum())
+        if name == "CollectHealth":
+            assert np.array_equal(stepped[4]["health"], expected_step[4]["health"])
+        if "final_obs" in expected_step[4]:
+            for mine, their in zip(stepped[4]["final_obs"], expected_step[4]["final_obs"], strict=True):
+                assert (mine is None) == (their is None)
+                assert mine is None or _same(mine, their)
+    assert ends > 0
+    ours.close()
+
+
+def test_one_thread_and_two_draw_the_same():
+    frames = []
+    for threads in (1, 2):
+        worlds = batch("FourRooms", num_envs=4, threads=threads)
+        worlds.reset(seed=0)
+        frames.append([worlds.step(np.full(4, step % 3))[0] for step in range(4)])
+        worlds.close()
+    assert np.array_equal(frames[0], frames[1])
+
+
+def test_a_mask_resets_some_worlds_only():
+    worlds = batch("FourRooms", autoreset_mode="Disabled")
+    worlds.reset(seed=0)
+    worlds.step(np.array([2, 2, 2]))
+    kept = worlds.worlds[0].state_hash()
+    worlds.reset(seed=9, options={"reset_mask": np.array([False, True, True])})
+    assert worlds.worlds[0].state_hash() == kept
+    assert worlds.worlds[1].step_count == 0
+    worlds.close()
+
+
+def test_misuse_is_named_and_changes_nothing():
+    worlds = batch("FourRooms")
+    with pytest.raises(WorldError, match="has not been reset"):
+        worlds.step(np.zeros(3, int))
+    worlds.reset(seed=0)
+    before = [world.state_hash() for world in worlds.worlds]
+    for actions, said in (([0, 0], "3 whole numbers"), ([0, 0, 7], "action 7"), ([0.0, 0.0, 0.0], "whole numbers")):
+        with pytest.raises(WorldError, match=said):
+            worlds.step(actions)
+    assert [world.state_hash() for world in worlds.worlds] == before
+    with pytest.raises(WorldError, match="2 seeds for 3 worlds"):
+        worlds.reset(seed=[1, 2])
+    with pytest.raises(WorldError, match="reset_mask"):
+        worlds.reset(options={"reset_mask": np.ones(2, bool)})
+    with pytest.raises(WorldError, match="num_envs is 0"):
+        batch(num_envs=0)
+    worlds.close()
+
+
+def _same(a, b):
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(np.array_equal(a[key], b[key]) for key in a)
+    return np.array_equal(a, b)

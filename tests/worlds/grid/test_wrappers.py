@@ -1,0 +1,115 @@
+"""Wrappers against Minigrid's of the same purpose, and their spaces."""
+
+from operator import itemgetter
+
+import gymnasium
+import minigrid.wrappers as theirs
+import numpy as np
+import pytest
+from gymnasium.wrappers import TransformObservation
+
+import minihuman  # noqa: F401
+from minihuman.errors import WorldError
+from minihuman.worlds.grid import wrappers as ours
+
+NAME = "MiniGrid-DoorKey-6x6-v0"
+
+
+def make(name=NAME, **options):
+    return gymnasium.make(f"minihuman/{name}", **options)
+
+
+def episode(env, actions, seed=4):
+    yield env.reset(seed=seed)[0], 0.0
+    for action in actions:
+        observation, reward, terminated, truncated, _ = env.step(action)
+        yield observation, reward
+        if terminated or truncated:
+            return
+
+
+ACTIONS = np.random.default_rng(0).integers(0, 7, 150).tolist()
+SAME = {
+    "one-hot": (ours.OneHot, theirs.OneHotPartialObsWrapper, {}),
+    "fully observed": (ours.FullyObserved, theirs.FullyObsWrapper, {}),
+    "symbolic": (ours.Symbolic, theirs.SymbolicObsWrapper, {}),
+    "larger view": (lambda env: ours.ViewSize(env, 9), lambda env: theirs.ViewSizeWrapper(env, 9), {}),
+    "flat": (ours.Flat, theirs.FlatObsWrapper, {}),
+    "slope": (ours.GoalDirection, theirs.DirectionObsWrapper, {}),
+    "angle": (lambda env: ours.GoalDirection(env, "angle"), lambda env: theirs.DirectionObsWrapper(env, "angle"), {}),
+    "full angle": (
+        lambda env: ours.GoalDirection(env, "angle_atan2"),
+        lambda env: theirs.DirectionObsWrapper(env, "angle_atan2"),
+        {},
+    ),
+    "position bonus": (ours.PositionBonus, theirs.PositionBonus, {}),
+    "action bonus": (ours.ActionBonus, theirs.ActionBonus, {}),
+}
+
+
+@pytest.mark.parametrize(("wrap", "wrap_theirs", "options"), SAME.values(), ids=SAME)
+def test_a_wrapper_gives_what_minigrids_gives(wrap, wrap_theirs, options):
+    env, other = wrap(make(**options)), wrap_theirs(gymnasium.make(NAME, **options))
+    steps = 0
+    for (mine, reward), (its, its_reward) in zip(episode(env, ACTIONS), episode(other, ACTIONS), strict=True):
+        assert mine in env.observation_space
+        assert reward == its_reward
+        if isinstance(mine, dict):
+            assert set(mine) == set(its)
+            for part in mine:
+                np.testing.assert_array_equal(mine[part], its[part])
+        else:
+            np.testing.assert_array_equal(mine, its)
+        steps += 1
+    assert steps > 100
+
+
+def test_a_stochastic_action_is_drawn_as_minigrid_draws_it():
+    env, other = ours.StochasticAction(make(), 0.6), theirs.StochasticActionWrapper(gymnasium.make(NAME), 0.6)
+    for (mine, _), (its, _) in zip(episode(env, ACTIONS), episode(other, ACTIONS), strict=True):
+        np.testing.assert_array_equal(mine["image"], its["image"])
+    always = ours.StochasticAction(make(), 0.0, random_action=1)
+    always.reset(seed=0)
+    before = always.unwrapped.state.direction
+    always.step(2)
+    assert always.unwrapped.state.direction == (before + 1) % 4
+
+
+@pytest.mark.parametrize(
+    ("wrap", "shape"),
+    [
+        (lambda env: ours.Pictures(env), (56, 56, 3)),
+        (lambda env: ours.Pictures(env, tile_px=3), (21, 21, 3)),
+        (lambda env: ours.Pictures(env, view="full", palette="colour-safe"), (48, 96, 3)),
+    ],
+)
+def test_pictures_are_observations(wrap, shape):
+    env = wrap(make("MiniGrid-RedBlueDoors-6x6-v0"))
+    observation, _ = env.reset(seed=0)
+    assert observation["image"].shape == env.observation_space["image"].shape == shape
+    assert observation in env.observation_space
+
+
+def test_stable_baselines_takes_the_flat_ones():
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="the learn extra is not installed")
+    for name in (NAME, "MiniGrid-Fetch-5x5-N2-v0", "MiniGrid-LockedRoom-v0"):
+        checker.check_env(ours.Flat(make(name)))
+    picture = ours.Pictures(make())
+    checker.check_env(TransformObservation(picture, itemgetter("image"), picture.observation_space["image"]))
+
+
+@pytest.mark.parametrize(
+    ("wrap", "complaint"),
+    [
+        (lambda: ours.OneHot(gymnasium.make("CartPole-v1")), "no grid world|observes Box"),
+        (lambda: ours.OneHot(ours.Flat(make())), "before its image"),
+        (lambda: ours.ViewSize(make(), 4), "it is odd"),
+        (lambda: ours.GoalDirection(make(), "north"), "'north' is no measure"),
+        (lambda: ours.StochasticAction(make(), 1.5), "a probability is 0 to 1"),
+        (lambda: ours.GoalDirection(make("MiniGrid-Fetch-5x5-N2-v0")).reset(seed=0), "no goal to point to"),
+        (lambda: ours.Flat(make(), letters=10).reset(seed=0), "letters=53"),
+    ],
+)
+def test_a_wrapper_around_the_wrong_world_says_so(wrap, complaint):
+    with pytest.raises(WorldError, match=complaint):
+        wrap()
