@@ -5,6 +5,6 @@ import pytest
 pytest.importorskip("torch", reason="the learn extra is not installed")
 pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
 
-import torch  # noqa: E402
+import torch
 
 torch.set_num_threads(1)  # as jobs do; on a busy machine more threads only wait for each other
