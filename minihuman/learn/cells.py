@@ -16,7 +16,7 @@ SOURCE = "source"
 BASELINE = "baseline"
 TRANSFERS = ("M", "A", "C", "AM", "CM", "ACM")
 SOURCE_STEPS: dict[ProtocolName, int] = {"as-intended": 500_000, "as-published": 2_000_000}
-QUICK_STEPS = 4_096
+QUICK_STEPS = 2_048
 
 # What the published code does, beside what its table says. Every output of the as-published protocol names these.
 DEFECTS = (

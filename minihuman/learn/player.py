@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from minihuman.errors import LearnError
 from minihuman.learn.policy_file import load_policy
@@ -25,6 +26,7 @@ class PolicyPlayer(Player):
         if not argument:
             raise LearnError("player policy needs a file; name it after a colon, as in policy:clone.pt")
         self._path = Path(argument)
+        torch.set_num_threads(1)  # one observation at a time: more threads only wait for each other
         self._policy, self._card = load_policy(self._path)
         self._rng = rng
         self._keys: list[tuple[int, str]] = []  # action of the policy, key

@@ -42,7 +42,7 @@ view = "full"
 """
 WHOLE = Eyesight(missions=False, sight="whole")
 QUICK = Cloning(most_epochs=12, mirrored=True)
-STUDY = CloneStudy(FOUR_ROOMS, sight="whole", evaluation_episodes=30, cloning=QUICK)
+STUDY = CloneStudy(FOUR_ROOMS, sight="whole", evaluation_episodes=15, cloning=QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_a_clone_agrees_with_people_it_has_not_seen_and_beats_chance(demonstrati
     policy, found = clone(training, validation, eyes="map", settings=QUICK)
     assert found.validation_loss < np.log(3)
     plays = [
-        evaluate(choose, FOUR_ROOMS, {}, WHOLE, episodes=30, seed=1)
+        evaluate(choose, FOUR_ROOMS, {}, WHOLE, episodes=15, seed=1)
         for choose in (sampling(policy, 1), at_random(3, 1))
     ]
     assert plays[0].rate > plays[1].rate

@@ -1,6 +1,0 @@
-"""The learning tests run where the `learn` extra is installed; the `test` extra does not bring PyTorch."""
-
-import pytest
-
-pytest.importorskip("torch", reason="the learn extra is not installed")
-pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
