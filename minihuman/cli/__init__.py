@@ -16,7 +16,7 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Run the command line; a MinihumanError is one line on stderr and exit 2."""
+    """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
     from minihuman.cli import export, learn, logs, see, session, station, worlds
 
     for part in (session, station, worlds, logs, see, export, learn):
@@ -24,5 +24,13 @@ def main() -> None:
     try:
         app()
     except MinihumanError as error:
-        print(f"minihuman: {error}", file=sys.stderr)
-        sys.exit(2)
+        sys.exit(_complain(str(error)))
+    except OSError as error:
+        if error.filename is None:
+            raise
+        sys.exit(_complain(f"{error.filename}: {error.strerror}"))
+
+
+def _complain(line: str) -> int:
+    print(f"minihuman: {line}", file=sys.stderr)
+    return 2
