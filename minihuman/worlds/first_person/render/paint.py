@@ -29,10 +29,10 @@ def _plaster(low: Shade, high: Shade, roughness: float) -> Recipe:
 
 def _concrete(low: Shade, high: Shade) -> Recipe:
     def paint(seed: int) -> F64:
-        picture = mix(low, high, cloud(3, seed, 6) * 1.8 - 0.4 + 0.18 * (grain(seed + 9) - 0.5))
+        picture = mix(low, high, cloud(7, seed, 5) * 1.5 - 0.25 + 0.18 * (grain(seed + 9) - 0.5))
         pores = smooth((soft(96, 96, seed + 20) - 0.83) * 12.0)
         stains = smooth((cloud(2, seed + 30, 4) - 0.55) * 5.0)
-        return _lit(_lit(picture, 1.0 - pores, 0.22), 1.0 - stains, 0.10)
+        return _lit(_lit(picture, 1.0 - pores, 0.20), 1.0 - stains, 0.04)
 
     return paint
 
@@ -184,7 +184,7 @@ def _logo(seed: int) -> F64:
     return picture
 
 
-_GREY = ((112, 111, 107), (150, 149, 144))
+_GREY = ((140, 139, 134), (176, 175, 169))
 
 # name: (recipe, how many variants, metres covered)
 RECIPES: dict[str, tuple[Recipe, int, float]] = {
@@ -196,7 +196,7 @@ RECIPES: dict[str, tuple[Recipe, int, float]] = {
     "ceiling_tiles": (_ceiling_tiles, 1, 1.0),
     "cinder_blocks": (_bricks((128, 128, 124), (166, 166, 160), (98, 97, 93), 4, 8, 7), 1, 2.0),
     "concrete": (_concrete(*_GREY), 4, 1.0),
-    "concrete_tiles": (_slabs((126, 126, 122), (170, 169, 163), 3, 3, 6, 0.45), 1, 1.5),
+    "concrete_tiles": (_slabs((150, 150, 146), (186, 185, 180), 3, 3, 6, 0.40), 1, 1.5),
     "door_doom": (_panel((112, 84, 62), 36, 3), 2, 2.0),
     "door_garage_red": (_panel((168, 44, 38), 20, 8), 1, 2.0),
     "door_garage_white": (_panel((226, 226, 222), 20, 8), 1, 2.0),

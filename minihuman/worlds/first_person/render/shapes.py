@@ -53,11 +53,11 @@ def turned(profile: Sequence[tuple[float, float]], colour: Rgb, *, quarter: int 
             quad = [_turn(low, a), _turn(high, a), _turn(high, b), _turn(low, b)]
             facing = [_turn(first, a), _turn(last, a), _turn(last, b), _turn(first, b)]
             if high[0] > 0:
-                corners.append([quad[0], quad[1], quad[2]])
-                normals.append([facing[0], facing[1], facing[2]])
+                corners.append([quad[0], quad[2], quad[1]])
+                normals.append([facing[0], facing[2], facing[1]])
             if low[0] > 0:
-                corners.append([quad[0], quad[2], quad[3]])
-                normals.append([facing[0], facing[2], facing[3]])
+                corners.append([quad[0], quad[3], quad[2]])
+                normals.append([facing[0], facing[3], facing[2]])
     return np.array(corners), np.array(normals), colour
 
 

@@ -51,7 +51,11 @@ def room(x0: float, x1: float, holes: dict[int, int], *, roofed: bool = True) ->
 
 def two_rooms(*, roofed: bool = True) -> Scene:
     rooms = [room(-2.0, 2.0, {0: 1}, roofed=roofed), room(2.0, 6.0, {2: 0}, roofed=roofed)]
-    looks = [BoxLook((0.6, 0.6, 0.6), (1.0, 0.1, 0.1)), MeshLook("ball_blue", 0.6), FrameLook(("chars/ch_0x65_1",), 1, 1)]
+    looks = [
+        BoxLook((0.6, 0.6, 0.6), (1.0, 0.1, 0.1)),
+        MeshLook("ball_blue", 0.6),
+        FrameLook(("chars/ch_0x65_1",), 1, 1),
+    ]
     places = np.array([[0.8, 0.0, -0.7, 0.4], [4.0, 0.0, 0.5, 0.0], [-1.9, 1.4, -0.5, 0.0]])
     return lay_out(rooms, looks, library=own_library(), places=places)
 

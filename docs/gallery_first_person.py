@@ -1,0 +1,56 @@
+"""Draws docs/gallery-first-person.md: every first-person world as the agent sees it and from above.
+
+python docs/gallery_first_person.py [FOLDER]
+"""
+
+import sys
+from pathlib import Path
+
+import gymnasium
+from PIL import Image
+
+from minihuman.worlds.first_person.catalogue import ENTRIES
+
+SEED = 3
+SIZE_PX = (320, 240)
+
+
+def draw_gallery(folder: Path, *, limit: int | None = None) -> list[Path]:
+    """Write the page and its pictures into a folder, overwriting them; the files written.
+
+    ``limit`` draws only the first worlds of the catalogue.
+    """
+    pictures = folder / "gallery-first-person"
+    pictures.mkdir(parents=True, exist_ok=True)
+    lines = [
+        "# The first-person worlds",
+        "",
+        f"Each world at seed {SEED}: what the agent sees at the start, and the plan with the agent in red.",
+        "Drawn by `python docs/gallery_first_person.py`.",
+        "",
+        "| world | what one does in it | seen by the agent | from above |",
+        "|---|---|---|---|",
+    ]
+    written = []
+    for entry in ENTRIES[:limit]:
+        world = gymnasium.make(entry.id).unwrapped
+        world.reset(seed=SEED)
+        cells = []
+        for view in ("partial", "full"):
+            file = pictures / f"{entry.name}-{view}.png"
+            image = Image.fromarray(world.picture(view=view, size_px=SIZE_PX))
+            image.quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)
+            written.append(file)
+            cells.append(f"![{entry.name}, {view}]({pictures.name}/{file.name})")
+        world.close()
+        lines.append(f"| `{entry.id}` | {entry.summary} | {cells[0]} | {cells[1]} |")
+    page = folder / "gallery-first-person.md"
+    page.write_text("\n".join(lines) + "\n")
+    return [page, *written]
+
+
+if __name__ == "__main__":
+    import minihuman  # noqa: F401  registers the worlds
+
+    for path in draw_gallery(Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parent)):
+        print(path)
