@@ -76,7 +76,7 @@ def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
     if task == MATCH:
         return _standing(np.array([target[:2]])), 0
     if task == STAND_BY:
-        return _standing(np.array([target[:2]]) + [[1, 0], [-1, 0], [0, 1], [0, -1]]), 1
+        return _standing(np.add(target[:2], ((1, 0), (-1, 0), (0, 1), (0, -1)))), 1
     if task == PICK:
         found = np.argwhere(state.cells >> 9 == target[0])
         return (_facing(found), 1) if len(found) else (_anywhere(state), 0)

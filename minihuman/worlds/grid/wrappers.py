@@ -93,7 +93,7 @@ class OneHot(NewImage):
 
 
 class FullyObserved(NewImage):
-    """The whole grid instead of the view, uint8[width, height, 3]: kind, colour, state; the agent's is its direction."""
+    """The whole grid instead of the view, uint8[width, height, 3]: kind, colour, state (of the agent: direction)."""
 
     def __init__(self, env: Env) -> None:
         state = grid_of(env).state
