@@ -15,7 +15,8 @@ from minihuman.worlds.grid.world import GridWorld
 class GoToObj(GridWorld):
     """The source world of the transfer experiment; every default is a fact of the published one but ``ambiguous``.
 
-    The agent starts in the middle, facing right. Facing the target ends the episode with ``1 - 0.9 * step / max_steps``.
+    The agent starts in the middle, facing right. Facing the target ends the episode and earns
+    ``1 - 0.9 * step / max_steps``.
 
     Args:
         size: Columns and rows, walls included; odd.
