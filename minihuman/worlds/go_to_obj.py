@@ -38,10 +38,8 @@ def arrange(rng: np.random.Generator, *, ambiguous: bool = False) -> Arrangement
     ``ambiguous`` draws each colour and kind on its own, as the published grid did: 15.8 % of missions then fit a
     second object.
     """
-    if ambiguous:
-        colours = rng.integers(len(COLOURS), size=4).tolist()
-    else:
-        colours = rng.permutation(len(COLOURS))[:4].tolist()
+    drawn = rng.integers(len(COLOURS), size=4) if ambiguous else rng.permutation(len(COLOURS))[:4]
+    colours = drawn.tolist()
     kinds = rng.integers(len(KINDS), size=4).tolist()
     objects = tuple((COLOURS[colour], KINDS[kind]) for colour, kind in zip(colours, kinds, strict=True))
     return Arrangement(objects, int(rng.integers(4)))

@@ -64,7 +64,7 @@ def played(name: str, seed: int, policy, options):
 
 
 def episodes(name: str):
-    """Random and goal-seeking play, as it is and randomised; in the small count each world takes turns at one of them."""
+    """Random and goal-seeking play, as it is and randomised; the small count takes one of them a world, in turn."""
     settings = ({},) if name == "Sign" else ({}, {"domain_rand": True})  # Miniworld's Sign cannot be randomised
     pairs = [(policy, options) for options in settings for policy in (seeking_action, random_action)]
     if EPISODES == 1:

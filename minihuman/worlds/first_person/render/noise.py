@@ -37,7 +37,10 @@ def soft(cells_x: int, cells_y: int, seed: int) -> F64:
     """Random numbers on a coarse grid, blended smoothly between, and repeating."""
     lattice_x, lattice_y = np.meshgrid(np.arange(cells_x), np.arange(cells_y))
     lattice = scatter(lattice_x.astype(np.int64), lattice_y.astype(np.int64), seed)
-    at_x, at_y = np.arange(SIZE) * (cells_x / SIZE), np.arange(SIZE) * (cells_y / SIZE)
+    at_x, at_y = (
+        np.arange(SIZE, dtype=np.float64) * (cells_x / SIZE),
+        np.arange(SIZE, dtype=np.float64) * (cells_y / SIZE),
+    )
     left, low = at_x.astype(np.int64), at_y.astype(np.int64)
     fx, fy = smooth(at_x - left)[None, :], smooth(at_y - low)[:, None]
     right, high = (left + 1) % cells_x, (low + 1) % cells_y
