@@ -270,6 +270,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self._before = None
         self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
         self.build()
+        _ = self._stage.floor  # closes the plan, or says that it has no room
         if self.agent not in self.entities:
             raise WorldError(f"{type(self).__name__}.build() placed no agent; end it with self.place_agent()")
         self._stage.randomise()
