@@ -81,14 +81,15 @@ def measure(window: str, world: str, keys: int) -> Measured:
         time.sleep(2)  # the log is written before the picture is shown
         study = read_protocol(protocol)
         pressed = list(expand(study, enrol(study, 0)).episodes[0].key_map.keys)
+        look = typist.watch(TITLE, ROWS)
         sent_ns, seen_ms = [], []
         for number in range(keys):
-            before = typist.stripes(TITLE, ROWS)
+            before = look()
             time.sleep(random.uniform(0.05, 0.12))
             sent_ns.append(time.time_ns())
             started_s = time.monotonic()
             typist.press(pressed[number % 2])
-            while typist.stripes(TITLE, ROWS) == before and time.monotonic() - started_s < UNSEEN_S:
+            while look() == before and time.monotonic() - started_s < UNSEEN_S:
                 time.sleep(0.0003)
             seen_ms.append((time.monotonic() - started_s) * 1000)
             typist.release(pressed[number % 2])
