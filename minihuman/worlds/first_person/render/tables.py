@@ -50,7 +50,11 @@ class Things(NamedTuple):
 
 
 class Textures(NamedTuple):
-    """Every texture with its ever smaller versions, one texel an integer 0x00BBGGRR, bottom row first."""
+    """Every texture with its ever smaller versions, one texel an integer 0x00BBGGRR, bottom row first.
+
+    Around each goes a ring of texels from its other side, so that a texel's neighbours are always beside it: a row is
+    width + 2 texels, and the offset is that of the texel inside the ring.
+    """
 
     texels: NDArray[np.uint32]
     levels: I64  # (textures, 12, 3) offset, width, height
