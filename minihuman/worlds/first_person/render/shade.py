@@ -5,17 +5,32 @@ from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.tables import F64, I32, I64
-from minihuman.worlds.first_person.render.texture import FULL, look_up
+from minihuman.worlds.first_person.render.texture import (
+    GREEN,
+    RED_BLUE,
+    STRIP,
+    STRIP_ROWS,
+    U32,
+    ask,
+    blend,
+    fetch,
+    index,
+    u32,
+)
 
 TAKEN = -2  # a sample whose face has been shaded
-SHIFT = np.array([0, 32, 16])  # to red, green and blue
+WHITE = 65280.0
+LOW, HIGH = u32(0xFFFF), u32(16)
+
+# The columns of a stretch: pixels side by side that a face covers, with the same number of samples each.
+FACE, START, COUNT, SLOT, WEIGHT = 0, 1, 2, 3, 4  # slot -1 for a face without a texture
+MOST_STRETCHES = STRIP + 8
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def span(
+def prepare(
     planes: F64,
     face: int,
-    texels: NDArray[np.uint32],
     sizes: I64,
     texture: int,
     last: int,
@@ -24,9 +39,10 @@ def span(
     count: int,
     least: float,
     scratch: F64,
-    lanes: I64,
+    strip: U32,
+    slot: int,
 ) -> None:
-    """The colours, before light, of a face at the middles of ``count`` pixels of row ``y`` from ``start``, into ``lanes``.
+    """Put the lookups for ``count`` pixels of row ``y`` from ``start``, at their middles, into the strip.
 
     How large a version of the texture is looked up is decided once for each block of two by two pixels, from how far
     the texture moves across the block.
@@ -58,17 +74,77 @@ def span(
         along_x = max(abs(u_x - u * inverse_x) * wide, abs(v_x - v * inverse_x) * high)
         along_y = max(abs(u_y - u * inverse_y) * wide, abs(v_y - v * inverse_y) * high)
         steps[i] = max(along_x / max(inverse + inverse_x, least), along_y / max(inverse - inverse_y, least))
-    look_up(texels, sizes, texture, last, steps, us, vs, start - first, count, lanes)
+    ask(strip, slot, us, vs, steps, start - first, count, sizes, texture, last)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lit(planes: F64, even: bool, face: int, channel: int, px: float, py: float, least: float) -> float:
-    """How bright a face is there in a channel, 0 to 1."""
-    k = 12 + 3 * channel
-    if even:
-        return planes[face, k]
+def lit(planes: F64, kind: I32, face: int, px: float, py: float, least: float, bright: F64) -> None:
+    """How bright a face is there in each channel, 0 to 1, over 256."""
+    if kind[face, 1] == 1:
+        for channel in range(3):
+            bright[channel] = planes[face, 12 + 3 * channel] / 256.0
+        return
     w = 1.0 / max(planes[face, 3] * px + (planes[face, 4] * py + planes[face, 5]), least)
-    return min(max((planes[face, k] * px + planes[face, k + 1] * py + planes[face, k + 2]) * w, 0.0), 1.0)
+    for channel in range(3):
+        k = 12 + 3 * channel
+        light = (planes[face, k] * px + planes[face, k + 1] * py + planes[face, k + 2]) * w
+        bright[channel] = min(max(light, 0.0), 1.0) / 256.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def paint(
+    stretches: I64,
+    stretch_count: int,
+    strip: U32,
+    planes: F64,
+    kind: I32,
+    sky: F64,
+    y: int,
+    least: float,
+    bright: F64,
+    total: F64,
+    line: NDArray[np.uint8],
+) -> None:
+    """Colour the pixels of some stretches in a row; their lookups have been blended."""
+    py = y + 0.5
+    covered = 0
+    for k in range(stretch_count):
+        face, start, count = stretches[k, FACE], stretches[k, START], stretches[k, COUNT]
+        slot, weight = stretches[k, SLOT], stretches[k, WEIGHT]
+        even = face < 0 or kind[face, 1] == 1
+        if face < 0:
+            for channel in range(3):
+                bright[channel] = sky[channel] / 256.0
+        else:
+            lit(planes, kind, face, start + 0.5, py, least, bright)
+        if weight == 4:
+            for i in range(count):
+                red = green = blue = WHITE
+                if slot >= 0:
+                    two = strip[index(RED_BLUE + slot + i)]
+                    red, blue = float(two & LOW), float(two >> HIGH)
+                    green = float(strip[index(GREEN + slot + i)])
+                if not even:
+                    lit(planes, kind, face, (start + i) + 0.5, py, least, bright)
+                line[start + i, 0] = np.uint8(red * bright[0] + 0.5)
+                line[start + i, 1] = np.uint8(green * bright[1] + 0.5)
+                line[start + i, 2] = np.uint8(blue * bright[2] + 0.5)
+            continue
+        red = green = blue = WHITE
+        if slot >= 0:
+            two = strip[index(RED_BLUE + slot)]
+            red, blue = float(two & LOW), float(two >> HIGH)
+            green = float(strip[index(GREEN + slot)])
+        if covered == 0:
+            total[:] = 0.0
+        total[0] += weight * (red * bright[0])
+        total[1] += weight * (green * bright[1])
+        total[2] += weight * (blue * bright[2])
+        covered += weight
+        if covered == 4:
+            covered = 0
+            for channel in range(3):
+                line[start, channel] = np.uint8(total[channel] * 0.25 + 0.5)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -76,7 +152,7 @@ def resolve(
     owner: I32,
     planes: F64,
     kind: I32,
-    texels: NDArray[np.uint32],
+    texels: U32,
     sizes: I64,
     level_count: I64,
     sky: F64,
@@ -85,55 +161,46 @@ def resolve(
 ) -> None:
     """Colour every pixel. Where one face covers a pixel whole, so it often does its neighbours: they go together."""
     width = picture.shape[1]
-    lanes = np.empty(width, np.int64)
-    scratch = np.empty((3, width))
+    strip = np.zeros(STRIP_ROWS * STRIP, np.uint32)
+    scratch = np.empty((3, STRIP))
+    stretches = np.empty((MOST_STRETCHES, 5), np.int64)
     samples = np.empty(4, np.int32)
-    total = np.empty(3)
+    bright, total = np.empty(3), np.empty(3)
     for y in range(picture.shape[0]):
         row0, row1, row2, row3 = owner[4 * y], owner[4 * y + 1], owner[4 * y + 2], owner[4 * y + 3]
         line = picture[y]
-        py = y + 0.5
-        x = 0
-        while x < width:
+        done = stretch_count = slots = 0
+        while done < width:
+            x = done
             samples[0], samples[1], samples[2], samples[3] = row0[x], row1[x], row2[x], row3[x]
             face = samples[0]
-            start = x
             x += 1
             whole = samples[1] == face and samples[2] == face and samples[3] == face
-            while whole and x < width and row0[x] == face and row1[x] == face and row2[x] == face and row3[x] == face:
-                x += 1
-            count = x - start
-            total[:] = 0.0
+            if whole:
+                most = min(width, done + STRIP - slots)
+                while x < most and row0[x] == face and row1[x] == face and row2[x] == face and row3[x] == face:
+                    x += 1
             for s in range(1 if whole else 4):
                 face = samples[s]
                 if face == TAKEN:
                     continue
-                weight = 0.0
+                weight = 0
                 for t in range(s, 4):
                     if samples[t] == face:
-                        weight += 1.0
+                        weight += 1
                         samples[t] = TAKEN
-                even = face < 0 or kind[face, 1] == 1
                 texture = -1 if face < 0 else kind[face, 0]
+                stretch = stretches[stretch_count]
+                stretch[FACE], stretch[START], stretch[COUNT], stretch[WEIGHT] = face, done, x - done, weight
+                stretch[SLOT] = slots if texture >= 0 else -1
+                stretch_count += 1
                 if texture >= 0:
                     last = level_count[texture] - 1
-                    span(planes, face, texels, sizes, texture, last, y, start, count, least, scratch, lanes)
-                else:
-                    for i in range(count):
-                        lanes[i] = FULL
-                for channel in range(3):
-                    bright = sky[channel] if face < 0 else lit(planes, even, face, channel, start + 0.5, py, least)
-                    shift = SHIFT[channel]
-                    if not whole:
-                        total[channel] += weight * (((lanes[0] >> shift) & 0xFFFF) * (bright / 256.0))
-                    elif even:
-                        bright /= 256.0
-                        for i in range(count):
-                            line[start + i, channel] = np.uint8(((lanes[i] >> shift) & 0xFFFF) * bright + 0.5)
-                    else:
-                        for i in range(count):
-                            bright = lit(planes, even, face, channel, (start + i) + 0.5, py, least)
-                            line[start + i, channel] = np.uint8(((lanes[i] >> shift) & 0xFFFF) * (bright / 256.0) + 0.5)
-            if not whole:
-                for channel in range(3):
-                    line[start, channel] = np.uint8(total[channel] * 0.25 + 0.5)
+                    prepare(planes, face, sizes, texture, last, y, done, x - done, least, scratch, strip, slots)
+                    slots += x - done
+            done = x
+            if done == width or slots > STRIP - 4 or stretch_count > MOST_STRETCHES - 4:
+                fetch(strip, texels, slots)
+                blend(strip, (slots + 7) & -8)
+                paint(stretches, stretch_count, strip, planes, kind, sky, y, least, bright, total, line)
+                stretch_count = slots = 0

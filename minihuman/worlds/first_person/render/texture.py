@@ -1,9 +1,8 @@
-"""Looking up a texture as OpenGL does: four texels of one size and four of the next, blended by where a place lies.
+"""Looking up textures as OpenGL does: four texels of one size and four of the next, blended by where a place lies.
 
-Texels are blended three channels at a time, 16 bits each in one 64-bit integer.
+Lookups wait in a strip until there are enough of them, for the blending goes fastest over many at once. A strip is one
+array of unsigned 32-bit integers, ``STRIP`` lookups wide; each of its rows holds one number of every lookup.
 """
-
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -11,66 +10,128 @@ from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.tables import F64, I64
 
-LANES = 0x000000FF00FF00FF  # red in bits 0 to 7, blue from 16, green from 32
-HALVES = 0x0000008000800080
-FULL = 0x0000FF00FF00FF00  # white
-SHRINK = np.array([0.5**level for level in range(12)])  # of each size of a texture
-GROW = np.array([2.0**level for level in range(1, 13)])
+U32 = NDArray[np.uint32]
+
+STRIP = 128
+STRIP_ROWS = 17
+# Of the nearer size: where its first texel is, how many make a row, and how far the place is from it, in 1/256; then
+# the same of the next size, and how much that one counts, in 1/256.
+_AT, _ROW, _RIGHT, _UP = 0, STRIP, 2 * STRIP, 3 * STRIP
+_FAR = 4 * STRIP
+_PART = 8 * STRIP
+_TEXELS, _FAR_TEXELS = 9 * STRIP, 13 * STRIP  # four rows each, once they are fetched
+# What comes out, 0 to 65280 each: red, with blue in the upper half, and green.
+RED_BLUE, GREEN = _TEXELS, _TEXELS + STRIP
+
+_GROW = np.array([2.0**level for level in range(1, 13)])
+_SHRINK = np.array([0.5**level for level in range(12)])
+
+# Unsigned numbers stay unsigned and 32 bits wide only among their like; as an index, they cannot count from the end.
+u32, index = np.uint32, np.uint64
+_8, _128, _255, _256 = u32(8), u32(128), u32(255), u32(256)
+_LANES, _HALVES = u32(0x00FF00FF), u32(0x00800080)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bilinear(texels: NDArray[np.uint32], offset: int, stride: int, width: float, height: float, u: float, v: float) -> Any:
-    """The blend of the four texels around a place (0 to 1 right and up), each channel 0 to 65280.
-
-    ``width`` and ``height`` are in 1/256 texel.
-    """
-    x: Any = np.int64(u * width) - 128
-    y: Any = np.int64(v * height) - 128
-    fx = x & 255
-    fy = y & 255
-    at = offset + (y >> 8) * stride + (x >> 8)
-    # unsigned, for a negative index would count from the end, and checking that takes time
-    a, b = np.int64(texels[np.uint64(at)]), np.int64(texels[np.uint64(at + 1)])
-    c, d = np.int64(texels[np.uint64(at + stride)]), np.int64(texels[np.uint64(at + stride + 1)])
-    a, b = (a | (a << 24)) & LANES, (b | (b << 24)) & LANES
-    c, d = (c | (c << 24)) & LANES, (d | (d << 24)) & LANES
-    low = (((a << 8) + (b - a) * fx + HALVES) >> 8) & LANES
-    high = (((c << 8) + (d - c) * fx + HALVES) >> 8) & LANES
-    return (low << 8) + (high - low) * fy
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def look_up(
-    texels: NDArray[np.uint32], sizes: I64, texture: int, last: int, steps: F64, us: F64, vs: F64, odd: int, count: int, lanes: I64
+def aim(
+    strip: U32, slot: int, us: F64, vs: F64, first: int, count: int, offset: int, width: int, height: int
 ) -> None:
-    """The colours of ``count`` pixels side by side, each channel 0 to 65280, into ``lanes``.
+    """Say which texels ``count`` lookups from ``slot`` are about: places (0 to 1 right and up) on one size."""
+    wide, high, row = 256.0 * width, 256.0 * height, width + 2
+    for i in range(count):
+        x = np.int32(us[index(first + i)] * wide) - 128
+        y = np.int32(vs[index(first + i)] * high) - 128
+        strip[index(_AT + slot + i)] = u32(offset + (y >> 8) * row + (x >> 8))
+        strip[index(_ROW + slot + i)] = u32(row)
+        strip[index(_RIGHT + slot + i)] = u32(x & 255)
+        strip[index(_UP + slot + i)] = u32(y & 255)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ask(
+    strip: U32, slot: int, us: F64, vs: F64, steps: F64, odd: int, count: int, sizes: I64, texture: int, last: int
+) -> None:
+    """Put ``count`` lookups of a texture into a strip, from ``slot`` on.
 
     ``us`` and ``vs`` say where in the texture each lies (0 to 1 right and up). ``steps`` says for each two of them, but
-    for one where the first pixel is ``odd``, by how many texels the texture moves from pixel to pixel: where it moves
-    by two, half the size will do.
+    for one where the first is ``odd``, by how many texels the texture moves from pixel to pixel: where it moves by two,
+    half the size will do. ``last`` is the smallest size there is.
     """
-    level = part = 0
-    offset = stride = far_offset = far_stride = 0
-    width = height = far_width = far_height = 0.0
+    level = done = block = 0
+    while done < count:
+        step = steps[block]
+        while level < last and step >= _GROW[level]:
+            level += 1
+        while level > 0 and step < _GROW[level - 1]:
+            level -= 1
+        end = done
+        same = True
+        while same:
+            part = 0 if level == last else max(int((step * _SHRINK[level] - 1.0) * 256.0), 0)
+            block += 1
+            while end < count and end + odd < 2 * block:
+                strip[index(_PART + slot + end)] = u32(part)
+                end += 1
+            if end == count:
+                break
+            step = steps[block]
+            same = (level == last or step < _GROW[level]) and (level == 0 or step >= _GROW[level - 1])
+        for far in range(2):
+            size = min(level + far, last)
+            offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
+            aim(strip, slot + done + far * _FAR, us, vs, done, end - done, offset, width, height)
+        done = end
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fetch(strip: U32, texels: U32, count: int) -> None:
+    """Copy the texels that ``count`` lookups are about into the strip."""
     for i in range(count):
-        if i == 0 or (i + odd) & 1 == 0:
-            step = steps[(i + odd) >> 1]
-            while level < last and step >= GROW[level]:
-                level += 1
-            while level > 0 and step < GROW[level - 1]:
-                level -= 1
-            part = 0
-            offset, stride = sizes[texture, level, 0], sizes[texture, level, 1] + 2
-            width, height = 256.0 * sizes[texture, level, 1], 256.0 * sizes[texture, level, 2]
-            if level < last:
-                part = int((step * SHRINK[level] - 1.0) * 256.0)
-                far_offset, far_stride = sizes[texture, level + 1, 0], sizes[texture, level + 1, 1] + 2
-                far_width, far_height = 256.0 * sizes[texture, level + 1, 1], 256.0 * sizes[texture, level + 1, 2]
-        u, v = us[i], vs[i]
-        near = bilinear(texels, offset, stride, width, height, u, v)
-        if part > 0:
-            near = ((near + HALVES) >> 8) & LANES
-            far = bilinear(texels, far_offset, far_stride, far_width, far_height, u, v)
-            far = ((far + HALVES) >> 8) & LANES
-            near = (near << 8) + (far - near) * part
-        lanes[i] = near
+        for far in range(2):
+            at, row = strip[far * _FAR + _AT + i], strip[far * _FAR + _ROW + i]
+            to = _FAR_TEXELS if far else _TEXELS
+            strip[to + i] = texels[index(at)]
+            strip[to + STRIP + i] = texels[index(at) + index(1)]
+            strip[to + 2 * STRIP + i] = texels[index(at) + index(row)]
+            strip[to + 3 * STRIP + i] = texels[index(at) + index(row) + index(1)]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mix(a: u32, b: u32, part: u32) -> u32:
+    """The one where ``part`` is 0, the other where it is 256; one or two channels, 16 bits each."""
+    return u32(u32(a * u32(_256 - part)) + u32(b * part))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rounded(two: u32) -> u32:
+    """Two channels of 16 bits, back to 8 bits each."""
+    return u32(u32(u32(two + _HALVES) >> _8) & _LANES)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def bilinear(a: u32, b: u32, c: u32, d: u32, right: u32, up: u32) -> u32:
+    """Two channels, 8 bits each 16 bits apart, of four texels in a square."""
+    low = mix(u32(a & _LANES), u32(b & _LANES), right)
+    high = mix(u32(c & _LANES), u32(d & _LANES), right)
+    return mix(rounded(low), rounded(high), up)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def blend(strip: U32, count: int) -> None:
+    """Turn what was fetched into colours."""
+    for i in range(count):
+        a, b = strip[_TEXELS + i], strip[_TEXELS + STRIP + i]
+        c, d = strip[_TEXELS + 2 * STRIP + i], strip[_TEXELS + 3 * STRIP + i]
+        right, up = strip[_RIGHT + i], strip[_UP + i]
+        red_blue = bilinear(a, b, c, d, right, up)
+        green = bilinear(u32(a >> _8), u32(b >> _8), u32(c >> _8), u32(d >> _8), right, up)
+        a, b = strip[_FAR_TEXELS + i], strip[_FAR_TEXELS + STRIP + i]
+        c, d = strip[_FAR_TEXELS + 2 * STRIP + i], strip[_FAR_TEXELS + 3 * STRIP + i]
+        right, up = strip[_FAR + _RIGHT + i], strip[_FAR + _UP + i]
+        far_red_blue = bilinear(a, b, c, d, right, up)
+        far_green = bilinear(u32(a >> _8), u32(b >> _8), u32(c >> _8), u32(d >> _8), right, up)
+        part = strip[_PART + i]
+        both_red_blue = mix(rounded(red_blue), rounded(far_red_blue), part)
+        both_green = mix(rounded(green), rounded(far_green), part)
+        strip[RED_BLUE + i] = both_red_blue if part else red_blue
+        strip[GREEN + i] = both_green if part else green
