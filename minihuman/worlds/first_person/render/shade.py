@@ -39,6 +39,7 @@ def prepare(
     count: int,
     least: float,
     scratch: F64,
+    bits: I64,
     strip: U32,
     slot: int,
 ) -> None:
@@ -47,23 +48,21 @@ def prepare(
     How large a version of the texture is looked up is decided once for each block of two by two pixels, from how far
     the texture moves across the block.
     """
-    us, vs, steps = scratch[0], scratch[1], scratch[2]
-    inverse_x, inverse_y = planes[face, 3], planes[face, 4]
-    u_x, u_y, v_x, v_y = planes[face, 6], planes[face, 7], planes[face, 9], planes[face, 10]
+    inverse_x, inverse_y, inverse_1 = planes[face, 3], planes[face, 4], planes[face, 5]
+    u_x, u_y, u_1 = planes[face, 6], planes[face, 7], planes[face, 8]
+    v_x, v_y, v_1 = planes[face, 9], planes[face, 10], planes[face, 11]
     py = y + 0.5
-    inverse_c = inverse_y * py + planes[face, 5]
-    u_c, v_c = u_y * py + planes[face, 8], v_y * py + planes[face, 11]
+    inverse_c, u_c, v_c = inverse_y * py + inverse_1, u_y * py + u_1, v_y * py + v_1
     for i in range(count):
         px = (start + i) + 0.5
         w = 1.0 / max(inverse_x * px + inverse_c, least)
         u = (u_x * px + u_c) * w
         v = (v_x * px + v_c) * w
-        us[i] = u - np.floor(u)
-        vs[i] = v - np.floor(v)
+        scratch[index(i)] = u - np.floor(u)
+        scratch[index(STRIP + i)] = v - np.floor(v)
     wide, high = float(sizes[texture, 0, 1]), float(sizes[texture, 0, 2])
     py = (y | 1) + 0.5
-    inverse_c = inverse_y * py + planes[face, 5]
-    u_c, v_c = u_y * py + planes[face, 8], v_y * py + planes[face, 11]
+    inverse_c, u_c, v_c = inverse_y * py + inverse_1, u_y * py + u_1, v_y * py + v_1
     first = start & -2
     for i in range((start + count - first + 1) >> 1):
         px = (first + 2 * i) + 0.5
@@ -73,8 +72,9 @@ def prepare(
         v = (v_x * px + v_c) * w
         along_x = max(abs(u_x - u * inverse_x) * wide, abs(v_x - v * inverse_x) * high)
         along_y = max(abs(u_y - u * inverse_y) * wide, abs(v_y - v * inverse_y) * high)
-        steps[i] = max(along_x / max(inverse + inverse_x, least), along_y / max(inverse - inverse_y, least))
-    ask(strip, slot, us, vs, steps, start - first, count, sizes, texture, last)
+        step = max(along_x / max(inverse + inverse_x, least), along_y / max(inverse - inverse_y, least))
+        scratch[index(2 * STRIP + i)] = step
+    ask(strip, slot, scratch, bits, start - first, count, sizes, texture, last)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -162,7 +162,8 @@ def resolve(
     """Colour every pixel. Where one face covers a pixel whole, so it often does its neighbours: they go together."""
     width = picture.shape[1]
     strip = np.zeros(STRIP_ROWS * STRIP, np.uint32)
-    scratch = np.empty((3, STRIP))
+    scratch = np.empty(3 * STRIP)
+    bits = scratch[2 * STRIP :].view(np.int64)
     stretches = np.empty((MOST_STRETCHES, 5), np.int64)
     samples = np.empty(4, np.int32)
     bright, total = np.empty(3), np.empty(3)
@@ -190,13 +191,13 @@ def resolve(
                         weight += 1
                         samples[t] = TAKEN
                 texture = -1 if face < 0 else kind[face, 0]
-                stretch = stretches[stretch_count]
-                stretch[FACE], stretch[START], stretch[COUNT], stretch[WEIGHT] = face, done, x - done, weight
-                stretch[SLOT] = slots if texture >= 0 else -1
+                k = index(stretch_count)
+                stretches[k, FACE], stretches[k, START], stretches[k, COUNT] = face, done, x - done
+                stretches[k, SLOT], stretches[k, WEIGHT] = slots if texture >= 0 else -1, weight
                 stretch_count += 1
                 if texture >= 0:
                     last = level_count[texture] - 1
-                    prepare(planes, face, sizes, texture, last, y, done, x - done, least, scratch, strip, slots)
+                    prepare(planes, face, sizes, texture, last, y, done, x - done, least, scratch, bits, strip, slots)
                     slots += x - done
             done = x
             if done == width or slots > STRIP - 4 or stretch_count > MOST_STRETCHES - 4:

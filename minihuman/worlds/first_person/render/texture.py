@@ -23,63 +23,63 @@ _TEXELS, _FAR_TEXELS = 9 * STRIP, 13 * STRIP  # four rows each, once they are fe
 # What comes out, 0 to 65280 each: red, with blue in the upper half, and green.
 RED_BLUE, GREEN = _TEXELS, _TEXELS + STRIP
 
-_GROW = np.array([2.0**level for level in range(1, 13)])
-_SHRINK = np.array([0.5**level for level in range(12)])
-
 # Unsigned numbers stay unsigned and 32 bits wide only among their like; as an index, they cannot count from the end.
 u32, index = np.uint32, np.uint64
-_8, _128, _255, _256 = u32(8), u32(128), u32(255), u32(256)
+_8, _256 = u32(8), u32(256)
 _LANES, _HALVES = u32(0x00FF00FF), u32(0x00800080)
+_EXPONENT, _BIAS = 52, 1023  # a double's bits from 52 up are its power of two, plus 1023
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def aim(
-    strip: U32, slot: int, us: F64, vs: F64, first: int, count: int, offset: int, width: int, height: int
-) -> None:
-    """Say which texels ``count`` lookups from ``slot`` are about: places (0 to 1 right and up) on one size."""
-    wide, high, row = 256.0 * width, 256.0 * height, width + 2
-    for i in range(count):
-        x = np.int32(us[index(first + i)] * wide) - 128
-        y = np.int32(vs[index(first + i)] * high) - 128
-        strip[index(_AT + slot + i)] = u32(offset + (y >> 8) * row + (x >> 8))
-        strip[index(_ROW + slot + i)] = u32(row)
-        strip[index(_RIGHT + slot + i)] = u32(x & 255)
-        strip[index(_UP + slot + i)] = u32(y & 255)
+def size_for(bits: int, last: int) -> tuple[int, int]:
+    """Which size of a texture will do where it moves by a step from pixel to pixel, and how much the next one counts.
+
+    The step, in texels, comes as the bits of a double; ``last`` is the smallest size. The part is out of 256. Where the
+    texture moves by two texels, half the size will do, and halfway from one power of two to the next, so do both.
+    """
+    power = (bits >> _EXPONENT) - _BIAS
+    part = (bits >> (_EXPONENT - 8)) & 255
+    return min(max(power, 0), last), part if 0 <= power < last else 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def ask(
-    strip: U32, slot: int, us: F64, vs: F64, steps: F64, odd: int, count: int, sizes: I64, texture: int, last: int
-) -> None:
+def aim(strip: U32, slot: int, u: float, v: float, offset: int, width: int, height: int) -> None:
+    """Say which texels the lookup in a slot is about: a place (0 to 1 right and up) on one size of a texture."""
+    x = np.int32(u * (256.0 * width)) - 128
+    y = np.int32(v * (256.0 * height)) - 128
+    row = width + 2
+    strip[index(_AT + slot)] = u32(offset + (y >> 8) * row + (x >> 8))
+    strip[index(_ROW + slot)] = u32(row)
+    strip[index(_RIGHT + slot)] = u32(x & 255)
+    strip[index(_UP + slot)] = u32(y & 255)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ask(strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, sizes: I64, texture: int, last: int) -> None:
     """Put ``count`` lookups of a texture into a strip, from ``slot`` on.
 
-    ``us`` and ``vs`` say where in the texture each lies (0 to 1 right and up). ``steps`` says for each two of them, but
-    for one where the first is ``odd``, by how many texels the texture moves from pixel to pixel: where it moves by two,
-    half the size will do. ``last`` is the smallest size there is.
+    ``places`` holds where in the texture each lies, 0 to 1: ``STRIP`` numbers for right, then as many for up. ``bits``
+    says for each two of them, but for one where the first is ``odd``, by how much the texture moves, see ``size_for``.
     """
-    level = done = block = 0
+    done = block = 0
+    level, part = size_for(bits[0], last)
     while done < count:
-        step = steps[block]
-        while level < last and step >= _GROW[level]:
-            level += 1
-        while level > 0 and step < _GROW[level - 1]:
-            level -= 1
-        end = done
-        same = True
-        while same:
-            part = 0 if level == last else max(int((step * _SHRINK[level] - 1.0) * 256.0), 0)
+        end, size = done, level
+        while level == size:
+            strip[index(_PART + slot + end)] = u32(part)
             block += 1
-            while end < count and end + odd < 2 * block:
-                strip[index(_PART + slot + end)] = u32(part)
-                end += 1
+            end = min(2 * block - odd, count)
+            strip[index(_PART + slot + end - 1)] = u32(part)
             if end == count:
                 break
-            step = steps[block]
-            same = (level == last or step < _GROW[level]) and (level == 0 or step >= _GROW[level - 1])
-        for far in range(2):
-            size = min(level + far, last)
-            offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
-            aim(strip, slot + done + far * _FAR, us, vs, done, end - done, offset, width, height)
+            level, part = size_for(bits[index(block)], last)
+        offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
+        for i in range(done, end):
+            aim(strip, slot + i, places[index(i)], places[index(STRIP + i)], offset, width, height)
+        size = min(size + 1, last)
+        offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
+        for i in range(done, end):
+            aim(strip, _FAR + slot + i, places[index(i)], places[index(STRIP + i)], offset, width, height)
         done = end
 
 
@@ -88,12 +88,12 @@ def fetch(strip: U32, texels: U32, count: int) -> None:
     """Copy the texels that ``count`` lookups are about into the strip."""
     for i in range(count):
         for far in range(2):
-            at, row = strip[far * _FAR + _AT + i], strip[far * _FAR + _ROW + i]
-            to = _FAR_TEXELS if far else _TEXELS
-            strip[to + i] = texels[index(at)]
-            strip[to + STRIP + i] = texels[index(at) + index(1)]
-            strip[to + 2 * STRIP + i] = texels[index(at) + index(row)]
-            strip[to + 3 * STRIP + i] = texels[index(at) + index(row) + index(1)]
+            at, row = index(strip[index(far * _FAR + _AT + i)]), index(strip[index(far * _FAR + _ROW + i)])
+            to = (_FAR_TEXELS if far else _TEXELS) + i
+            strip[index(to)] = texels[at]
+            strip[index(to + STRIP)] = texels[at + index(1)]
+            strip[index(to + 2 * STRIP)] = texels[at + row]
+            strip[index(to + 3 * STRIP)] = texels[at + row + index(1)]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
