@@ -28,6 +28,15 @@ MOST_STRETCHES = STRIP + 8
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def texture_place(
+    px: float, inverse_x: float, inverse_c: float, u_x: float, u_c: float, v_x: float, v_c: float, least: float
+) -> tuple[float, float]:
+    """Where in its texture a face is looked up at a place in a row, in repeats right and up."""
+    w = 1.0 / max(inverse_x * px + inverse_c, least)
+    return (u_x * px + u_c) * w, (v_x * px + v_c) * w
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def prepare(
     planes: F64,
     face: int,
@@ -54,10 +63,7 @@ def prepare(
     py = y + 0.5
     inverse_c, u_c, v_c = inverse_y * py + inverse_1, u_y * py + u_1, v_y * py + v_1
     for i in range(count):
-        px = (start + i) + 0.5
-        w = 1.0 / max(inverse_x * px + inverse_c, least)
-        u = (u_x * px + u_c) * w
-        v = (v_x * px + v_c) * w
+        u, v = texture_place((start + i) + 0.5, inverse_x, inverse_c, u_x, u_c, v_x, v_c, least)
         scratch[index(i)] = u - np.floor(u)
         scratch[index(STRIP + i)] = v - np.floor(v)
     wide, high = float(sizes[texture, 0, 1]), float(sizes[texture, 0, 2])
@@ -67,9 +73,7 @@ def prepare(
     for i in range((start + count - first + 1) >> 1):
         px = (first + 2 * i) + 0.5
         inverse = inverse_x * px + inverse_c
-        w = 1.0 / max(inverse, least)
-        u = (u_x * px + u_c) * w
-        v = (v_x * px + v_c) * w
+        u, v = texture_place(px, inverse_x, inverse_c, u_x, u_c, v_x, v_c, least)
         along_x = max(abs(u_x - u * inverse_x) * wide, abs(v_x - v * inverse_x) * high)
         along_y = max(abs(u_y - u * inverse_y) * wide, abs(v_y - v * inverse_y) * high)
         step = max(along_x / max(inverse + inverse_x, least), along_y / max(inverse - inverse_y, least))
@@ -78,17 +82,29 @@ def prepare(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lit(planes: F64, kind: I32, face: int, px: float, py: float, least: float, bright: F64) -> None:
-    """How bright a face is there in each channel, 0 to 1, over 256."""
-    if kind[face, 1] == 1:
-        for channel in range(3):
-            bright[channel] = planes[face, 12 + 3 * channel] / 256.0
-        return
+def lit(planes: F64, face: int, px: float, py: float, w: float, channel: int) -> float:
+    """How bright a face is at a place in a channel, 0 to 1, over 256; ``w`` is its distance there."""
+    k = 12 + 3 * channel
+    light = (planes[face, k] * px + planes[face, k + 1] * py + planes[face, k + 2]) * w
+    return min(max(light, 0.0), 1.0) / 256.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def brightness(planes: F64, even: bool, face: int, px: float, py: float, least: float) -> tuple[float, float, float]:
+    """How bright a face is at a place, red, green and blue, 0 to 1, over 256."""
+    if even:
+        return planes[face, 12] / 256.0, planes[face, 15] / 256.0, planes[face, 18] / 256.0
     w = 1.0 / max(planes[face, 3] * px + (planes[face, 4] * py + planes[face, 5]), least)
-    for channel in range(3):
-        k = 12 + 3 * channel
-        light = (planes[face, k] * px + planes[face, k + 1] * py + planes[face, k + 2]) * w
-        bright[channel] = min(max(light, 0.0), 1.0) / 256.0
+    return lit(planes, face, px, py, w, 0), lit(planes, face, px, py, w, 1), lit(planes, face, px, py, w, 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def looked_up(strip: U32, slot: int) -> tuple[float, float, float]:
+    """What a lookup found, red, green and blue, 0 to 65280; white where there was none."""
+    if slot < 0:
+        return WHITE, WHITE, WHITE
+    two = strip[index(RED_BLUE + slot)]
+    return float(two & LOW), float(strip[index(GREEN + slot)]), float(two >> HIGH)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -101,50 +117,46 @@ def paint(
     sky: F64,
     y: int,
     least: float,
-    bright: F64,
-    total: F64,
     line: NDArray[np.uint8],
 ) -> None:
     """Colour the pixels of some stretches in a row; their lookups have been blended."""
     py = y + 0.5
     covered = 0
+    red_sum = green_sum = blue_sum = 0.0
     for k in range(stretch_count):
         face, start, count = stretches[k, FACE], stretches[k, START], stretches[k, COUNT]
         slot, weight = stretches[k, SLOT], stretches[k, WEIGHT]
-        even = face < 0 or kind[face, 1] == 1
+        even = True
         if face < 0:
-            for channel in range(3):
-                bright[channel] = sky[channel] / 256.0
+            r, g, b = sky[0] / 256.0, sky[1] / 256.0, sky[2] / 256.0
         else:
-            lit(planes, kind, face, start + 0.5, py, least, bright)
-        if weight == 4:
+            even = kind[face, 1] == 1
+            r, g, b = brightness(planes, even, face, start + 0.5, py, least)
+        if weight < 4:
+            red, green, blue = looked_up(strip, slot)
+            red_sum += weight * (red * r)
+            green_sum += weight * (green * g)
+            blue_sum += weight * (blue * b)
+            covered += weight
+            if covered == 4:
+                line[start, 0] = np.uint8(red_sum * 0.25 + 0.5)
+                line[start, 1] = np.uint8(green_sum * 0.25 + 0.5)
+                line[start, 2] = np.uint8(blue_sum * 0.25 + 0.5)
+                red_sum = green_sum = blue_sum = 0.0
+                covered = 0
+        elif even and slot < 0:
+            red_8, green_8, blue_8 = np.uint8(WHITE * r + 0.5), np.uint8(WHITE * g + 0.5), np.uint8(WHITE * b + 0.5)
+            for x in range(start, start + count):
+                line[index(x), 0], line[index(x), 1], line[index(x), 2] = red_8, green_8, blue_8
+        else:
             for i in range(count):
-                red = green = blue = WHITE
-                if slot >= 0:
-                    two = strip[index(RED_BLUE + slot + i)]
-                    red, blue = float(two & LOW), float(two >> HIGH)
-                    green = float(strip[index(GREEN + slot + i)])
                 if not even:
-                    lit(planes, kind, face, (start + i) + 0.5, py, least, bright)
-                line[start + i, 0] = np.uint8(red * bright[0] + 0.5)
-                line[start + i, 1] = np.uint8(green * bright[1] + 0.5)
-                line[start + i, 2] = np.uint8(blue * bright[2] + 0.5)
-            continue
-        red = green = blue = WHITE
-        if slot >= 0:
-            two = strip[index(RED_BLUE + slot)]
-            red, blue = float(two & LOW), float(two >> HIGH)
-            green = float(strip[index(GREEN + slot)])
-        if covered == 0:
-            total[:] = 0.0
-        total[0] += weight * (red * bright[0])
-        total[1] += weight * (green * bright[1])
-        total[2] += weight * (blue * bright[2])
-        covered += weight
-        if covered == 4:
-            covered = 0
-            for channel in range(3):
-                line[start, channel] = np.uint8(total[channel] * 0.25 + 0.5)
+                    r, g, b = brightness(planes, even, face, (start + i) + 0.5, py, least)
+                red, green, blue = looked_up(strip, slot + i if slot >= 0 else slot)
+                x = index(start + i)
+                line[x, 0] = np.uint8(red * r + 0.5)
+                line[x, 1] = np.uint8(green * g + 0.5)
+                line[x, 2] = np.uint8(blue * b + 0.5)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -166,7 +178,6 @@ def resolve(
     bits = scratch[2 * STRIP :].view(np.int64)
     stretches = np.empty((MOST_STRETCHES, 5), np.int64)
     samples = np.empty(4, np.int32)
-    bright, total = np.empty(3), np.empty(3)
     for y in range(picture.shape[0]):
         row0, row1, row2, row3 = owner[4 * y], owner[4 * y + 1], owner[4 * y + 2], owner[4 * y + 3]
         line = picture[y]
@@ -203,5 +214,5 @@ def resolve(
             if done == width or slots > STRIP - 4 or stretch_count > MOST_STRETCHES - 4:
                 fetch(strip, texels, slots)
                 blend(strip, (slots + 7) & -8)
-                paint(stretches, stretch_count, strip, planes, kind, sky, y, least, bright, total, line)
+                paint(stretches, stretch_count, strip, planes, kind, sky, y, least, line)
                 stretch_count = slots = 0
