@@ -1,7 +1,7 @@
 """From covered samples to colours: each face in a pixel is shaded once, and counts by the samples it covers."""
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.tables import F64, I32, I64
@@ -159,7 +159,7 @@ def paint(
                 line[x, 2] = np.uint8(blue * b + 0.5)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", locals={"slots": int64, "stretch_count": int64})
 def resolve(
     owner: I32,
     planes: F64,

@@ -74,6 +74,6 @@ class Drawn(NamedTuple):
     kind: I32  # (capacity, 2) texture, and 1 where the colour is the same all over
     left: I32  # (4 * height,)
     right: I32  # (4 * height,)
-    corners: F64  # (2, most, 3) a polygon before and after a cut
+    corners: F64  # (3, most, 3) a polygon, and before and after a cut
     screen: F64  # (most, 2) its corners in 1/256 of a pixel
     lit: F64  # (3, 3) how bright each channel is at three corners
