@@ -95,17 +95,24 @@ def draw_face(
     corners, screen = drawn.corners, drawn.screen
     near = view[NEAR]
     ahead = 0
+    # all read before anything is written, for a compiler cannot know that the tables do not overlap
+    eye_x, eye_y, eye_z = view[EYE], view[EYE + 1], view[EYE + 2]
+    right_x, right_y, right_z = view[RIGHT], view[RIGHT + 1], view[RIGHT + 2]
+    up_x, up_y, up_z = view[UP], view[UP + 1], view[UP + 2]
+    forward_x, forward_y, forward_z = view[FORWARD], view[FORWARD + 1], view[FORWARD + 2]
+    at_x, at_y, at_z = placement[PLACE], placement[PLACE + 1], placement[PLACE + 2]
     for i in range(count):
         px = faces.position[start + i, 0] * sx
         py = faces.position[start + i, 1] * sy
         pz = faces.position[start + i, 2] * sz
-        wx = placement[PLACE] + (co * px + si * pz) - view[EYE]
-        wy = placement[PLACE + 1] + py - view[EYE + 1]
-        wz = placement[PLACE + 2] + (co * pz - si * px) - view[EYE + 2]
-        corners[0, i, 0] = view[RIGHT] * wx + view[RIGHT + 1] * wy + view[RIGHT + 2] * wz
-        corners[0, i, 1] = view[UP] * wx + view[UP + 1] * wy + view[UP + 2] * wz
-        corners[0, i, 2] = view[FORWARD] * wx + view[FORWARD + 1] * wy + view[FORWARD + 2] * wz
-        if corners[0, i, 2] >= near:
+        wx = at_x + (co * px + si * pz) - eye_x
+        wy = at_y + py - eye_y
+        wz = at_z + (co * pz - si * px) - eye_z
+        ahead_by = forward_x * wx + forward_y * wy + forward_z * wz
+        corners[0, i, 0] = right_x * wx + right_y * wy + right_z * wz
+        corners[0, i, 1] = up_x * wx + up_y * wy + up_z * wz
+        corners[0, i, 2] = ahead_by
+        if ahead_by >= near:
             ahead += 1
     if ahead == 0 and not parallel:
         return 0

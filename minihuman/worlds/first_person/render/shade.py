@@ -104,7 +104,8 @@ def looked_up(strip: U32, slot: int) -> tuple[float, float, float]:
     if slot < 0:
         return WHITE, WHITE, WHITE
     two = strip[index(RED_BLUE + slot)]
-    return float(two & LOW), float(strip[index(GREEN + slot)]), float(two >> HIGH)
+    green = strip[index(GREEN + slot)]
+    return float(np.int32(two & LOW)), float(np.int32(green)), float(np.int32(two >> HIGH))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -148,10 +149,16 @@ def paint(
             red_8, green_8, blue_8 = np.uint8(WHITE * r + 0.5), np.uint8(WHITE * g + 0.5), np.uint8(WHITE * b + 0.5)
             for x in range(start, start + count):
                 line[index(x), 0], line[index(x), 1], line[index(x), 2] = red_8, green_8, blue_8
+        elif even:
+            for i in range(count):
+                red, green, blue = looked_up(strip, slot + i)
+                x = index(start + i)
+                line[x, 0] = np.uint8(red * r + 0.5)
+                line[x, 1] = np.uint8(green * g + 0.5)
+                line[x, 2] = np.uint8(blue * b + 0.5)
         else:
             for i in range(count):
-                if not even:
-                    r, g, b = brightness(planes, even, face, (start + i) + 0.5, py, least)
+                r, g, b = brightness(planes, even, face, (start + i) + 0.5, py, least)
                 red, green, blue = looked_up(strip, slot + i if slot >= 0 else slot)
                 x = index(start + i)
                 line[x, 0] = np.uint8(red * r + 0.5)
@@ -159,7 +166,7 @@ def paint(
                 line[x, 2] = np.uint8(blue * b + 0.5)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", locals={"slots": int64, "stretch_count": int64})
+@njit(cache=True, nogil=True, error_model="numpy", locals={"slots": int64, "stretch_count": int64, "done": int64})
 def resolve(
     owner: I32,
     planes: F64,
@@ -190,7 +197,10 @@ def resolve(
             whole = samples[1] == face and samples[2] == face and samples[3] == face
             if whole:
                 most = min(width, done + STRIP - slots)
-                while x < most and row0[x] == face and row1[x] == face and row2[x] == face and row3[x] == face:
+                while x < most:
+                    at = index(x)
+                    if row0[at] != face or row1[at] != face or row2[at] != face or row3[at] != face:
+                        break
                     x += 1
             for s in range(1 if whole else 4):
                 face = samples[s]

@@ -53,7 +53,7 @@ class Textures(NamedTuple):
     """Every texture with its ever smaller versions, one texel an integer 0x00BBGGRR, bottom row first.
 
     Around each goes a ring of texels from its other side, so that a texel's neighbours are always beside it: a row is
-    width + 2 texels, and the offset is that of the texel inside the ring.
+    width + 2 texels. Offset is where the ring begins; width and height are without it.
     """
 
     texels: NDArray[np.uint32]

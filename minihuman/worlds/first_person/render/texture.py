@@ -25,7 +25,7 @@ RED_BLUE, GREEN = _TEXELS, _TEXELS + STRIP
 
 # Unsigned numbers stay unsigned and 32 bits wide only among their like; as an index, they cannot count from the end.
 u32, index = np.uint32, np.uint64
-_8, _256 = u32(8), u32(256)
+_8, _128, _255, _256 = u32(8), u32(128), u32(255), u32(256)
 _LANES, _HALVES = u32(0x00FF00FF), u32(0x00800080)
 _EXPONENT, _BIAS = 52, 1023  # a double's bits from 52 up are its power of two, plus 1023
 
@@ -45,13 +45,14 @@ def size_for(bits: int, last: int) -> tuple[int, int]:
 @njit(cache=True, nogil=True, error_model="numpy")
 def aim(strip: U32, slot: int, u: float, v: float, offset: int, width: int, height: int) -> None:
     """Say which texels the lookup in a slot is about: a place (0 to 1 right and up) on one size of a texture."""
-    x = np.int32(u * (256.0 * width)) - 128
-    y = np.int32(v * (256.0 * height)) - 128
-    row = width + 2
-    strip[index(_AT + slot)] = u32(offset + (y >> 8) * row + (x >> 8))
-    strip[index(_ROW + slot)] = u32(row)
-    strip[index(_RIGHT + slot)] = u32(x & 255)
-    strip[index(_UP + slot)] = u32(y & 255)
+    # half a texel less, for texels are known at their middles; one more, for the ring around them
+    x = u32(u32(np.int32(u * (256.0 * width))) + _128)
+    y = u32(u32(np.int32(v * (256.0 * height))) + _128)
+    row = u32(width + 2)
+    strip[index(_AT + slot)] = u32(u32(u32(offset) + u32(x >> _8)) + u32(u32(y >> _8) * row))
+    strip[index(_ROW + slot)] = row
+    strip[index(_RIGHT + slot)] = u32(x & _255)
+    strip[index(_UP + slot)] = u32(y & _255)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
