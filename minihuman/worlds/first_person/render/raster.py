@@ -71,12 +71,16 @@ def claim(drawn: Drawn, face: int, first: int, last: int) -> int:
         y = (ROW_STEP * row + 32.0) / 256.0
         shift = SAMPLE_X[row & 3] / 256.0
         here = b * y + c
+        rival = -1
+        rival_a = there = 0.0
         for x in range(left[row], right[row]):
             other = owner[index(row), index(x)]
             if other >= 0:
-                k = index(other)
+                if other != rival:
+                    rival, k = other, index(other)
+                    rival_a, there = planes[k, 0], planes[k, 1] * y + planes[k, 2]
                 at = x + shift
-                if a * at + here <= planes[k, 0] * at + (planes[k, 1] * y + planes[k, 2]):
+                if a * at + here <= rival_a * at + there:
                     continue
             owner[index(row), index(x)] = face
             claimed += 1

@@ -75,12 +75,12 @@ def ask(strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, siz
                 break
             level, part = size_for(bits[index(block)], last)
         offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
-        for i in range(done, end):
-            aim(strip, slot + i, places[index(i)], places[index(STRIP + i)], offset, width, height)
         size = min(size + 1, last)
-        offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
+        far_offset, far_width, far_height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
         for i in range(done, end):
-            aim(strip, _FAR + slot + i, places[index(i)], places[index(STRIP + i)], offset, width, height)
+            u, v = places[index(i)], places[index(STRIP + i)]
+            aim(strip, slot + i, u, v, offset, width, height)
+            aim(strip, _FAR + slot + i, u, v, far_offset, far_width, far_height)
         done = end
 
 
