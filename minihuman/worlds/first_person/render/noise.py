@@ -87,4 +87,6 @@ def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64
 
 def pixels(colour: F64) -> NDArray[np.uint8]:
     """Rounded to what a texture holds."""
-    return (np.clip(colour, 0.0, 255.0) + 0.5).astype(np.int64).clip(0, 255).astype(np.uint8)
+    rounded = np.clip(colour, 0.0, 255.0)
+    rounded += 0.5
+    return rounded.astype(np.uint8)
