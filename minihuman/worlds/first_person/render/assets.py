@@ -206,7 +206,7 @@ def unit_cube() -> list[F64]:
     return sides
 
 
-def halved(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+def halved(pixels: NDArray[np.int32]) -> NDArray[np.int32]:
     """A texture at half its size, each texel the mean of those it covers; an odd last row or column is left out.
 
     Both means, of neighbours right and up, round upwards, as OpenGL's software driver has it.
@@ -222,7 +222,7 @@ def _append(textures: Textures, pixels: NDArray[np.uint8]) -> Textures:
     levels = np.zeros((1, MOST_LEVELS, 3), np.int64)
     parts = [textures.texels]
     offset = len(textures.texels)
-    level = pixels[::-1].astype(np.int64)
+    level = pixels[::-1].astype(np.int32)
     count = 0
     while True:
         height, width = level.shape[:2]

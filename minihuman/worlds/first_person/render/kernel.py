@@ -1,9 +1,10 @@
 """Which face covers each sample: rooms in sight, then the things in them; and how far away that is."""
 
 import numpy as np
-from numba import int64, njit
+from numba import int64
 from numpy.typing import NDArray
 
+from minihuman.worlds.first_person.render.compiled import kernel, part
 from minihuman.worlds.first_person.render.project import (
     CENTRE_X,
     CENTRE_Y,
@@ -31,7 +32,7 @@ from minihuman.worlds.first_person.render.tables import F64, I32, I64, Drawn, Fa
 from minihuman.worlds.first_person.render.visit import visit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def window_of(
     x: float,
     z: float,
@@ -60,7 +61,7 @@ def window_of(
     return bool(out[0] < out[2] and out[1] < out[3])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) -> bool:
     """Is all within ``reach`` of a place sure to be outside a window or behind the camera?"""
     x, y, z = x - view[EYE], y - view[EYE + 1], z - view[EYE + 2]
@@ -81,7 +82,7 @@ def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) 
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def place_thing(things: Things, thing: int, places: F64, placement: F64) -> None:
     """Write down where a thing is and how it lies."""
     for k in range(3):
@@ -92,7 +93,7 @@ def place_thing(things: Things, thing: int, places: F64, placement: F64) -> None
     placement[NORMAL_SCALE] = things.normal_scale[thing]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", locals={"number": int64})
+@kernel(number=int64)
 def draw(
     faces: Faces,
     rooms: Rooms,
@@ -149,7 +150,7 @@ def draw(
                     claimed[thing] += samples
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
     """How far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
     for y in range(out.shape[0]):

@@ -82,9 +82,13 @@ def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple
 def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64:
     """Between two colours (0 to 255), (h, w, 3)."""
     a, b = np.array(low, np.float64), np.array(high, np.float64)
-    return a + np.clip(part, 0.0, 1.0)[..., None] * (b - a)
+    picture = np.clip(part, 0.0, 1.0)[..., None] * (b - a)
+    picture += a
+    return picture
 
 
 def pixels(colour: F64) -> NDArray[np.uint8]:
     """Rounded to what a texture holds."""
-    return (np.clip(colour, 0.0, 255.0) + 0.5).astype(np.int64).clip(0, 255).astype(np.uint8)
+    rounded = np.clip(colour, 0.0, 255.0)
+    rounded += 0.5
+    return rounded.astype(np.uint8)

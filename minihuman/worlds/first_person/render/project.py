@@ -1,8 +1,9 @@
 """From a face in space to a face on the picture: light, perspective, cuts at the near plane, and how it varies."""
 
 import numpy as np
-from numba import int64, njit
+from numba import int64
 
+from minihuman.worlds.first_person.render.compiled import part
 from minihuman.worlds.first_person.render.raster import claim, outline
 from minihuman.worlds.first_person.render.tables import F64, Drawn, Faces
 
@@ -20,11 +21,12 @@ OWN_EYE, OWN_LIGHT = 12, 16  # the eye, and 1.0 where it is a place and not a di
 PLACEMENT_SIZE = 19
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: float) -> int:
-    """Keep the part of polygon ``source`` where a*x + b*y + c*z + d >= 0, in row 2 if that is 1, else in 1; its corners.
+    """Keep the part of polygon ``source`` where a*x + b*y + c*z + d >= 0; how many corners it has.
 
-    Row 0 is never written to: how a face varies is told from its corners before all cuts.
+    It goes into row 2 if the source is row 1, else into row 1. Row 0 is never written to: how a face varies is told
+    from its corners before all cuts.
     """
     into = 2 if source == 1 else 1
     kept = 0
@@ -54,7 +56,7 @@ def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: 
     return kept
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def turn_to(view: F64, light: F64, placement: F64) -> None:
     """Work out where a thing's eye and light are, in the thing's own coordinates, from where it is and how it lies."""
     co, si = placement[COS], placement[SIN]
@@ -73,7 +75,7 @@ def turn_to(view: F64, light: F64, placement: F64) -> None:
     placement[OWN_LIGHT + 2] = si * light[0] + co * light[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", locals={"current": int64})
+@part(current=int64)
 def draw_face(
     faces: Faces, face: int, view: F64, placement: F64, light: F64, window: F64, drawn: Drawn, number: int
 ) -> int:
@@ -152,10 +154,10 @@ def draw_face(
     first, last = outline(drawn, count, window)
     if first == last or not vary(faces, face, view, placement, light, drawn, number):
         return 0
-    return claim(drawn, number, first, last)
+    return int(claim(drawn, number, first, last))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int) -> bool:
     """Work out how nearness, texture and light vary over the picture; False where the face is seen edge-on.
 

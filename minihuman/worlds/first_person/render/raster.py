@@ -5,17 +5,16 @@ exact in a double. Two faces that share an edge therefore never both cover a sam
 """
 
 import numpy as np
-from numba import njit
+from numpy import uint64 as index  # which cannot count from the end
 
+from minihuman.worlds.first_person.render.compiled import part
 from minihuman.worlds.first_person.render.tables import F64, Drawn
 
 SAMPLE_X = np.array([160.0, 32.0, 224.0, 96.0])  # of the four sample rows of a pixel, in 1/256 pixel from its left
 ROW_STEP = 64.0  # between sample rows, in 1/256 pixel; the first is half a step down
 
-index = np.uint64  # which cannot count from the end
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def outline(drawn: Drawn, corner_count: int, window: F64) -> tuple[int, int]:
     """Where the samples inside a face's corners and the window begin and end in each sample row.
 
@@ -61,7 +60,7 @@ def outline(drawn: Drawn, corner_count: int, window: F64) -> tuple[int, int]:
     return first, last
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def claim(drawn: Drawn, face: int, first: int, last: int) -> int:
     """Claim for ``face`` the samples of its outline that nothing nearer owns; how many it got."""
     owner, planes, left, right = drawn.owner, drawn.planes, drawn.left, drawn.right
@@ -71,12 +70,16 @@ def claim(drawn: Drawn, face: int, first: int, last: int) -> int:
         y = (ROW_STEP * row + 32.0) / 256.0
         shift = SAMPLE_X[row & 3] / 256.0
         here = b * y + c
+        rival = -1
+        rival_a = there = 0.0
         for x in range(left[row], right[row]):
             other = owner[index(row), index(x)]
             if other >= 0:
-                k = index(other)
+                if other != rival:
+                    rival, k = other, index(other)
+                    rival_a, there = planes[k, 0], planes[k, 1] * y + planes[k, 2]
                 at = x + shift
-                if a * at + here <= planes[k, 0] * at + (planes[k, 1] * y + planes[k, 2]):
+                if a * at + here <= rival_a * at + there:
                     continue
             owner[index(row), index(x)] = face
             claimed += 1

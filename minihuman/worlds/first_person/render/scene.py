@@ -15,7 +15,7 @@ A world makes its scene once an episode and draws it as often as it likes:
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -153,4 +153,4 @@ class Scene:
 
     def at(self, places: NDArray[np.float64]) -> "Scene":
         """The same scene with its things elsewhere; what was laid out is shared."""
-        return replace(self, places=places)
+        return Scene(self.layout, places, self.light, self.sky)

@@ -1,9 +1,12 @@
 """From covered samples to colours: each face in a pixel is shaded once, and counts by the samples it covers."""
 
 import numpy as np
-from numba import int64, njit
+from numba import int64
+from numpy import uint32 as u32
+from numpy import uint64 as index
 from numpy.typing import NDArray
 
+from minihuman.worlds.first_person.render.compiled import kernel, part
 from minihuman.worlds.first_person.render.tables import F64, I32, I64
 from minihuman.worlds.first_person.render.texture import (
     GREEN,
@@ -14,8 +17,6 @@ from minihuman.worlds.first_person.render.texture import (
     ask,
     blend,
     fetch,
-    index,
-    u32,
 )
 
 TAKEN = -2  # a sample whose face has been shaded
@@ -27,7 +28,7 @@ FACE, START, COUNT, SLOT, WEIGHT = 0, 1, 2, 3, 4  # slot -1 for a face without a
 MOST_STRETCHES = STRIP + 8
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def texture_place(
     px: float, inverse_x: float, inverse_c: float, u_x: float, u_c: float, v_x: float, v_c: float, least: float
 ) -> tuple[float, float]:
@@ -36,7 +37,7 @@ def texture_place(
     return (u_x * px + u_c) * w, (v_x * px + v_c) * w
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def prepare(
     planes: F64,
     face: int,
@@ -81,15 +82,15 @@ def prepare(
     ask(strip, slot, scratch, bits, start - first, count, sizes, texture, last)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def lit(planes: F64, face: int, px: float, py: float, w: float, channel: int) -> float:
     """How bright a face is at a place in a channel, 0 to 1, over 256; ``w`` is its distance there."""
     k = 12 + 3 * channel
     light = (planes[face, k] * px + planes[face, k + 1] * py + planes[face, k + 2]) * w
-    return min(max(light, 0.0), 1.0) / 256.0
+    return float(min(max(light, 0.0), 1.0) / 256.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def brightness(planes: F64, even: bool, face: int, px: float, py: float, least: float) -> tuple[float, float, float]:
     """How bright a face is at a place, red, green and blue, 0 to 1, over 256."""
     if even:
@@ -98,7 +99,7 @@ def brightness(planes: F64, even: bool, face: int, px: float, py: float, least: 
     return lit(planes, face, px, py, w, 0), lit(planes, face, px, py, w, 1), lit(planes, face, px, py, w, 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def looked_up(strip: U32, slot: int) -> tuple[float, float, float]:
     """What a lookup found, red, green and blue, 0 to 65280; white where there was none."""
     if slot < 0:
@@ -108,7 +109,7 @@ def looked_up(strip: U32, slot: int) -> tuple[float, float, float]:
     return float(np.int32(two & LOW)), float(np.int32(green)), float(np.int32(two >> HIGH))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def paint(
     stretches: I64,
     stretch_count: int,
@@ -152,21 +153,21 @@ def paint(
         elif even:
             for i in range(count):
                 red, green, blue = looked_up(strip, slot + i)
-                x = index(start + i)
-                line[x, 0] = np.uint8(red * r + 0.5)
-                line[x, 1] = np.uint8(green * g + 0.5)
-                line[x, 2] = np.uint8(blue * b + 0.5)
+                at = index(start + i)
+                line[at, 0] = np.uint8(red * r + 0.5)
+                line[at, 1] = np.uint8(green * g + 0.5)
+                line[at, 2] = np.uint8(blue * b + 0.5)
         else:
             for i in range(count):
                 r, g, b = brightness(planes, even, face, (start + i) + 0.5, py, least)
                 red, green, blue = looked_up(strip, slot + i if slot >= 0 else slot)
-                x = index(start + i)
-                line[x, 0] = np.uint8(red * r + 0.5)
-                line[x, 1] = np.uint8(green * g + 0.5)
-                line[x, 2] = np.uint8(blue * b + 0.5)
+                at = index(start + i)
+                line[at, 0] = np.uint8(red * r + 0.5)
+                line[at, 1] = np.uint8(green * g + 0.5)
+                line[at, 2] = np.uint8(blue * b + 0.5)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", locals={"slots": int64, "stretch_count": int64, "done": int64})
+@kernel(slots=int64, stretch_count=int64, done=int64)
 def resolve(
     owner: I32,
     planes: F64,

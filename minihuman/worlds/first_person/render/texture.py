@@ -5,9 +5,11 @@ array of unsigned 32-bit integers, ``STRIP`` lookups wide; each of its rows hold
 """
 
 import numpy as np
-from numba import njit
+from numpy import uint32 as u32
+from numpy import uint64 as index
 from numpy.typing import NDArray
 
+from minihuman.worlds.first_person.render.compiled import part
 from minihuman.worlds.first_person.render.tables import F64, I64
 
 U32 = NDArray[np.uint32]
@@ -24,13 +26,12 @@ _TEXELS, _FAR_TEXELS = 9 * STRIP, 13 * STRIP  # four rows each, once they are fe
 RED_BLUE, GREEN = _TEXELS, _TEXELS + STRIP
 
 # Unsigned numbers stay unsigned and 32 bits wide only among their like; as an index, they cannot count from the end.
-u32, index = np.uint32, np.uint64
 _8, _128, _255, _256 = u32(8), u32(128), u32(255), u32(256)
 _LANES, _HALVES = u32(0x00FF00FF), u32(0x00800080)
 _EXPONENT, _BIAS = 52, 1023  # a double's bits from 52 up are its power of two, plus 1023
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def size_for(bits: int, last: int) -> tuple[int, int]:
     """Which size of a texture will do where it moves by a step from pixel to pixel, and how much the next one counts.
 
@@ -42,7 +43,7 @@ def size_for(bits: int, last: int) -> tuple[int, int]:
     return min(max(power, 0), last), part if 0 <= power < last else 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def aim(strip: U32, slot: int, u: float, v: float, offset: int, width: int, height: int) -> None:
     """Say which texels the lookup in a slot is about: a place (0 to 1 right and up) on one size of a texture."""
     # half a texel less, for texels are known at their middles; one more, for the ring around them
@@ -55,8 +56,10 @@ def aim(strip: U32, slot: int, u: float, v: float, offset: int, width: int, heig
     strip[index(_UP + slot)] = u32(y & _255)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def ask(strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, sizes: I64, texture: int, last: int) -> None:
+@part()
+def ask(
+    strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, sizes: I64, texture: int, last: int
+) -> None:
     """Put ``count`` lookups of a texture into a strip, from ``slot`` on.
 
     ``places`` holds where in the texture each lies, 0 to 1: ``STRIP`` numbers for right, then as many for up. ``bits``
@@ -75,16 +78,16 @@ def ask(strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, siz
                 break
             level, part = size_for(bits[index(block)], last)
         offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
-        for i in range(done, end):
-            aim(strip, slot + i, places[index(i)], places[index(STRIP + i)], offset, width, height)
         size = min(size + 1, last)
-        offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
+        far_offset, far_width, far_height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
         for i in range(done, end):
-            aim(strip, _FAR + slot + i, places[index(i)], places[index(STRIP + i)], offset, width, height)
+            u, v = places[index(i)], places[index(STRIP + i)]
+            aim(strip, slot + i, u, v, offset, width, height)
+            aim(strip, _FAR + slot + i, u, v, far_offset, far_width, far_height)
         done = end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def fetch(strip: U32, texels: U32, count: int) -> None:
     """Copy the texels that ``count`` lookups are about into the strip."""
     for i in range(count):
@@ -97,27 +100,27 @@ def fetch(strip: U32, texels: U32, count: int) -> None:
             strip[index(to + 3 * STRIP)] = texels[at + row + index(1)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def mix(a: u32, b: u32, part: u32) -> u32:
     """The one where ``part`` is 0, the other where it is 256; one or two channels, 16 bits each."""
     return u32(u32(a * u32(_256 - part)) + u32(b * part))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def rounded(two: u32) -> u32:
     """Two channels of 16 bits, back to 8 bits each."""
     return u32(u32(u32(two + _HALVES) >> _8) & _LANES)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def bilinear(a: u32, b: u32, c: u32, d: u32, right: u32, up: u32) -> u32:
     """Two channels, 8 bits each 16 bits apart, of four texels in a square."""
     low = mix(u32(a & _LANES), u32(b & _LANES), right)
     high = mix(u32(c & _LANES), u32(d & _LANES), right)
-    return mix(rounded(low), rounded(high), up)
+    return u32(mix(rounded(low), rounded(high), up))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def blend(strip: U32, count: int) -> None:
     """Turn what was fetched into colours."""
     for i in range(count):

@@ -1,8 +1,9 @@
 """Which rooms can be seen, and in which part of the picture: from the camera's room through opening after opening."""
 
 import numpy as np
-from numba import int64, njit
+from numba import int64
 
+from minihuman.worlds.first_person.render.compiled import part
 from minihuman.worlds.first_person.render.project import (
     CENTRE_X,
     CENTRE_Y,
@@ -21,7 +22,7 @@ DOORSTEP_M = 0.06  # a camera this close to an opening may see through all of it
 _VISITS_A_ROOM = 16
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def contains(rooms: Rooms, room: int, x: float, z: float) -> bool:
     """Is the place inside the room or within a millionth of a metre of it?"""
     for e in range(rooms.first_edge[room], rooms.first_edge[room + 1]):
@@ -30,7 +31,7 @@ def contains(rooms: Rooms, room: int, x: float, z: float) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", locals={"count": int64, "whole": int64})
+@part(count=int64, whole=int64)
 def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, result: F64) -> bool:
     """The part of a window through which an opening is seen, into ``result``; False if none is."""
     hole = rooms.opening[opening]
@@ -70,7 +71,7 @@ def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, re
     return bool(result[0] < result[2] and result[1] < result[3])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part()
 def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, order: I32) -> tuple[int, bool]:
     """List the rooms to draw, nearest first, in ``order``; the window of each goes into ``windows``.
 
