@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.catalogue import ENTRIES
-from minihuman.worlds.first_person.entities import Box
+from minihuman.worlds.first_person.entities import Ball, Box
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.rules import MOVES
 
@@ -157,6 +157,19 @@ def test_the_red_box_is_in_view_when_the_agent_faces_it():
     assert env.visible_entities() == [env.box]
     env.agent.dir = np.pi
     assert env.visible_entities() == []
+
+
+def test_a_ball_is_shown_in_the_colour_of_the_palette():
+    env = Odd(lambda env: (room(env), env.place_entity(Ball("red"), pos=(3.4, 0, 2)), env.place_agent(pos=(0.6, 0, 2))))
+    env.reset(seed=0)
+    env.agent.dir = 0.0
+    classic, safe = (env.picture(size_px=(40, 30), palette=palette) for palette in ("classic", "colour-safe"))
+    changed = (classic != safe).any(axis=2)
+    assert changed.sum() > 10
+    red, orange = np.median(classic[changed], axis=0), np.median(safe[changed], axis=0)
+    assert red[1] == 0
+    assert 0.3 < orange[1] / orange[0] < 0.7
+    assert orange[2] == 0
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,15 @@ def test_what_is_picked_up_is_seen_in_hand():
     assert np.array_equal(env.picture(size_px=(40, 30)), empty)
 
 
+def test_keys_and_balls_come_in_the_colours_of_the_palette():
+    env = inside("KeyCorridorS3R3-v0").unwrapped
+    env.reset(seed=0)
+    state = env.grid.state
+    state.row[CARRYING] = next(int(code) for code in state.cells.flat if cells.kind_of(int(code)) == cells.BALL)
+    shown = [env.picture(size_px=(40, 30), palette=palette).reshape(-1, 3) for palette in ("classic", "colour-safe")]
+    assert not np.array_equal(*shown)
+
+
 def test_a_glide_turns_the_short_way_and_changes_nothing():
     env = inside("FourRooms-v0").unwrapped
     env.reset(seed=1)
