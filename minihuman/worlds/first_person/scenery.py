@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette
 from minihuman.worlds.first_person.colours import rgb
-from minihuman.worlds.first_person.entities import Box, Entity, ImageFrame, Mesh, TextFrame
+from minihuman.worlds.first_person.entities import Box, ColouredMesh, Entity, ImageFrame, Mesh, TextFrame
 from minihuman.worlds.first_person.floor import FloorPlan, RoomPlan
 from minihuman.worlds.first_person.masonry import CEILING, corners_of, room_faces
 from minihuman.worlds.first_person.render.assets import Library
@@ -79,8 +79,8 @@ def variant(texture: str, number: int) -> str:
     return f"{texture}_{number + 1}"
 
 
-def look(thing: Entity, palette: Palette) -> Look:
-    """What a thing looks like.
+def look(thing: Entity, palette: Palette, *, own: bool) -> Look:
+    """What a thing looks like; only our own assets have balls and keys in the colours of every palette.
 
     Raises:
         WorldError: if it is of a kind that cannot be drawn.
@@ -88,6 +88,8 @@ def look(thing: Entity, palette: Palette) -> Look:
     match thing:
         case Box():
             return BoxLook(thing.size, thing.rgb if palette == "classic" else rgb(thing.colour_name, palette))
+        case ColouredMesh() if own and palette != "classic":
+            return MeshLook(f"{thing.kind}_white", thing.height, rgb(thing.colour_name, palette))
         case Mesh():
             return MeshLook(thing.mesh, thing.height)
         case ImageFrame():
