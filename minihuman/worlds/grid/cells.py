@@ -5,6 +5,10 @@ The numbers of kinds, colours and states are Minigrid's, so an observation reads
 
 from numba import njit
 
+from minihuman.worlds.compiling import announce
+
+announce()  # here, because modules after this one compile functions of one signature as they are imported
+
 KINDS = ("unseen", "empty", "wall", "floor", "door", "key", "ball", "box", "goal", "lava", "agent")
 UNSEEN, EMPTY, WALL, FLOOR, DOOR, KEY, BALL, BOX, GOAL, LAVA, AGENT = range(len(KINDS))
 
@@ -62,13 +66,6 @@ def lets_pass(code: int) -> bool:
     """Whether the agent can stand here."""
     kind = code & 15
     return kind == EMPTY or kind == FLOOR or kind == GOAL or kind == LAVA or (kind == DOOR and code >> 7 & 3 == OPEN)
-
-
-@njit(cache=True, inline="always")
-def lets_see(code: int) -> bool:
-    """Whether the agent can see what is behind this."""
-    kind = code & 15
-    return (kind != WALL) & ((kind != DOOR) | (code >> 7 & 3 == OPEN))
 
 
 @njit(cache=True, inline="always")

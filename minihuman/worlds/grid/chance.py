@@ -93,7 +93,7 @@ def next32(words: Words) -> np.uint64:
     return whole & _LOW
 
 
-@njit(cache=True)
+@njit("int64(uint64[::1], int64, int64)", cache=True)
 def integer(words: Words, low: int, high: int) -> int:
     """A whole number in [low, high), as ``Generator.integers(low, high)`` draws it. At most 2**32 - 1 apart."""
     if high - low <= 1:

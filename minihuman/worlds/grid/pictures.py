@@ -85,17 +85,33 @@ def draw(row: Row, *, view: View, view_size: int, tile_px: int, palette: Palette
     out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
     lines = out.reshape(rows * tile_px, -1)
     words = lines.view(drawn.tiles.dtype)
-    if view == "partial":
-        draw_view(row, view_size, drawn.number, drawn.tiles, drawn.agents, drawn.carried, words, lines)
-    else:
-        draw_world(row, view_size if lit else 0, drawn.number, drawn.tiles, drawn.agents, drawn.carried, words, lines)
+    image = np.zeros((view_size, view_size, 3), np.uint8)
+    if lit or view == "partial":
+        see(row, image)
+    (draw_view if view == "partial" else draw_world)(
+        row, image, drawn.number, drawn.tiles, drawn.agents, drawn.carried, words, lines
+    )
     return out
+
+
+@njit("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])", cache=True)
+def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
+    """Blend a figure with transparency into a picture."""
+    for v in range(figures.shape[1]):
+        for u in range(figures.shape[2]):
+            alpha = np.int64(figures[figure, v, u, 3])
+            if alpha > 0:
+                for part in range(3):
+                    byte = 3 * (left + u) + part
+                    under = np.int64(out[top + v, byte])
+                    over = np.int64(figures[figure, v, u, part])
+                    out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
 
 
 @njit(cache=True)
 def draw_view(
     row: Row,
-    view_size: int,
+    image: NDArray[np.uint8],
     number: NDArray[np.int64],
     tiles: Words,
     agents: Pixels,
@@ -103,9 +119,8 @@ def draw_view(
     words: Words,
     out: Pixels,
 ) -> None:
-    """Draw what the agent sees; ``words`` and ``out`` (lines, bytes) are the same memory."""
-    image = np.empty((view_size, view_size, 3), np.uint8)
-    see(row, image)
+    """Draw what the agent sees, ``image``; ``words`` and ``out`` (lines, bytes) are the same memory."""
+    view_size = image.shape[0]
     px = tiles.shape[2]
     middle, bottom = view_size // 2, view_size - 1
     for i in range(view_size):
@@ -120,7 +135,7 @@ def draw_view(
 @njit(cache=True)
 def draw_world(
     row: Row,
-    view_size: int,
+    image: NDArray[np.uint8],
     number: NDArray[np.int64],
     tiles: Words,
     agents: Pixels,
@@ -128,22 +143,20 @@ def draw_world(
     words: Words,
     out: Pixels,
 ) -> None:
-    """Draw the whole grid; a ``view_size`` of 0 lights no cell. ``words`` and ``out`` are the same memory."""
+    """Draw the whole grid, what the agent sees (``image``) lit; ``words`` and ``out`` are the same memory."""
     width, height = row[WIDTH], row[HEIGHT]
+    view_size = image.shape[0]
     lit = np.zeros((width, height), np.int64)
-    if view_size > 0:
-        image = np.empty((view_size, view_size, 3), np.uint8)
-        see(row, image)
-        direction = row[DIRECTION]
-        forward_x = (1 - direction) * (1 - direction % 2)
-        forward_y = (2 - direction) * (direction % 2)
-        for i in range(view_size):
-            for j in range(view_size):
-                ahead, aside = view_size - 1 - j, i - view_size // 2
-                x = row[X] + forward_x * ahead - forward_y * aside
-                y = row[Y] + forward_y * ahead + forward_x * aside
-                if image[i, j, 0] != 0 and 0 <= x < width and 0 <= y < height:
-                    lit[x, y] = 1
+    direction = row[DIRECTION]
+    forward_x = (1 - direction) * (1 - direction % 2)
+    forward_y = (2 - direction) * (direction % 2)
+    for i in range(view_size):
+        for j in range(view_size):
+            ahead, aside = view_size - 1 - j, i - view_size // 2
+            x = row[X] + forward_x * ahead - forward_y * aside
+            y = row[Y] + forward_y * ahead + forward_x * aside
+            if image[i, j, 0] != 0 and 0 <= x < width and 0 <= y < height:
+                lit[x, y] = 1
     px = tiles.shape[2]
     for x in range(width):
         for y in range(height):
@@ -161,7 +174,7 @@ def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Wo
             words[row * height + v, column * width + word] = tiles[lit, tile, v, word]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def put_agent(
     row: Row,
     agents: Pixels,
@@ -177,17 +190,3 @@ def put_agent(
     if row[CARRYING] != EMPTY:
         inset = agents.shape[1] - carried.shape[1]
         lay_over(carried, number[row[CARRYING] & (LOOKS - 1)], left + inset, top + inset, out)
-
-
-@njit(cache=True)
-def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
-    """Blend a figure with transparency into a picture."""
-    for v in range(figures.shape[1]):
-        for u in range(figures.shape[2]):
-            alpha = np.int64(figures[figure, v, u, 3])
-            if alpha > 0:
-                for part in range(3):
-                    byte = 3 * (left + u) + part
-                    under = np.int64(out[top + v, byte])
-                    over = np.int64(figures[figure, v, u, part])
-                    out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
