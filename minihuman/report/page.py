@@ -81,11 +81,10 @@ def page(facts: Page, found: Results) -> str:
 
 def transfer_statement(one: Comparison, block: str) -> str:
     """The effect of what came before a block on the reward in it, in one sentence."""
-    low, high = one.interval
     return (
         f"Transfer effect: in block {block}, {one.first} minus {one.second} is {one.difference:+.3f} reward "
-        f"(95 % interval {low:+.3f} to {high:+.3f}; permutation p {_p(one.p)}; Hedges' g {_number(one.g, 2)}, "
-        f"{_number(one.g_interval[0], 2)} to {_number(one.g_interval[1], 2)}; "
+        f"(95 % interval {_range(one.interval, '+.3f')}; permutation p {_p(one.p)}; Hedges' g {_number(one.g, 2)}, "
+        f"interval {_range(one.g_interval, '.2f')}; "
         f"{one.n[0]} and {one.n[1]} participants)."
     )
 
@@ -157,12 +156,13 @@ def _comparisons(found: Sequence[Comparison], block: str) -> str:
 
 def _model(model: MixedModel | None) -> str:
     if model is None:
-        return "<p>A mixed model needs two groups of two participants or more, and two episodes.</p>"
+        needed = "two groups of two participants or more, two episodes, and rewards that differ enough"
+        return f"<p>A mixed model needs {needed}.</p>"
     rows = [
         (term, _number(estimate), _range(interval), _p(p))
         for term, estimate, interval, p in zip(model.terms, model.estimates, model.intervals, model.p, strict=True)
     ]
-    note = f" Mind: {model.note}" if model.note else ""
+    note = f" {model.note}" if model.note else ""
     caption = (
         f"Mixed model of {model.measure}: group and episode in the block, a random intercept a participant "
         f"({model.participants} participants, {model.episodes} episodes).{note}"
@@ -233,8 +233,11 @@ def _number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}f}" if abs(value) < 100 else f"{value:.1f}"
 
 
-def _range(bounds: tuple[float, float]) -> str:
-    return "n/a" if math.isnan(bounds[0]) else f"{_number(bounds[0])} to {_number(bounds[1])}"
+def _range(bounds: tuple[float, float], form: str = "") -> str:
+    if math.isnan(bounds[0]):
+        return "n/a"
+    low, high = (format(bound, form) if form else _number(bound) for bound in bounds)
+    return f"{low} to {high}"
 
 
 def _p(value: float) -> str:
