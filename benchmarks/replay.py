@@ -2,7 +2,8 @@
 
     python -m benchmarks.replay [LOG...]
 
-Without a log it makes a ten-episode session of the length people need. Each way runs five times, its saved layout included; the best is printed.
+Without a log it makes a ten-episode session of the length people need. Each way runs five times, its saved layout
+included; the best is printed.
 """
 
 import sys

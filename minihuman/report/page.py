@@ -84,7 +84,8 @@ def transfer_statement(one: Comparison, block: str) -> str:
     """The effect of what came before a block on the reward in it, in one sentence."""
     return (
         f"Transfer effect: in block {block}, {one.first} minus {one.second} is "
-        f"{_number(one.difference, sign='+')} reward (95 % interval {_range(one.interval, sign='+')}; permutation p {_p(one.p)}; Hedges' g {_number(one.g, 2)}, "
+        f"{_number(one.difference, sign='+')} reward (95 % interval {_range(one.interval, sign='+')}; "
+        f"permutation p {_p(one.p)}; Hedges' g {_number(one.g, 2)}, "
         f"interval {_range(one.g_interval, 2)}; "
         f"{one.n[0]} and {one.n[1]} participants)."
     )
