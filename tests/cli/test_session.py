@@ -69,6 +69,11 @@ def test_check_prints_the_plan_itself_as_json():
             "$.blocks[0].actions names 'fly', which minihuman/MiniGrid-FourRooms-v0 does not have",
         ),
         ("MiniGrid-FourRooms-v0", "MiniGrid-FiveRooms-v0", "$.blocks[0].world"),
+        (
+            "max_steps = 100\n",
+            "max_steps = 101\n",
+            "$.blocks[0].max_steps is 101, but minihuman/MiniGrid-FourRooms-v0 ends an episode after 100 steps",
+        ),
         ("max_steps = 100\n", 'max_steps = 100\noptions = { colour = "red" }\n', "do not take {'colour': 'red'}"),
     ],
 )

@@ -227,9 +227,9 @@ def _append(textures: Textures, pixels: NDArray[np.uint8]) -> Textures:
     while True:
         height, width = level.shape[:2]
         levels[0, count] = offset, width, height
-        packed = level[..., 0] | level[..., 1] << 8 | level[..., 2] << 16
-        parts.append(packed.astype(np.uint32).ravel())
-        offset += height * width
+        packed = (level[..., 0] | level[..., 1] << 8 | level[..., 2] << 16).astype(np.uint32)
+        parts.append(np.pad(packed, 1, mode="wrap").ravel())
+        offset += (height + 2) * (width + 2)
         count += 1
         if height == width == 1:
             break

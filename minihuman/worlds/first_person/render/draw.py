@@ -192,7 +192,7 @@ def _room_to_draw(layout: Layout, width: int, height: int) -> Drawn:
             np.empty((layout.capacity, 2), np.int32),
             np.empty(4 * height, np.int32),
             np.empty(4 * height, np.int32),
-            np.empty((2, layout.most_corners, 3)),
+            np.empty((3, layout.most_corners, 3)),
             np.empty((layout.most_corners, 2)),
             np.empty((3, 3)),
         )

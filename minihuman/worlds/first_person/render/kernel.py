@@ -1,45 +1,34 @@
 """Which face covers each sample: rooms in sight, then the things in them; and how far away that is."""
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.project import (
+    CENTRE_X,
+    CENTRE_Y,
     COS,
     EYE,
     FAR,
+    FOCAL_X,
+    FOCAL_Y,
     FORWARD,
     NORMAL_SCALE,
+    OWN_EYE,
     PARALLEL,
     PLACE,
     PLACEMENT_SIZE,
+    RIGHT,
     SCALE,
     SIN,
     TINT,
+    UP,
     draw_face,
+    turn_to,
 )
 from minihuman.worlds.first_person.render.raster import SAMPLE_X
 from minihuman.worlds.first_person.render.tables import F64, I32, I64, Drawn, Faces, Rooms, Things
 from minihuman.worlds.first_person.render.visit import visit
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def draw_rooms(
-    faces: Faces, rooms: Rooms, view: F64, light: F64, windows: F64, order: I32, drawn: Drawn
-) -> tuple[int, int, bool]:
-    """Draw every room in sight; how many face numbers are taken, and what ``visit`` says."""
-    here = np.zeros(PLACEMENT_SIZE)
-    here[COS] = 1.0
-    here[SCALE:] = 1.0
-    picture = np.array([0.0, 0.0, float(drawn.owner.shape[1]), float(drawn.owner.shape[0] // 4)])
-    seen, everything = visit(rooms, view, drawn.corners, picture, windows, order)
-    number = 0
-    for i in range(seen):
-        room = order[i]
-        for face in range(rooms.first_face[room], rooms.first_face[room + 1]):
-            if draw_face(faces, face, view, here, light, windows[room], drawn, number) > 0:
-                number += 1
-    return number, seen, everything
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -56,7 +45,8 @@ def window_of(
 ) -> bool:
     """The windows of all rooms that a thing stands in or reaches into, as one; False if none of them is in sight."""
     if everything:
-        out[:] = windows[order[0]]
+        for k in range(4):
+            out[k] = windows[order[0], k]
         return True
     out[0] = out[1] = 1e9
     out[2] = out[3] = -1e9
@@ -71,54 +61,38 @@ def window_of(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw_things(
-    library: Faces,
-    things: Things,
-    places: F64,
-    rooms: Rooms,
-    view: F64,
-    light: F64,
-    windows: F64,
-    order: I32,
-    seen: int,
-    everything: bool,
-    drawn: Drawn,
-    number: int,
-    claimed: I64,
-) -> None:
-    """Draw every thing that may be in sight; ``places`` rows are x, y, z, cos yaw, sin yaw.
-
-    ``claimed`` takes how many samples each got when it was drawn, behind walls and the things before it.
-    """
-    placement = np.empty(PLACEMENT_SIZE)
-    window = np.empty(4)
-    for thing in range(places.shape[0]):
-        x, y, z = places[thing, 0], places[thing, 1], places[thing, 2]
-        if not np.isfinite(x):
-            continue
-        ahead = (
-            view[FORWARD] * (x - view[EYE])
-            + view[FORWARD + 1] * (y - view[EYE + 1])
-            + view[FORWARD + 2] * (z - view[EYE + 2])
-        )
-        if view[PARALLEL] == 0.0 and ahead < -things.reach[thing, 1]:
-            continue
-        if not window_of(x, z, things.reach[thing, 0], rooms, windows, order, seen, everything, window):
-            continue
-        placement[PLACE : PLACE + 3] = places[thing, :3]
-        placement[COS] = places[thing, 3]
-        placement[SIN] = places[thing, 4]
-        placement[SCALE : SCALE + 3] = things.scale[thing]
-        placement[NORMAL_SCALE] = things.normal_scale[thing]
-        placement[TINT : TINT + 3] = things.tint[thing]
-        for face in range(things.faces[thing, 0], things.faces[thing, 1]):
-            samples = draw_face(library, face, view, placement, light, window, drawn, number)
-            if samples > 0:
-                number += 1
-                claimed[thing] += samples
+def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) -> bool:
+    """Is all within ``reach`` of a place sure to be outside a window or behind the camera?"""
+    x, y, z = x - view[EYE], y - view[EYE + 1], z - view[EYE + 2]
+    ahead = view[FORWARD] * x + view[FORWARD + 1] * y + view[FORWARD + 2] * z
+    if ahead < -reach:
+        return True
+    right = (view[RIGHT] * x + view[RIGHT + 1] * y + view[RIGHT + 2] * z) * view[FOCAL_X]
+    down = -(view[UP] * x + view[UP + 1] * y + view[UP + 2] * z) * view[FOCAL_Y]
+    for side in range(4):
+        # a pixel more on each side, for corners are moved by up to 1/512 pixel when they are drawn
+        low = side < 2
+        across, focal = (right, view[FOCAL_X]) if side & 1 == 0 else (down, view[FOCAL_Y])
+        middle = view[CENTRE_X] if side & 1 == 0 else view[CENTRE_Y]
+        edge = window[side] - middle + (-1.0 if low else 1.0)
+        beyond = edge * ahead - across if low else across - edge * ahead
+        if beyond > reach * np.sqrt(focal * focal + edge * edge):
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def place_thing(things: Things, thing: int, places: F64, placement: F64) -> None:
+    """Write down where a thing is and how it lies."""
+    for k in range(3):
+        placement[PLACE + k] = places[thing, k]
+        placement[SCALE + k] = things.scale[thing, k]
+        placement[TINT + k] = things.tint[thing, k]
+    placement[COS], placement[SIN] = places[thing, 3], places[thing, 4]
+    placement[NORMAL_SCALE] = things.normal_scale[thing]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", locals={"number": int64})
 def draw(
     faces: Faces,
     rooms: Rooms,
@@ -130,14 +104,49 @@ def draw(
     drawn: Drawn,
     claimed: I64,
 ) -> None:
-    """Find out which face covers each sample, and how many samples each thing got."""
+    """Find out which face covers each sample, and how many samples each thing got.
+
+    ``places`` rows are x, y, z, cos yaw, sin yaw. ``claimed`` takes how many samples each thing got when it was drawn,
+    behind walls and the things before it.
+    """
     drawn.owner[:] = -1
     claimed[:] = 0
     count = rooms.first_face.shape[0] - 1
     windows = np.empty((count, 4))
     order = np.empty(count, np.int32)
-    number, seen, everything = draw_rooms(faces, rooms, view, light, windows, order, drawn)
-    draw_things(library, things, places, rooms, view, light, windows, order, seen, everything, drawn, number, claimed)
+    window = np.zeros(4)
+    window[2], window[3] = drawn.owner.shape[1], drawn.owner.shape[0] // 4
+    seen, everything = visit(rooms, view, drawn.corners, window, windows, order)
+    placement = np.zeros(PLACEMENT_SIZE)
+    placement[COS] = 1.0
+    placement[SCALE:OWN_EYE] = 1.0
+    number = 0
+    for i in range(seen + places.shape[0]):
+        table, thing = faces, i - seen
+        if thing < 0:
+            room = order[i]
+            first, last = rooms.first_face[room], rooms.first_face[room + 1]
+            for k in range(4):
+                window[k] = windows[room, k]
+        else:
+            table = library
+            first, last = things.faces[thing, 0], things.faces[thing, 1]
+            x, y, z = places[thing, 0], places[thing, 1], places[thing, 2]
+            if not np.isfinite(x):
+                continue
+            if not window_of(x, z, things.reach[thing, 0], rooms, windows, order, seen, everything, window):
+                continue
+            if view[PARALLEL] == 0.0 and outside(x, y, z, things.reach[thing, 1], view, window):
+                continue
+            place_thing(things, thing, places, placement)
+        if thing >= 0 or i == 0:
+            turn_to(view, light, placement)
+        for face in range(first, last):
+            samples = draw_face(table, face, view, placement, light, window, drawn, number)
+            if samples > 0:
+                number += 1
+                if thing >= 0:
+                    claimed[thing] += samples
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

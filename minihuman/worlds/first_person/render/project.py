@@ -1,9 +1,9 @@
 """From a face in space to a face on the picture: light, perspective, cuts at the near plane, and how it varies."""
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 
-from minihuman.worlds.first_person.render.raster import fill
+from minihuman.worlds.first_person.render.raster import claim, outline
 from minihuman.worlds.first_person.render.tables import F64, Drawn, Faces
 
 # The columns of a view's array: what the kernels know of a camera.
@@ -16,13 +16,17 @@ GUARD_PX = 16384.0  # corners stay within this of the picture's middle, so that 
 
 # The columns of a placement's array: how a thing's own coordinates lie in the world.
 PLACE, COS, SIN, SCALE, NORMAL_SCALE, TINT = 0, 3, 4, 5, 8, 9
-PLACEMENT_SIZE = 12
+OWN_EYE, OWN_LIGHT = 12, 16  # the eye, and 1.0 where it is a place and not a direction; the way to the light
+PLACEMENT_SIZE = 19
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: float) -> int:
-    """Keep the part of polygon ``source`` (0 or 1) where a*x + b*y + c*z + d >= 0, in the other row; its corners."""
-    into = 1 - source
+    """Keep the part of polygon ``source`` where a*x + b*y + c*z + d >= 0, in row 2 if that is 1, else in 1; its corners.
+
+    Row 0 is never written to: how a face varies is told from its corners before all cuts.
+    """
+    into = 2 if source == 1 else 1
     kept = 0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0
@@ -51,57 +55,71 @@ def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def turn_to(view: F64, light: F64, placement: F64) -> None:
+    """Work out where a thing's eye and light are, in the thing's own coordinates, from where it is and how it lies."""
+    co, si = placement[COS], placement[SIN]
+    if view[PARALLEL] == 1.0:
+        ex, ey, ez = -view[FORWARD], -view[FORWARD + 1], -view[FORWARD + 2]
+    else:
+        ex = view[EYE] - placement[PLACE]
+        ey = view[EYE + 1] - placement[PLACE + 1]
+        ez = view[EYE + 2] - placement[PLACE + 2]
+    placement[OWN_EYE] = (co * ex - si * ez) / placement[SCALE]
+    placement[OWN_EYE + 1] = ey / placement[SCALE + 1]
+    placement[OWN_EYE + 2] = (si * ex + co * ez) / placement[SCALE + 2]
+    placement[OWN_EYE + 3] = 1.0 - view[PARALLEL]
+    placement[OWN_LIGHT] = co * light[0] - si * light[2]
+    placement[OWN_LIGHT + 1] = light[1]
+    placement[OWN_LIGHT + 2] = si * light[0] + co * light[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", locals={"current": int64})
 def draw_face(
     faces: Faces, face: int, view: F64, placement: F64, light: F64, window: F64, drawn: Drawn, number: int
 ) -> int:
-    """Draw one face as number ``number``; how many samples it claimed, or -1 if the number is still free.
+    """Draw one face as number ``number``; how many samples it claimed: if none, the number is still free.
 
     ``light`` holds the direction to the light, its colour, and the ambient light, three numbers each.
     """
+    # Seen from behind?
+    plane = faces.plane
+    above = plane[face, 0] * placement[OWN_EYE] + plane[face, 1] * placement[OWN_EYE + 1]
+    if above + plane[face, 2] * placement[OWN_EYE + 2] + plane[face, 3] * placement[OWN_EYE + 3] <= 0.0:
+        return 0
+
     parallel = view[PARALLEL] == 1.0
     co, si = placement[COS], placement[SIN]
     sx, sy, sz = placement[SCALE], placement[SCALE + 1], placement[SCALE + 2]
-    # Seen from behind? The eye goes into the face's own space, where its plane is known.
-    plane = faces.plane
-    if parallel:
-        ex, ey, ez, ew = -view[FORWARD], -view[FORWARD + 1], -view[FORWARD + 2], 0.0
-    else:
-        ex, ey, ez = (
-            view[EYE] - placement[PLACE],
-            view[EYE + 1] - placement[PLACE + 1],
-            view[EYE + 2] - placement[PLACE + 2],
-        )
-        ew = 1.0
-    mx = (co * ex - si * ez) / sx
-    mz = (si * ex + co * ez) / sz
-    if plane[face, 0] * mx + plane[face, 1] * (ey / sy) + plane[face, 2] * mz + plane[face, 3] * ew <= 0.0:
-        return -1
-
     start = faces.start[face]
     count = faces.start[face + 1] - start
     corners, screen = drawn.corners, drawn.screen
     near = view[NEAR]
     ahead = 0
+    # all read before anything is written, for a compiler cannot know that the tables do not overlap
+    eye_x, eye_y, eye_z = view[EYE], view[EYE + 1], view[EYE + 2]
+    right_x, right_y, right_z = view[RIGHT], view[RIGHT + 1], view[RIGHT + 2]
+    up_x, up_y, up_z = view[UP], view[UP + 1], view[UP + 2]
+    forward_x, forward_y, forward_z = view[FORWARD], view[FORWARD + 1], view[FORWARD + 2]
+    at_x, at_y, at_z = placement[PLACE], placement[PLACE + 1], placement[PLACE + 2]
     for i in range(count):
         px = faces.position[start + i, 0] * sx
         py = faces.position[start + i, 1] * sy
         pz = faces.position[start + i, 2] * sz
-        wx = placement[PLACE] + (co * px + si * pz) - view[EYE]
-        wy = placement[PLACE + 1] + py - view[EYE + 1]
-        wz = placement[PLACE + 2] + (co * pz - si * px) - view[EYE + 2]
-        corners[0, i, 0] = view[RIGHT] * wx + view[RIGHT + 1] * wy + view[RIGHT + 2] * wz
-        corners[0, i, 1] = view[UP] * wx + view[UP + 1] * wy + view[UP + 2] * wz
-        corners[0, i, 2] = view[FORWARD] * wx + view[FORWARD + 1] * wy + view[FORWARD + 2] * wz
-        if corners[0, i, 2] >= near:
+        wx = at_x + (co * px + si * pz) - eye_x
+        wy = at_y + py - eye_y
+        wz = at_z + (co * pz - si * px) - eye_z
+        ahead_by = forward_x * wx + forward_y * wy + forward_z * wz
+        corners[0, i, 0] = right_x * wx + right_y * wy + right_z * wz
+        corners[0, i, 1] = up_x * wx + up_y * wy + up_z * wz
+        corners[0, i, 2] = ahead_by
+        if ahead_by >= near:
             ahead += 1
     if ahead == 0 and not parallel:
-        return -1
-    if not vary(faces, face, view, placement, light, drawn, number):
-        return -1
+        return 0
 
     current = 0
     if ahead < count and not parallel:
-        count = cut(corners, 0, count, 0.0, 0.0, 1.0, -near)
+        count = cut(corners, current, count, 0.0, 0.0, 1.0, -near)
         current = 1
     if not parallel:
         limit_x = GUARD_PX / view[FOCAL_X]
@@ -111,12 +129,13 @@ def draw_face(
             z = corners[current, i, 2]
             wide = wide or abs(corners[current, i, 0]) > limit_x * z or abs(corners[current, i, 1]) > limit_y * z
         if wide:
-            count = cut(corners, current, count, 1.0, 0.0, limit_x, 0.0)
-            count = cut(corners, 1 - current, count, -1.0, 0.0, limit_x, 0.0)
-            count = cut(corners, current, count, 0.0, 1.0, limit_y, 0.0)
-            count = cut(corners, 1 - current, count, 0.0, -1.0, limit_y, 0.0)
+            for side in range(4):
+                a, b = (1.0, 0.0) if side < 2 else (0.0, 1.0)
+                sign = 1.0 - 2.0 * (side & 1)
+                count = cut(corners, current, count, sign * a, sign * b, limit_x if side < 2 else limit_y, 0.0)
+                current = 2 if current == 1 else 1
     if count < 3:
-        return -1
+        return 0
     x0 = x1 = y0 = y1 = 0.0
     for i in range(count):
         shrink = 1.0 if parallel else 1.0 / corners[current, i, 2]
@@ -129,8 +148,11 @@ def draw_face(
         y0 = y if i == 0 else min(y0, y)
         y1 = y if i == 0 else max(y1, y)
     if x1 <= window[0] * 256.0 or x0 >= window[2] * 256.0 or y1 <= window[1] * 256.0 or y0 >= window[3] * 256.0:
-        return -1
-    return fill(drawn.owner, drawn.planes, drawn.left, drawn.right, screen, number, count, window)
+        return 0
+    first, last = outline(drawn, count, window)
+    if first == last or not vary(faces, face, view, placement, light, drawn, number):
+        return 0
+    return claim(drawn, number, first, last)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -164,13 +186,12 @@ def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: 
     planes, kind = drawn.planes, drawn.kind
     lit = drawn.lit
     same = True
-    co, si, long = placement[COS], placement[SIN], placement[NORMAL_SCALE]
-    lx = co * light[0] - si * light[2]
-    lz = si * light[0] + co * light[2]
+    long = placement[NORMAL_SCALE]
+    lx, ly, lz = placement[OWN_LIGHT], placement[OWN_LIGHT + 1], placement[OWN_LIGHT + 2]
     for k in range(3):
         corner = start + (k * count) // 3
         normal = faces.normal
-        facing = long * (normal[corner, 0] * lx + normal[corner, 1] * light[1] + normal[corner, 2] * lz)
+        facing = long * (normal[corner, 0] * lx + normal[corner, 1] * ly + normal[corner, 2] * lz)
         for channel in range(3):
             bright = light[6 + channel] + light[3 + channel] * max(facing, 0.0)
             lit[channel, k] = min(faces.colour[face, channel] * placement[TINT + channel] * bright, 1.0)

@@ -7,28 +7,24 @@ exact in a double. Two faces that share an edge therefore never both cover a sam
 import numpy as np
 from numba import njit
 
-from minihuman.worlds.first_person.render.tables import F64, I32
+from minihuman.worlds.first_person.render.tables import F64, Drawn
 
 SAMPLE_X = np.array([160.0, 32.0, 224.0, 96.0])  # of the four sample rows of a pixel, in 1/256 pixel from its left
 ROW_STEP = 64.0  # between sample rows, in 1/256 pixel; the first is half a step down
 
+index = np.uint64  # which cannot count from the end
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill(
-    owner: I32,
-    planes: F64,
-    left: I32,
-    right: I32,
-    screen: F64,
-    face: int,
-    corner_count: int,
-    window: F64,
-) -> int:
-    """Claim for ``face`` the samples inside its corners and the window that nothing nearer owns; how many it got.
+def outline(drawn: Drawn, corner_count: int, window: F64) -> tuple[int, int]:
+    """Where the samples inside a face's corners and the window begin and end in each sample row.
 
     ``window`` is x0, y0, x1, y1 in whole pixels. Edges that run through a sample belong to the face on their right or,
     if level, above: the rule of OpenGL's pictures turned upside down.
+
+    Returns the first sample row that has any, and one past the last; the same twice if none has.
     """
+    left, right, screen = drawn.left, drawn.right, drawn.screen
     low = screen[0, 1]
     high = low
     for i in range(1, corner_count):
@@ -58,6 +54,17 @@ def fill(
                 left[row] = bound
             else:
                 right[row] = bound
+    while first < last and left[first] >= right[first]:
+        first += 1
+    while first < last and left[last - 1] >= right[last - 1]:
+        last -= 1
+    return first, last
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def claim(drawn: Drawn, face: int, first: int, last: int) -> int:
+    """Claim for ``face`` the samples of its outline that nothing nearer owns; how many it got."""
+    owner, planes, left, right = drawn.owner, drawn.planes, drawn.left, drawn.right
     a, b, c = planes[face, 0], planes[face, 1], planes[face, 2]
     claimed = 0
     for row in range(first, last):
@@ -65,11 +72,12 @@ def fill(
         shift = SAMPLE_X[row & 3] / 256.0
         here = b * y + c
         for x in range(left[row], right[row]):
-            other = owner[row, x]
+            other = owner[index(row), index(x)]
             if other >= 0:
+                k = index(other)
                 at = x + shift
-                if a * at + here <= planes[other, 0] * at + (planes[other, 1] * y + planes[other, 2]):
+                if a * at + here <= planes[k, 0] * at + (planes[k, 1] * y + planes[k, 2]):
                     continue
-            owner[row, x] = face
+            owner[index(row), index(x)] = face
             claimed += 1
     return claimed

@@ -1,196 +1,228 @@
-"""From covered samples to colours: textures filtered as OpenGL does, four samples averaged.
-
-Texels are blended three channels at a time, 16 bits each in one 64-bit integer.
-"""
-
-from typing import Any
+"""From covered samples to colours: each face in a pixel is shaded once, and counts by the samples it covers."""
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.tables import F64, I32, I64
+from minihuman.worlds.first_person.render.texture import (
+    GREEN,
+    RED_BLUE,
+    STRIP,
+    STRIP_ROWS,
+    U32,
+    ask,
+    blend,
+    fetch,
+    index,
+    u32,
+)
 
-LANES = 0x000000FF00FF00FF  # red in bits 0 to 7, blue from 16, green from 32
-HALVES = 0x0000008000800080
 TAKEN = -2  # a sample whose face has been shaded
+WHITE = 65280.0
+LOW, HIGH = u32(0xFFFF), u32(16)
+
+# The columns of a stretch: pixels side by side that a face covers, with the same number of samples each.
+FACE, START, COUNT, SLOT, WEIGHT = 0, 1, 2, 3, 4  # slot -1 for a face without a texture
+MOST_STRETCHES = STRIP + 8
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bilinear(texels: NDArray[np.uint32], offset: int, width: int, height: int, u: float, v: float) -> Any:
-    """The blend of the four texels around a place (0 to 1 right and up), each channel 0 to 65280."""
-    x: Any = np.int64(u * (width * 256)) - 128
-    y: Any = np.int64(v * (height * 256)) - 128
-    i: Any = x >> 8
-    j: Any = y >> 8
-    fx = x & 255
-    fy = y & 255
-    right = i + 1 if i + 1 < width else 0
-    above = j + 1 if j + 1 < height else 0
-    if i < 0:
-        i = width - 1
-    if j < 0:
-        j = height - 1
-    row = offset + j * width
-    next_row = offset + above * width
-    a, b = np.int64(texels[row + i]), np.int64(texels[row + right])
-    c, d = np.int64(texels[next_row + i]), np.int64(texels[next_row + right])
-    low = ((a | (a << 24)) & LANES) * (256 - fx) + ((b | (b << 24)) & LANES) * fx
-    high = ((c | (c << 24)) & LANES) * (256 - fx) + ((d | (d << 24)) & LANES) * fx
-    low = ((low + HALVES) >> 8) & LANES
-    high = ((high + HALVES) >> 8) & LANES
-    return low * (256 - fy) + high * fy
+def texture_place(
+    px: float, inverse_x: float, inverse_c: float, u_x: float, u_c: float, v_x: float, v_c: float, least: float
+) -> tuple[float, float]:
+    """Where in its texture a face is looked up at a place in a row, in repeats right and up."""
+    w = 1.0 / max(inverse_x * px + inverse_c, least)
+    return (u_x * px + u_c) * w, (v_x * px + v_c) * w
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def span(
+def prepare(
     planes: F64,
-    kind: I32,
-    texels: NDArray[np.uint32],
-    levels: I64,
-    level_count: I64,
     face: int,
+    sizes: I64,
+    texture: int,
+    last: int,
     y: int,
     start: int,
-    end: int,
+    count: int,
     least: float,
-    colours: F64,
+    scratch: F64,
+    bits: I64,
+    strip: U32,
+    slot: int,
 ) -> None:
-    """The colours (0 to 255) of a face at the middles of pixels ``start`` to ``end`` of row ``y``, into ``colours``.
+    """Put the lookups for ``count`` pixels of row ``y`` from ``start``, at their middles, into the strip.
 
     How large a version of the texture is looked up is decided once for each block of two by two pixels, from how far
-    the texture moves across the block: where it moves by two texels, half the size will do.
+    the texture moves across the block.
     """
-    p = planes[face]
+    inverse_x, inverse_y, inverse_1 = planes[face, 3], planes[face, 4], planes[face, 5]
+    u_x, u_y, u_1 = planes[face, 6], planes[face, 7], planes[face, 8]
+    v_x, v_y, v_1 = planes[face, 9], planes[face, 10], planes[face, 11]
     py = y + 0.5
-    inverse_x, inverse_c = p[3], p[4] * py + p[5]
-    u_x, u_c, v_x, v_c = p[6], p[7] * py + p[8], p[9], p[10] * py + p[11]
-    even = kind[face, 1] == 1
-    red_lit = p[12] / 256.0 if even else 1.0 / 256.0
-    green_lit = p[15] / 256.0 if even else 1.0 / 256.0
-    blue_lit = p[18] / 256.0 if even else 1.0 / 256.0
-    texture = kind[face, 0]
-    if texture < 0:
-        for x in range(start, end):
-            colours[x, 0] = 65280.0 * red_lit
-            colours[x, 1] = 65280.0 * green_lit
-            colours[x, 2] = 65280.0 * blue_lit
-    else:
-        last = level_count[texture] - 1
-        wide, high = float(levels[texture, 0, 1]), float(levels[texture, 0, 2])
-        block_y = (y | 1) + 0.5
-        block_inverse, block_u, block_v = p[4] * block_y + p[5], p[7] * block_y + p[8], p[10] * block_y + p[11]
-        level = part = 0
-        for x in range(start, end):
-            if x == start or x & 1 == 0:
-                px = (x & -2) + 0.5
-                inverse = inverse_x * px + block_inverse
-                w = 1.0 / max(inverse, least)
-                u = (u_x * px + block_u) * w
-                v = (v_x * px + block_v) * w
-                along_x = max(abs(u_x - u * inverse_x) * wide, abs(v_x - v * inverse_x) * high)
-                along_y = max(abs(p[7] - u * p[4]) * wide, abs(p[10] - v * p[4]) * high)
-                step = max(along_x / max(inverse + inverse_x, least), along_y / max(inverse - p[4], least))
-                level = 0
-                while step >= 2.0 and level < last:
-                    step *= 0.5
-                    level += 1
-                part = int((step - 1.0) * 256.0) if level < last else 0
-            px = x + 0.5
-            w = 1.0 / max(inverse_x * px + inverse_c, least)
-            u = (u_x * px + u_c) * w
-            v = (v_x * px + v_c) * w
-            u -= np.floor(u)
-            v -= np.floor(v)
-            lanes = bilinear(
-                texels, levels[texture, level, 0], levels[texture, level, 1], levels[texture, level, 2], u, v
-            )
-            if part > 0:
-                far = bilinear(
-                    texels,
-                    levels[texture, level + 1, 0],
-                    levels[texture, level + 1, 1],
-                    levels[texture, level + 1, 2],
-                    u,
-                    v,
-                )
-                lanes = ((lanes + HALVES) >> 8) & LANES
-                far = ((far + HALVES) >> 8) & LANES
-                lanes = lanes * (256 - part) + far * part
-            colours[x, 0] = (lanes & 0xFFFF) * red_lit
-            colours[x, 1] = (lanes >> 32) * green_lit
-            colours[x, 2] = ((lanes >> 16) & 0xFFFF) * blue_lit
-    if not even:
-        for x in range(start, end):
-            px = x + 0.5
-            w = 1.0 / max(inverse_x * px + inverse_c, least)
-            for channel in range(3):
-                k = 12 + 3 * channel
-                lit = (p[k] * px + p[k + 1] * py + p[k + 2]) * w
-                colours[x, channel] *= min(max(lit, 0.0), 1.0)
+    inverse_c, u_c, v_c = inverse_y * py + inverse_1, u_y * py + u_1, v_y * py + v_1
+    for i in range(count):
+        u, v = texture_place((start + i) + 0.5, inverse_x, inverse_c, u_x, u_c, v_x, v_c, least)
+        scratch[index(i)] = u - np.floor(u)
+        scratch[index(STRIP + i)] = v - np.floor(v)
+    wide, high = float(sizes[texture, 0, 1]), float(sizes[texture, 0, 2])
+    py = (y | 1) + 0.5
+    inverse_c, u_c, v_c = inverse_y * py + inverse_1, u_y * py + u_1, v_y * py + v_1
+    first = start & -2
+    for i in range((start + count - first + 1) >> 1):
+        px = (first + 2 * i) + 0.5
+        inverse = inverse_x * px + inverse_c
+        u, v = texture_place(px, inverse_x, inverse_c, u_x, u_c, v_x, v_c, least)
+        along_x = max(abs(u_x - u * inverse_x) * wide, abs(v_x - v * inverse_x) * high)
+        along_y = max(abs(u_y - u * inverse_y) * wide, abs(v_y - v * inverse_y) * high)
+        step = max(along_x / max(inverse + inverse_x, least), along_y / max(inverse - inverse_y, least))
+        scratch[index(2 * STRIP + i)] = step
+    ask(strip, slot, scratch, bits, start - first, count, sizes, texture, last)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def lit(planes: F64, face: int, px: float, py: float, w: float, channel: int) -> float:
+    """How bright a face is at a place in a channel, 0 to 1, over 256; ``w`` is its distance there."""
+    k = 12 + 3 * channel
+    light = (planes[face, k] * px + planes[face, k + 1] * py + planes[face, k + 2]) * w
+    return min(max(light, 0.0), 1.0) / 256.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def brightness(planes: F64, even: bool, face: int, px: float, py: float, least: float) -> tuple[float, float, float]:
+    """How bright a face is at a place, red, green and blue, 0 to 1, over 256."""
+    if even:
+        return planes[face, 12] / 256.0, planes[face, 15] / 256.0, planes[face, 18] / 256.0
+    w = 1.0 / max(planes[face, 3] * px + (planes[face, 4] * py + planes[face, 5]), least)
+    return lit(planes, face, px, py, w, 0), lit(planes, face, px, py, w, 1), lit(planes, face, px, py, w, 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def looked_up(strip: U32, slot: int) -> tuple[float, float, float]:
+    """What a lookup found, red, green and blue, 0 to 65280; white where there was none."""
+    if slot < 0:
+        return WHITE, WHITE, WHITE
+    two = strip[index(RED_BLUE + slot)]
+    green = strip[index(GREEN + slot)]
+    return float(np.int32(two & LOW)), float(np.int32(green)), float(np.int32(two >> HIGH))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def paint(
+    stretches: I64,
+    stretch_count: int,
+    strip: U32,
+    planes: F64,
+    kind: I32,
+    sky: F64,
+    y: int,
+    least: float,
+    line: NDArray[np.uint8],
+) -> None:
+    """Colour the pixels of some stretches in a row; their lookups have been blended."""
+    py = y + 0.5
+    covered = 0
+    red_sum = green_sum = blue_sum = 0.0
+    for k in range(stretch_count):
+        face, start, count = stretches[k, FACE], stretches[k, START], stretches[k, COUNT]
+        slot, weight = stretches[k, SLOT], stretches[k, WEIGHT]
+        even = True
+        if face < 0:
+            r, g, b = sky[0] / 256.0, sky[1] / 256.0, sky[2] / 256.0
+        else:
+            even = kind[face, 1] == 1
+            r, g, b = brightness(planes, even, face, start + 0.5, py, least)
+        if weight < 4:
+            red, green, blue = looked_up(strip, slot)
+            red_sum += weight * (red * r)
+            green_sum += weight * (green * g)
+            blue_sum += weight * (blue * b)
+            covered += weight
+            if covered == 4:
+                line[start, 0] = np.uint8(red_sum * 0.25 + 0.5)
+                line[start, 1] = np.uint8(green_sum * 0.25 + 0.5)
+                line[start, 2] = np.uint8(blue_sum * 0.25 + 0.5)
+                red_sum = green_sum = blue_sum = 0.0
+                covered = 0
+        elif even and slot < 0:
+            red_8, green_8, blue_8 = np.uint8(WHITE * r + 0.5), np.uint8(WHITE * g + 0.5), np.uint8(WHITE * b + 0.5)
+            for x in range(start, start + count):
+                line[index(x), 0], line[index(x), 1], line[index(x), 2] = red_8, green_8, blue_8
+        elif even:
+            for i in range(count):
+                red, green, blue = looked_up(strip, slot + i)
+                x = index(start + i)
+                line[x, 0] = np.uint8(red * r + 0.5)
+                line[x, 1] = np.uint8(green * g + 0.5)
+                line[x, 2] = np.uint8(blue * b + 0.5)
+        else:
+            for i in range(count):
+                r, g, b = brightness(planes, even, face, (start + i) + 0.5, py, least)
+                red, green, blue = looked_up(strip, slot + i if slot >= 0 else slot)
+                x = index(start + i)
+                line[x, 0] = np.uint8(red * r + 0.5)
+                line[x, 1] = np.uint8(green * g + 0.5)
+                line[x, 2] = np.uint8(blue * b + 0.5)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", locals={"slots": int64, "stretch_count": int64, "done": int64})
 def resolve(
     owner: I32,
     planes: F64,
     kind: I32,
-    texels: NDArray[np.uint32],
-    levels: I64,
+    texels: U32,
+    sizes: I64,
     level_count: I64,
     sky: F64,
     least: float,
     picture: NDArray[np.uint8],
 ) -> None:
-    """Colour every pixel: each face in it is shaded once and counts by the samples it covers."""
+    """Colour every pixel. Where one face covers a pixel whole, so it often does its neighbours: they go together."""
     width = picture.shape[1]
-    colours = np.empty((width, 3))
-    four = np.empty(4, np.int32)
-    total = np.empty(3)
+    strip = np.zeros(STRIP_ROWS * STRIP, np.uint32)
+    scratch = np.empty(3 * STRIP)
+    bits = scratch[2 * STRIP :].view(np.int64)
+    stretches = np.empty((MOST_STRETCHES, 5), np.int64)
+    samples = np.empty(4, np.int32)
     for y in range(picture.shape[0]):
-        row = 4 * y
-        x = 0
-        while x < width:
-            face = owner[row, x]
-            start = x
-            while (
-                x < width
-                and owner[row, x] == face
-                and owner[row + 1, x] == face
-                and owner[row + 2, x] == face
-                and owner[row + 3, x] == face
-            ):
-                x += 1
-            if x > start:
-                if face < 0:
-                    for i in range(start, x):
-                        for channel in range(3):
-                            colours[i, channel] = sky[channel] * 255.0
-                else:
-                    span(planes, kind, texels, levels, level_count, face, y, start, x, least, colours)
-            else:
-                for s in range(4):
-                    four[s] = owner[row + s, x]
-                total[:] = 0.0
-                for s in range(4):
-                    face = four[s]
-                    if face == TAKEN:
-                        continue
-                    weight = 0
-                    for t in range(s, 4):
-                        if four[t] == face:
-                            weight += 1
-                            four[t] = TAKEN
-                    if face < 0:
-                        for channel in range(3):
-                            total[channel] += weight * (sky[channel] * 255.0)
-                    else:
-                        span(planes, kind, texels, levels, level_count, face, y, x, x + 1, least, colours)
-                        for channel in range(3):
-                            total[channel] += weight * colours[x, channel]
-                for channel in range(3):
-                    colours[x, channel] = total[channel] * 0.25
-                x += 1
-        for i in range(width):
-            for channel in range(3):
-                picture[y, i, channel] = np.uint8(colours[i, channel] + 0.5)
+        row0, row1, row2, row3 = owner[4 * y], owner[4 * y + 1], owner[4 * y + 2], owner[4 * y + 3]
+        line = picture[y]
+        done = stretch_count = slots = 0
+        while done < width:
+            x = done
+            samples[0], samples[1], samples[2], samples[3] = row0[x], row1[x], row2[x], row3[x]
+            face = samples[0]
+            x += 1
+            whole = samples[1] == face and samples[2] == face and samples[3] == face
+            if whole:
+                most = min(width, done + STRIP - slots)
+                while x < most:
+                    at = index(x)
+                    if row0[at] != face or row1[at] != face or row2[at] != face or row3[at] != face:
+                        break
+                    x += 1
+            for s in range(1 if whole else 4):
+                face = samples[s]
+                if face == TAKEN:
+                    continue
+                weight = 0
+                for t in range(s, 4):
+                    if samples[t] == face:
+                        weight += 1
+                        samples[t] = TAKEN
+                texture = -1 if face < 0 else kind[face, 0]
+                k = index(stretch_count)
+                stretches[k, FACE], stretches[k, START], stretches[k, COUNT] = face, done, x - done
+                stretches[k, SLOT], stretches[k, WEIGHT] = slots if texture >= 0 else -1, weight
+                stretch_count += 1
+                if texture >= 0:
+                    last = level_count[texture] - 1
+                    prepare(planes, face, sizes, texture, last, y, done, x - done, least, scratch, bits, strip, slots)
+                    slots += x - done
+            done = x
+            if done == width or slots > STRIP - 4 or stretch_count > MOST_STRETCHES - 4:
+                fetch(strip, texels, slots)
+                blend(strip, (slots + 7) & -8)
+                paint(stretches, stretch_count, strip, planes, kind, sky, y, least, line)
+                stretch_count = slots = 0

@@ -50,7 +50,11 @@ class Things(NamedTuple):
 
 
 class Textures(NamedTuple):
-    """Every texture with its ever smaller versions, one texel an integer 0x00BBGGRR, bottom row first."""
+    """Every texture with its ever smaller versions, one texel an integer 0x00BBGGRR, bottom row first.
+
+    Around each goes a ring of texels from its other side, so that a texel's neighbours are always beside it: a row is
+    width + 2 texels. Offset is where the ring begins; width and height are without it.
+    """
 
     texels: NDArray[np.uint32]
     levels: I64  # (textures, 12, 3) offset, width, height
@@ -70,6 +74,6 @@ class Drawn(NamedTuple):
     kind: I32  # (capacity, 2) texture, and 1 where the colour is the same all over
     left: I32  # (4 * height,)
     right: I32  # (4 * height,)
-    corners: F64  # (2, most, 3) a polygon before and after a cut
+    corners: F64  # (3, most, 3) a polygon, and before and after a cut
     screen: F64  # (most, 2) its corners in 1/256 of a pixel
     lit: F64  # (3, 3) how bright each channel is at three corners

@@ -1,7 +1,7 @@
 """Which rooms can be seen, and in which part of the picture: from the camera's room through opening after opening."""
 
 import numpy as np
-from numba import njit
+from numba import int64, njit
 
 from minihuman.worlds.first_person.render.project import (
     CENTRE_X,
@@ -30,7 +30,7 @@ def contains(rooms: Rooms, room: int, x: float, z: float) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", locals={"count": int64, "whole": int64})
 def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, result: F64) -> bool:
     """The part of a window through which an opening is seen, into ``result``; False if none is."""
     hole = rooms.opening[opening]
@@ -42,14 +42,17 @@ def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, re
     if away < -DOORSTEP_M:
         return False
     if away < DOORSTEP_M:
-        result[:] = window
+        for side in range(4):
+            result[side] = window[side]
         return True
     for i in range(4):
         wx, wy, wz = hole[i, 0] - view[EYE], hole[i, 1] - view[EYE + 1], hole[i, 2] - view[EYE + 2]
         corners[0, i, 0] = view[RIGHT] * wx + view[RIGHT + 1] * wy + view[RIGHT + 2] * wz
         corners[0, i, 1] = view[UP] * wx + view[UP + 1] * wy + view[UP + 2] * wz
         corners[0, i, 2] = view[FORWARD] * wx + view[FORWARD + 1] * wy + view[FORWARD + 2] * wz
-    count = cut(corners, 0, 4, 0.0, 0.0, 1.0, -1e-6)
+    count = 4
+    whole = 0
+    count = cut(corners, whole, count, 0.0, 0.0, 1.0, -1e-6)
     if count < 3:
         return False
     x0 = y0 = 1e9
@@ -89,7 +92,8 @@ def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, ord
         for room in range(count):
             if contains(rooms, room, view[EYE], view[EYE + 2]):
                 pending[waiting] = room
-                pending_window[waiting] = picture
+                for side in range(4):
+                    pending_window[waiting, side] = picture[side]
                 visits[room] = 1
                 waiting += 1
         everything = waiting == 0
@@ -114,11 +118,13 @@ def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, ord
                 continue
             visits[into] += 1
             pending[waiting] = into
-            pending_window[waiting] = picture if visits[into] == _VISITS_A_ROOM else part
+            for side in range(4):
+                pending_window[waiting, side] = picture[side] if visits[into] == _VISITS_A_ROOM else part[side]
             waiting += 1
     if everything:
         for room in range(count):
-            windows[room] = picture
+            for side in range(4):
+                windows[room, side] = picture[side]
             order[room] = room
         seen = count
     return seen, everything
