@@ -56,7 +56,9 @@ def aim(strip: U32, slot: int, u: float, v: float, offset: int, width: int, heig
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def ask(strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, sizes: I64, texture: int, last: int) -> None:
+def ask(
+    strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, sizes: I64, texture: int, last: int
+) -> None:
     """Put ``count`` lookups of a texture into a strip, from ``slot`` on.
 
     ``places`` holds where in the texture each lies, 0 to 1: ``STRIP`` numbers for right, then as many for up. ``bits``
