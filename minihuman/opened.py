@@ -6,7 +6,7 @@ What cannot be read is named with its reason, and the rest goes on.
 import gc
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +30,10 @@ class Skipped:
 
     path: Path
     reason: str
+
+    def line(self) -> str:
+        """Say so."""
+        return f"skipped {self.path}: {self.reason}"
 
 
 def log_files(source: Path) -> list[Path]:
@@ -57,6 +61,22 @@ def opened(source: Path) -> Iterator[SessionLog | Skipped]:
     """
     for path in log_files(source):
         yield open_or_skip(path)
+
+
+def readable(sources: Iterable[Path], *, say: Callable[[str], None]) -> list[SessionLog]:
+    """Open every session of several logs and folders; ``say`` is told what cannot be read, and why.
+
+    Raises:
+        LogError: if there is no such file or folder, or none of them can be read.
+    """
+    found = [one for source in sources for one in opened(source)]
+    for one in found:
+        if isinstance(one, Skipped):
+            say(one.line())
+    logs = [one for one in found if isinstance(one, SessionLog)]
+    if not logs:
+        raise LogError(f"there is no session to be read among {len(found)} logs; name a whole one")
+    return logs
 
 
 def open_or_skip(path: Path) -> SessionLog | Skipped:

@@ -28,14 +28,16 @@ def replay(
 ) -> None:
     """Replay sessions in rerun: paths, keys, rewards and events on common timelines.
 
+    What cannot be read is named and left out.
+
     Example: minihuman replay sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --save replay.rrd
     """
-    from minihuman.log.read import open_log
     from minihuman.marks import select
+    from minihuman.opened import readable
     from minihuman.replay.recording import save_recording
     from minihuman.replay.viewer import show
 
-    sessions = [select(open_log(path), only=only or (), without=without or ()) for path in logs]
+    sessions = [select(log, only=only or (), without=without or ()) for log in readable(logs, say=_warn)]
     if save is not None:
         typer.echo(save_recording(sessions, save, with_view=view))
         return

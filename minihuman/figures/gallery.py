@@ -35,7 +35,7 @@ def draw_all(
     everyone: list[SessionLog] = []
     for found in opened(source):
         if isinstance(found, Skipped):
-            say(f"skipped {found.path}: {found.reason}")
+            say(found.line())
             continue
         log = select(found, only=only, without=without)
         if not log.episodes:

@@ -84,6 +84,7 @@ def occupancy_figure(title: str, participants: Sequence[Sequence[Episode]]) -> F
         ax = figure.subplots()
         draw_occupancy(ax, participants)
         bar = figure.colorbar(ax.collections[0], ax=ax, shrink=0.8)
+        bar.ax.yaxis.set_major_formatter(lambda percent, _: f"{percent:g}")
         bar.set_label("share of steps (%, log scale)")
         ax.set_title(f"{title}, {len(participants)} participants")
     return figure

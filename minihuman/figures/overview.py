@@ -12,6 +12,7 @@ from minihuman.figures.style import OUTCOME_COLOURS, OUTCOME_MARKERS, QUIET, SER
 from minihuman.log.episode import Episode, SessionLog
 
 _DOT: dict[str, Any] = {"ms": 4, "mec": "black", "mew": 0.4}
+_TICKS = 12  # episodes that can each have their number under the axis
 _KEY_KINDS = (("steps", SERIES[0]), ("no action", SERIES[1]), ("not playing", QUIET))
 
 
@@ -67,7 +68,7 @@ def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
     ax.plot([], [], color="black", lw=0.9, label="keys with an action")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0, handlelength=1.2)
     ax.set_ylabel("different keys")
-    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.yaxis.set_major_locator(MaxNLocator(4, integer=True))
     return ax
 
 
@@ -80,7 +81,11 @@ def overview_figure(log: SessionLog) -> Figure:
             draw(ax, log)
             _bands(ax, log)
         axes[-1].set_xlabel("episode")
-        axes[-1].set_xticks(_numbers(log))
+        axes[-1].set_xlim(min(_numbers(log)) - 0.8, max(_numbers(log)) + 0.8)
+        axes[-1].set_xticks(_numbers(log), minor=len(log.episodes) > _TICKS)
+        if len(log.episodes) > _TICKS:
+            axes[-1].xaxis.set_major_locator(MaxNLocator(_TICKS, integer=True, steps=[1, 2, 5, 10]))
+        _name_blocks(axes[0], log)
         participant = log.plan.participant
         unclean = "" if log.clean else ", cut off"
         figure.suptitle(f"{participant.id} ({participant.group}), {log.plan.study}{unclean}", fontsize=7.5)
@@ -96,6 +101,15 @@ def _presses(episode: Episode) -> Counter[str]:
     return Counter(
         kinds.get(press.verdict, "not playing") for press in episode.keys if press.down and press.verdict != "repeat"
     )
+
+
+def _name_blocks(ax: Axes, log: SessionLog) -> None:
+    """Write each block's name over its episodes, in room made for it."""
+    ax.set_ylim(top=1.2 * max(episode.plan.max_steps for episode in log.episodes))
+    for name in dict.fromkeys(episode.plan.block_name for episode in log.episodes):
+        numbers = [episode.plan.episode + 1 for episode in log.episodes if episode.plan.block_name == name]
+        middle = (min(numbers) + max(numbers)) / 2
+        ax.text(middle, 0.98, name, ha="center", va="top", transform=ax.get_xaxis_transform(), fontweight="bold")
 
 
 def _bands(ax: Axes, log: SessionLog) -> None:

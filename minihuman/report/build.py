@@ -50,7 +50,7 @@ class _Study:
         for one in found:
             if isinstance(one, Skipped):
                 self.skipped.append(one)
-                self._say(f"skipped {one.path}: {one.reason}")
+                self._say(one.line())
                 continue
             if self.plan is None:
                 self.plan = one.plan

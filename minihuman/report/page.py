@@ -25,6 +25,7 @@ table { border-collapse: collapse; margin: .8rem 0; font-variant-numeric: tabula
 th, td { padding: .22rem .8rem; text-align: right; border-bottom: 1px solid #eee; vertical-align: top; }
 th { border-bottom: 1px solid #999; font-weight: 600; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
+td:not(.word) { white-space: nowrap; } td, th { padding-right: .5rem; }
 td.word, th.word { text-align: left; }
 caption { text-align: left; color: #555; padding-bottom: .3rem; }
 .beside { display: flex; flex-wrap: wrap; gap: 3rem; align-items: flex-start; }
@@ -81,11 +82,11 @@ def page(facts: Page, found: Results) -> str:
 
 def transfer_statement(one: Comparison, block: str) -> str:
     """The effect of what came before a block on the reward in it, in one sentence."""
-    low, high = one.interval
     return (
-        f"Transfer effect: in block {block}, {one.first} minus {one.second} is {one.difference:+.3f} reward "
-        f"(95 % interval {low:+.3f} to {high:+.3f}; permutation p {_p(one.p)}; Hedges' g {_number(one.g, 2)}, "
-        f"{_number(one.g_interval[0], 2)} to {_number(one.g_interval[1], 2)}; "
+        f"Transfer effect: in block {block}, {one.first} minus {one.second} is "
+        f"{_number(one.difference, sign='+')} reward (95 % interval {_range(one.interval, sign='+')}; "
+        f"permutation p {_p(one.p)}; Hedges' g {_number(one.g, 2)}, "
+        f"interval {_range(one.g_interval, 2)}; "
         f"{one.n[0]} and {one.n[1]} participants)."
     )
 
@@ -97,8 +98,8 @@ def power_statement(one: Power) -> str:
         return f"Power: with {a} and {b} participants no difference between groups can be tested."
     return (
         f"Power: with {a} and {b} participants a two-sided t test at 5 % finds a difference of 0.8 standard deviations "
-        f"with a chance of {one.power_for_large:.0%}; a chance of 80 % needs a difference of {one.detectable_g:.2f} "
-        f"standard deviations, or {one.needed_for_large} participants a group for one of 0.8."
+        f"with a chance of {100 * one.power_for_large:.0f} %; a chance of 80 % needs a difference of "
+        f"{one.detectable_g:.2f} standard deviations, or {one.needed_for_large} participants a group for one of 0.8."
     )
 
 
@@ -141,7 +142,8 @@ def _published() -> str:
 def _comparisons(found: Sequence[Comparison], block: str) -> str:
     rows = [
         (
-            MEASURES[one.measure], f"{one.first} - {one.second}", _number(one.means[0]), _number(one.means[1]),
+            MEASURES[one.measure], f"{one.first} \N{MINUS SIGN} {one.second}",
+            _number(one.means[0]), _number(one.means[1]),
             _number(one.difference), _range(one.interval),
             _p(one.p), _p(one.p_holm), _number(one.g, 2),
         )
@@ -157,12 +159,13 @@ def _comparisons(found: Sequence[Comparison], block: str) -> str:
 
 def _model(model: MixedModel | None) -> str:
     if model is None:
-        return "<p>A mixed model needs two groups of two participants or more, and two episodes.</p>"
+        needed = "two groups of two participants or more, two episodes, and rewards that differ enough"
+        return f"<p>A mixed model needs {needed}.</p>"
     rows = [
         (term, _number(estimate), _range(interval), _p(p))
         for term, estimate, interval, p in zip(model.terms, model.estimates, model.intervals, model.p, strict=True)
     ]
-    note = f" Mind: {model.note}" if model.note else ""
+    note = f" {model.note}" if model.note else ""
     caption = (
         f"Mixed model of {model.measure}: group and episode in the block, a random intercept a participant "
         f"({model.participants} participants, {model.episodes} episodes).{note}"
@@ -227,14 +230,17 @@ def _spread(mean: float, sd: float) -> str:
     return f"{_number(mean)} ({_number(sd)})"
 
 
-def _number(value: float, digits: int = 3) -> str:
+def _number(value: float, digits: int = 3, *, sign: str = "-") -> str:
+    """Three decimals, fewer for a number with digits before the point; ``sign`` "+" shows that of a gain too."""
     if math.isnan(value):
         return "n/a"
-    return f"{value:.{digits}f}" if abs(value) < 100 else f"{value:.1f}"
+    before = len(f"{abs(value):.0f}") if abs(value) >= 1 else 0
+    return f"{value:{sign}.{max(digits - before, 0)}f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _range(bounds: tuple[float, float]) -> str:
-    return "n/a" if math.isnan(bounds[0]) else f"{_number(bounds[0])} to {_number(bounds[1])}"
+def _range(bounds: tuple[float, float], digits: int = 3, *, sign: str = "-") -> str:
+    low, high = (_number(bound, digits, sign=sign) for bound in bounds)
+    return "n/a" if math.isnan(bounds[0]) else f"{low} to {high}"
 
 
 def _p(value: float) -> str:

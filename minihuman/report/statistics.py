@@ -19,6 +19,7 @@ LEVEL = 0.95
 RESAMPLES = 9_999
 _SEED = 20_230_613  # of the permutations, so that the same data give the same p
 _LARGE_G = 0.8
+_OPTIMISERS = ["bfgs", "lbfgs", "cg", "powell"]  # each tried where the ones before failed; the last needs no slope
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,21 +82,26 @@ def mixed_model(rows: pd.DataFrame, measure: str) -> MixedModel | None:
     """Model a measure over episodes by group and episode in the block, participants drawn at random.
 
     ``rows`` has one row an episode: ``participant``, ``group``, ``episode_in_block`` and the measure. None where there
-    are not two groups, or not two participants in each.
+    are not two groups, or not two participants in each, or the measure differs too little for a model.
     """
     told = rows.dropna(subset=[measure])
     sizes = told.groupby("group")["participant"].nunique()
     if len(sizes) < 2 or sizes.min() < 2 or told["episode_in_block"].nunique() < 2:
+        return None
+    if told[measure].nunique() < 2:
         return None
     centred = told.assign(
         value=told[measure].astype(float), episode=told["episode_in_block"] - told["episode_in_block"].mean()
     )
     with warnings.catch_warnings(record=True) as complaints:
         warnings.simplefilter("always")
-        fit = smf.mixedlm("value ~ C(group) + episode", centred, groups=centred["participant"]).fit(reml=True)
+        try:
+            model = smf.mixedlm("value ~ C(group) + episode", centred, groups=centred["participant"])
+            fit = model.fit(reml=True, method=_OPTIMISERS)
+        except np.linalg.LinAlgError:  # next to no variance: its matrices have no inverse
+            return None
     names = [name for name in fit.params.index if name != "Group Var"]
     bounds = fit.conf_int(1 - LEVEL)
-    notes = sorted({str(complaint.message).splitlines()[0] for complaint in complaints})
     return MixedModel(
         measure=measure,
         terms=tuple(_term(name) for name in names),
@@ -104,8 +110,17 @@ def mixed_model(rows: pd.DataFrame, measure: str) -> MixedModel | None:
         p=tuple(float(fit.pvalues[name]) for name in names),
         participants=int(told["participant"].nunique()),
         episodes=len(told),
-        note="; ".join(notes if fit.converged else ["the fit did not converge", *notes]),
+        note=_note([str(complaint.message) for complaint in complaints], converged=bool(fit.converged)),
     )
+
+
+def _note(complaints: Sequence[str], *, converged: bool) -> str:
+    """What statsmodels complains of, in one sentence that a reader can use; "" if of nothing."""
+    if not converged:
+        return "The fit did not converge; do not rely on these numbers."
+    if any("boundary" in complaint or "singular" in complaint for complaint in complaints):
+        return "Participants differ no more than their episodes do; the random intercept is next to nothing."
+    return "The fit was hard to find; take these numbers with care." if complaints else ""
 
 
 def power(n: tuple[int, int]) -> Power:

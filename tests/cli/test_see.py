@@ -1,11 +1,15 @@
 """The commands that show data, as they are typed."""
 
+import re
+import struct
+
 import pytest
 import typer
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
-from minihuman.cli import see
+from minihuman.cli import export, see
+from minihuman.cli import session as cli_session
 from minihuman.errors import LogError
 from minihuman.marks import read_marks
 from tests.builders import session, write_log
@@ -69,6 +73,54 @@ def test_a_damaged_log_is_named_and_the_rest_is_drawn(app, log, tmp_path):
     result = run(app, "plot", log.parents[2], "--out", tmp_path / "figures")
     assert "damaged.mcap" in result.stderr
     assert (tmp_path / "figures" / "sub-01_ses-01" / "paths.png").exists()
+
+
+@pytest.fixture(scope="module")
+def spoiled(tmp_path_factory):
+    """A study of two whole sessions among a damaged, an empty, a foreign and a half-written log."""
+    data = tmp_path_factory.mktemp("data")
+    for index in range(2):
+        whole = write_log(session(participant=f"sub-0{index + 1}", index=index, blocks=("grid",), episodes=1), data)
+    content = whole.read_bytes()
+    (end,) = struct.unpack_from("<Q", content, len(content) - 8 - 20)  # the footer: where the index starts
+    middle = end // 2
+    bad = data / "transfer" / "bad"
+    bad.mkdir()
+    (bad / "damaged.mcap").write_bytes(content[:middle] + bytes([content[middle] ^ 0xFF]) + content[middle + 1 :])
+    (bad / "empty.mcap").touch()
+    (bad / "foreign.mcap").write_text("dear diary")
+    (bad / "half.mcap").write_bytes(content[:middle])
+    return data / "transfer"
+
+
+@pytest.mark.parametrize("command", ["replay", "plot", "report", "export", "status"])
+def test_every_command_names_what_it_cannot_read_does_the_rest_and_changes_no_log(spoiled, tmp_path, command):
+    logs = {path: path.read_bytes() for path in spoiled.rglob("*.mcap")}
+    out = tmp_path / "out"
+    app = typer.Typer()
+    for part in (see, export, cli_session):
+        part.add_to(app)
+    words, done = {
+        "replay": ((spoiled, "--save", out), lambda _: len(RrdReader(out).recordings()) == 1),
+        "plot": ((spoiled, "--out", out), lambda _: len(list(out.glob("sub-0?_ses-01/paths.png"))) == 2),
+        "report": (
+            (spoiled, "--out", out),
+            lambda _: "2 sessions read, 4 skipped" in (out / "report.html").read_text(),
+        ),
+        "export": (("parquet", spoiled, out), lambda _: "2 episodes" in (out / "README.md").read_text()),
+        "status": ((spoiled,), lambda told: all(f"sub-0{number}" in told for number in (1, 2))),
+    }[command]
+    result = run(app, command, *words)
+    assert result.exit_code == 0
+    for name in ("damaged", "empty", "foreign", "half"):
+        assert re.search(rf"{name}\.mcap.*(damaged|never finished|not a session log|cut off)", result.output)
+    assert done(result.output)
+    assert {path: path.read_bytes() for path in spoiled.rglob("*.mcap")} == logs
+
+
+def test_a_replay_of_nothing_that_can_be_read_is_an_error(app, spoiled, tmp_path):
+    with pytest.raises(LogError, match="no session to be read among 1 logs"):
+        run(app, "replay", spoiled / "bad" / "half.mcap", "--save", tmp_path / "none.rrd")
 
 
 @pytest.mark.parametrize("command", ["replay", "plot", "mark", "report"])

@@ -46,5 +46,13 @@ def test_the_overview_names_participant_group_and_study_and_numbers_the_episodes
     assert list(figure.axes[-1].get_xticks()) == [1, 2, 3, 4, 5, 6]
 
 
+def test_the_overview_names_the_blocks_and_numbers_a_long_session_sparsely():
+    figure = overview_figure(session(episodes=10))
+    assert [text.get_text() for text in figure.axes[0].texts] == ["grid", "room"]
+    labels = [tick for tick in figure.axes[-1].get_xticks() if 1 <= tick <= 20]
+    assert 4 <= len(labels) <= 12
+    assert all(tick == int(tick) for tick in labels)
+
+
 def test_a_log_that_was_cut_off_says_so():
     assert overview_figure(session_of(session(episodes=1).episodes, clean=False)).get_suptitle().endswith("cut off")

@@ -4,16 +4,18 @@ import dataclasses
 import hashlib
 import re
 import shutil
+import warnings
 
 import msgspec
 import pandas as pd
 import pytest
 
 from minihuman.errors import LogError, ReportError
+from minihuman.log.episode import SessionLog
 from minihuman.log.read import open_log
 from minihuman.marks import Mark, add_mark
 from minihuman.report.build import build
-from tests.builders import session, write_log
+from tests.builders import episode, session, session_of, write_log
 
 
 def fingerprints(folder):
@@ -111,3 +113,33 @@ def test_a_folder_without_a_log_says_so(tmp_path):
         build(tmp_path / "empty", tmp_path / "out", say=print)
     with pytest.raises(LogError, match="does not exist"):
         build(tmp_path / "nowhere", tmp_path / "out", say=print)
+
+
+def _timeouts(index: int) -> SessionLog:
+    """A session of which no episode reached the goal."""
+    given_up = [episode(number, seed=index, outcome="timeout", start_ns=number * 10**11) for number in range(2)]
+    return session_of(given_up, participant=f"sub-0{index + 1}", index=index, group=("grid_first", "direct")[index % 2])
+
+
+TINY = {
+    "one participant": [session(episodes=2)],
+    "no first-person block": [
+        session(participant=f"sub-0{index + 1}", index=index, group="ab"[index % 2], seed=index, blocks=("grid",))
+        for index in range(4)
+    ],
+    "only timeouts": [_timeouts(index) for index in range(4)],
+}
+
+
+@pytest.mark.parametrize("people", TINY.values(), ids=TINY)
+def test_a_tiny_study_has_a_report_and_nobody_is_warned_of_arithmetic(people, tmp_path, capfd):
+    for one in people:
+        write_log(one, tmp_path / "data")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        page, *_ = build(tmp_path / "data", tmp_path / "out", say=print, processes=1)
+    told = capfd.readouterr()
+    assert (told.out, told.err) == ("", "")
+    text = page.read_text()
+    assert f"{len(people)} sessions read, 0 skipped" in text
+    assert not re.search(r"Warning|mle_retvals|>nan<|\bnan\b|None<", text)

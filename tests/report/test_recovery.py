@@ -42,33 +42,35 @@ def person(rng, index):
 
 
 def estimates(seed):
-    """One study through the tables to its results: interval of the effect, p, reaction time interval, found steps."""
+    """One study through the tables to its results: comparisons, model, reaction time interval, found steps."""
     rng = np.random.default_rng([2026, seed])
     people = [person(rng, index) for index in range(PEOPLE)]
     rows = [session_tables(one, tags={}, rules=RULES, shortest=lambda _: UNKNOWN) for one in people]
     tables = {name: pd.concat([one[name].to_pandas() for one in rows]) for name in rows[0]}
     found = results(tables["episodes"], tables["blocks"], tables["participants"])
-    reward = next(one for one in found.comparisons if one.measure == "reward_mean")
+    compared = {one.measure: one for one in found.comparisons}
     medians = tables["participants"]["reaction_median_ms"]
     interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
     keys = tables["keys"]
-    return reward, found.model, interval, keys.loc[keys["action"] != "", "found_steps"].to_numpy(float)
+    return compared, found.model, interval, keys.loc[keys["action"] != "", "found_steps"].to_numpy(float)
 
 
 @pytest.mark.long
 def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
     studies = [estimates(seed) for seed in range(count(2, 400))]
     covered = {
-        "effect of the group": [one.interval[0] <= -EFFECT <= one.interval[1] for one, *_ in studies],
+        "effect of the group": [_holds(one["reward_mean"], -EFFECT) for one, *_ in studies],
         "effect in the model": [_covers(model, EFFECT) for _, model, *_ in studies],
+        "groups find keys alike": [_holds(one["found_all_s"], 0.0) for one, *_ in studies],
         "reaction time": [low <= REACTION_MS <= high for _, _, (low, high), _ in studies],
     }
     for name, hits in covered.items():
+        print(f"{name}: {np.mean(hits):.3f} of {len(hits)} intervals hold the truth")  # shown by pytest -s
         assert stats.binomtest(sum(hits), len(hits), 0.95).pvalue > 0.001, f"{name}: {np.mean(hits):.3f} of 0.95"
     found = np.concatenate([steps for *_, steps in studies])
     assert np.isnan(found).mean() < 0.01
     assert np.nanmean(found) == pytest.approx(KEYS, abs=4 * np.nanstd(found) / math.sqrt(len(found)))
-    differences = np.array([one.difference for one, *_ in studies])
+    differences = np.array([one["reward_mean"].difference for one, *_ in studies])
     assert differences.mean() == pytest.approx(-EFFECT, abs=4 * differences.std(ddof=1) / math.sqrt(len(differences)))
 
 
@@ -119,6 +121,11 @@ def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in
         mapped = keys[keys["action"] != ""]
         reached = [row["success"] for row in one.rows["episodes"].to_pylist()]
         assert mapped["found_steps"].notna().sum() >= 2 * any(reached)  # a goal elsewhere takes a turn and strides
+
+
+def _holds(comparison, truth):
+    low, high = comparison.interval
+    return low <= truth <= high
 
 
 def _covers(model, truth):

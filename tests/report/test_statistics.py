@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from minihuman.report import statistics
 from minihuman.report.published import published
 from minihuman.report.results import exclusions, group_rewards, target_block
 from minihuman.report.statistics import compare_groups, mixed_model, power
@@ -82,6 +83,27 @@ def test_the_mixed_model_finds_the_effect_and_the_slope_it_was_made_with():
     low, high = found.intervals[1]
     assert low < estimates["group: b"] < high
     assert (found.participants, found.episodes, found.note) == (24, 192, "")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_model_of_participants_who_are_alike_says_so_in_a_sentence(seed):
+    rows = episodes_of(effect=0, people=8, seed=0)
+    rows["reward"] = np.random.default_rng(seed).normal(0.8, 0.1, len(rows))
+    found = mixed_model(rows, "reward")
+    assert found.note.startswith("Participants differ no more than their episodes do")
+    low, high = found.intervals[1]
+    assert 0 < high - low < 0.2
+
+
+def test_a_fit_that_failed_says_do_not_rely_on_it(monkeypatch):
+    monkeypatch.setattr(statistics, "_OPTIMISERS", ["bfgs"])
+    rows = episodes_of(effect=0, people=8, seed=0)
+    rows["reward"] = np.random.default_rng(1).normal(0.8, 0.1, len(rows))
+    assert mixed_model(rows, "reward").note == "The fit did not converge; do not rely on these numbers."
+
+
+def test_a_measure_that_never_differs_has_no_model():
+    assert mixed_model(episodes_of(effect=0, people=4, seed=0).assign(reward=0.0), "reward") is None
 
 
 def test_a_model_of_one_group_is_not_made():
