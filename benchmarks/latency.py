@@ -1,6 +1,6 @@
 """From a key to changed pixels, and how late keys are stamped, in a real session in a real window.
 
-    python -m benchmarks.latency [--keys 200] [--window pygame] [--world minihuman/MiniGrid-FourRooms-v0]
+    python -m benchmarks.latency [--keys 100] [--window pygame] [--world minihuman/MiniGrid-FourRooms-v0]
 
 Starts an X server of its own (Xvfb), runs `minihuman run` in it with the log on disk and one press one step, sends key
 events that the server itself makes (XTEST), and reads the window's pixels back until they change. Prints distributions;
@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from minihuman.errors import LogError
 from minihuman.log.protocol_file import read_protocol
 from minihuman.log.read import open_log
 from minihuman.study.expand import enrol, expand
@@ -75,17 +76,20 @@ def measure(window: str, world: str, keys: int) -> Measured:
         typist = Typist(display)
         typist.focus(TITLE)
         typist.tap("enter")
-        time.sleep(3)  # the first picture may be compiled
+        while not begun(Path(folder)):
+            time.sleep(0.1)
+        time.sleep(2)  # the log is written before the picture is shown
         study = read_protocol(protocol)
         pressed = list(expand(study, enrol(study, 0)).episodes[0].key_map.keys)
+        look = typist.watch(TITLE, ROWS)
         sent_ns, seen_ms = [], []
         for number in range(keys):
-            before = typist.stripes(TITLE, ROWS)
+            before = look()
             time.sleep(random.uniform(0.05, 0.12))
             sent_ns.append(time.time_ns())
             started_s = time.monotonic()
             typist.press(pressed[number % 2])
-            while typist.stripes(TITLE, ROWS) == before and time.monotonic() - started_s < UNSEEN_S:
+            while look() == before and time.monotonic() - started_s < UNSEEN_S:
                 time.sleep(0.0003)
             seen_ms.append((time.monotonic() - started_s) * 1000)
             typist.release(pressed[number % 2])
@@ -101,6 +105,14 @@ def measure(window: str, world: str, keys: int) -> Measured:
     return Measured(dict(log.facts), seen, errors_ms, len(seen_ms) - len(seen))
 
 
+def begun(folder: Path) -> bool:
+    """Whether the live log holds an episode: from then on keys act."""
+    try:
+        return any(open_log(part).episodes for part in folder.rglob("*.part"))
+    except LogError:  # nothing of the session is written yet
+        return False
+
+
 def turns(world: str) -> str:
     """Two actions that undo each other and change the picture, as TOML."""
     names = World(world).action_names
@@ -114,7 +126,7 @@ def distribution(values_ms: list[float]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keys", type=int, default=200)
+    parser.add_argument("--keys", type=int, default=100, help="at most the steps that the world allows an episode")
     parser.add_argument("--window", action="append", help="pygame or pyglet; both if absent")
     parser.add_argument("--world", default="minihuman/MiniGrid-FourRooms-v0")
     settings = parser.parse_args()

@@ -1,62 +1,89 @@
-"""How long a study's tables take, from logs to Parquet and CSV, and whether memory grows with the study.
+"""How long a study's tables take, from logs to Parquet, and whether memory grows with the study.
 
     python -m benchmarks.tables [SESSIONS]
+    python -m benchmarks.tables memory [SESSIONS ...]
 
-Makes one study of 200 sessions of ten episodes each (or as many as asked), reads it on two cores, and prints the time
-and the highest memory. The logs are copies of eight different sessions, each under its own name.
+The first exports a study of 200 sessions (or as many as asked): copies, each in its own folder, of four sessions of
+the shipped study that simulated people really played. It prints the time on the clock, and the time all processors
+spent together: where half of that is less than the clock says, something else kept them busy.
+
+The second exports studies of 1,000 and 10,000 sessions of one short episode, and prints the highest memory.
 """
 
+import multiprocessing
 import resource
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-from minihuman.report.study import Reading, Session, read_study
-from minihuman.report.writing import write_tables
+from minihuman.export.choose import Filters
+from minihuman.export.run import export
+from minihuman.log.protocol_file import read_protocol
+from minihuman.windows.simulate import simulate
 from tests.builders import session, write_log
 
-DIFFERENT = 8
+PROTOCOL = Path(__file__).parents[1] / "protocols" / "fourrooms-transfer.toml"
+DIFFERENT = 4
+SIZES = (1_000, 10_000)
 
 
-def make_study(folder: Path, sessions: int) -> Path:
-    """A study's folder with that many finished logs."""
-    first = [
-        write_log(session(participant=f"sub-{index:05}", index=index, seed=index), folder)
-        for index in range(min(DIFFERENT, sessions))
-    ]
-    study = folder / "transfer"
-    for index in range(len(first), sessions):
+def make_study(study: Path, logs: list[Path], sessions: int) -> Path:
+    """A study's folder with that many finished logs, taken in turn."""
+    for index in range(sessions):
         where = study / f"sub-{index:05}" / "ses-01"
         where.mkdir(parents=True)
-        (where / f"sub-{index:05}_ses-01.mcap").hardlink_to(first[index % len(first)])
+        (where / f"sub-{index:05}_ses-01.mcap").hardlink_to(logs[index % len(logs)])
     return study
 
 
-def main() -> None:
-    """Time the tables and print them."""
-    sessions = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    with tempfile.TemporaryDirectory() as folder:
-        study = make_study(Path(folder), sessions)
-        steps = 0
+def processors_s() -> float:
+    """What this process and the ones it waited for have spent, seconds."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
-        def rows():
-            nonlocal steps
-            for one in read_study(study, Reading(with_shortest=False), processes=2):
-                if not isinstance(one, Session):
-                    raise SystemExit(f"{one.path}: {one.reason}")
-                steps += one.rows["steps"].num_rows
-                yield one.rows
 
+def speed(sessions: int) -> None:
+    """Time the exports of one study, Parquet and CSV apart."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        played = simulate(
+            read_protocol(PROTOCOL), folder / "played", participants=DIFFERENT, seed=0, player="human-like"
+        )
+        study = make_study(folder / "study", list(played), sessions)
+        for kind in ("parquet", "csv"):
+            began, spent = time.perf_counter(), processors_s()
+            written, _ = export(kind, study, folder / kind, Filters())
+            took, spent = time.perf_counter() - began, processors_s() - spent
+            print(
+                f"{sessions} sessions, {written.steps} steps, to {kind}: {took:.2f} s ({spent:.2f} processor-seconds)"
+            )
+
+
+def memory(sessions: int) -> None:
+    """Export one study and print the highest memory; in a process of its own, as memory is not given back."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = write_log(session(blocks=("grid",), episodes=1), folder / "played")
+        study = make_study(folder / "study", [log], sessions)
         began = time.perf_counter()
-        write_tables(rows(), Path(folder) / "out")
+        export("parquet", study, folder / "out", Filters())
         took = time.perf_counter() - began
-    mine, workers = (
+    mine, reader = (
         resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     )
-    print(f"{sessions} sessions, {steps} steps: {took:.2f} s to Parquet and CSV on two cores")
-    print(f"highest memory: {mine:.0f} MiB in the writer, {workers:.0f} MiB in a reader")
+    print(f"{sessions:6} sessions: {mine:.0f} MiB in the writer, {reader:.0f} MiB in a reader, {took:.1f} s")
+
+
+def main(arguments: list[str]) -> None:
+    """Run the one that was asked for."""
+    if arguments[:1] != ["memory"]:
+        speed(int(arguments[0]) if arguments else 200)
+        return
+    for sessions in [int(size) for size in arguments[1:]] or SIZES:
+        process = multiprocessing.get_context("spawn").Process(target=memory, args=(sessions,))
+        process.start()
+        process.join()
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -1,13 +1,27 @@
-"""Whatever a command was pointed at, opened: a log, a session's folder or a study's. Reading changes nothing."""
+"""Whatever a command was pointed at, opened: a log, a session's folder or a study's. Reading changes nothing.
 
-from collections.abc import Iterator
+What cannot be read is named with its reason, and the rest goes on.
+"""
+
+import gc
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeVar
 
-from minihuman.errors import LogError
+from minihuman.errors import LogError, ProtocolError
 from minihuman.log.episode import SessionLog
 from minihuman.log.paths import sessions_in
 from minihuman.log.read import open_log
+
+T = TypeVar("T")
+_WORTH_A_POOL = 16  # sessions; fewer are read sooner than a second process starts
+_AHEAD = 4  # sessions a process, read and not yet taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +61,41 @@ def opened(source: Path) -> Iterator[SessionLog | Skipped]:
 
 def open_or_skip(path: Path) -> SessionLog | Skipped:
     """Open one session, or say why it cannot be."""
+    return _work_on(path, _itself)
+
+
+def each_log(source: Path, work: Callable[[SessionLog], T], *, processes: int | None = None) -> Iterator[T | Skipped]:
+    """Yield what ``work`` makes of one session after the other, in order of path, several read side by side.
+
+    ``work`` runs in another process where there are many sessions, so it and its results can be pickled. It may raise
+    LogError or ProtocolError: that session is skipped. Only a few results are held at a time.
+
+    Raises:
+        LogError: if there is no such file or folder.
+    """
+    paths = log_files(source)
+    workers = min(processes or os.cpu_count() or 1, len(paths) // _WORTH_A_POOL + 1)
+    each = partial(_work_on, work=work)
+    if workers == 1:
+        yield from map(each, paths)
+        return
+    # what a process has imported by then is there to stay: the collector need not look through it for every session
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=gc.freeze) as pool:
+        waiting: deque[Future[T | Skipped]] = deque()
+        for path in paths:
+            waiting.append(pool.submit(each, path))
+            if len(waiting) >= _AHEAD * workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | Skipped:
     try:
-        return open_log(path)
-    except (LogError, OSError) as error:
+        return work(open_log(path))
+    except (LogError, ProtocolError, OSError) as error:
         return Skipped(path, str(error))
+
+
+def _itself(log: SessionLog) -> SessionLog:
+    return log

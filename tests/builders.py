@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from minihuman.log.columns import EventColumns
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.log.recorder import McapRecorder
 from minihuman.study.events import (
@@ -203,10 +204,10 @@ def made(
         terminated=np.arange(1, n + 1) == (n if outcome == "goal" else -1),
         truncated=np.arange(1, n + 1) == (n if outcome == "timeout" else -1),
         rt_ms=rt, state_hashes=states, observation_hashes=np.asarray(seen, np.uint64),
-        keys=tuple(sorted((*presses, *extra_keys), key=lambda press: press.t_ns)),
-        frames=tuple(
+        keys=EventColumns.of(KeyPressed, sorted((*presses, *extra_keys), key=lambda press: press.t_ns)),
+        frames=EventColumns.of(FrameShown, (
             FrameShown(int(t), episode_plan.episode, i, int(t) - 14_000_000, int(t)) for i, t in enumerate(flip_ns)
-        ),
+        )),
         outcome=outcome,
     )  # fmt: skip
 
@@ -268,7 +269,8 @@ def session_of(
         path=path or Path(f"sessions/{study}/{participant}/ses-01/{participant}_ses-01.mcap"),
         plan=session_plan, player="human-like", started_at="2026-01-05T09:00:00Z", clean=clean,
         end_reason="complete" if clean else "cut_off", facts={"minihuman": "0.1.0", "python": "3.12"},
-        episodes=tuple(episodes), notes=notes, keys=tuple(press for played in episodes for press in played.keys),
+        episodes=tuple(episodes), notes=notes,
+        keys=EventColumns.of(KeyPressed, (press for played in episodes for press in played.keys)),
     )  # fmt: skip
 
 

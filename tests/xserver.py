@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -175,10 +175,14 @@ class Typist:
 
     def stripes(self, title: str, heights: Sequence[float]) -> bytes:
         """Two rows of pixels at each height (of the window's): enough to see that a picture changed, soon."""
+        return self.watch(title, heights)()
+
+    def watch(self, title: str, heights: Sequence[float]) -> Callable[[], bytes]:
+        """Stripes of a window that stays as it is, a round trip each time: the window is looked for once."""
         window = self._window(title)
         shape = window.get_geometry()
-        rows = (round(height * shape.height) for height in heights)
-        return b"".join(window.get_image(0, row, shape.width, 2, X.ZPixmap, 0xFFFFFFFF).data for row in rows)
+        rows = [round(height * shape.height) for height in heights]
+        return lambda: b"".join(window.get_image(0, row, shape.width, 2, X.ZPixmap, 0xFFFFFFFF).data for row in rows)
 
     def _window(self, title: str):
         """The newest visible window of that title; waits for it."""

@@ -32,7 +32,7 @@ def export(
 
     filters = Filters(*(tuple(values) for values in (outcome, block, participant, tag, without_tag)))
     with Console(stderr=True).status("exporting") as status:
-        written, card = run(format_name, source, out, filters, progress=lambda item: status.update(str(item.log.path)))
+        written, card = run(format_name, source, out, filters, progress=lambda log: status.update(str(log)))
     for line in card.skipped:
         print(f"left out: {line}")
     print(f"{written.episodes} episodes, {written.steps} steps in {out}; see {out / 'README.md'}")

@@ -88,11 +88,13 @@ def check(
     import msgspec
 
     from minihuman.log.protocol_file import read_protocol
+    from minihuman.report.exclusions import check_measures
     from minihuman.study.dry_run import lines
     from minihuman.study.expand import enrol, expand, participant_index
     from minihuman.study.rehearse import rehearse
 
     study = read_protocol(protocol)
+    check_measures(study.exclusions, str(protocol))
     rehearse(study, str(protocol))
     who = enrol(study, participant_index(participant), group)
     plan = expand(study, who, session=session, overridden=group is not None)

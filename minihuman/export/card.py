@@ -1,11 +1,13 @@
 """The card: a README that says what an export holds, where it came from and what was left out."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from minihuman import __version__
-from minihuman.export.port import Chosen, Written
+from minihuman.export.port import Written
 
 
 @dataclass(slots=True)
@@ -17,9 +19,8 @@ class Card:
     counts: dict[str, Counter[str]] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)  # "path: reason"
 
-    def count(self, chosen: Chosen) -> None:
+    def count(self, facts: Mapping[str, Any]) -> None:
         """Take an episode into the counts."""
-        facts = chosen.facts
         for name in ("study", "participant", "group", "player", "block", "world", "outcome", "protocol_sha256"):
             self.counts.setdefault(name, Counter())[str(facts[name])] += 1
 

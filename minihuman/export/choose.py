@@ -1,15 +1,18 @@
 """Which episodes of which logs an export takes."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from minihuman.errors import LogError
-from minihuman.export.port import Chosen
+from minihuman.export.port import Chosen, Selection
 from minihuman.log.episode import Episode, SessionLog
-from minihuman.log.read import open_log
-from minihuman.log.study_folder import sessions
 from minihuman.marks import select
+from minihuman.opened import Skipped, each_log, opened
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +34,7 @@ class Filters:
     def takes(self, log: SessionLog, episode: Episode) -> bool:
         """Whether an episode passes, its marks aside."""
         return (
-            (not self.outcome or (episode.outcome or "cut_off") in self.outcome)
+            (not self.outcome or episode.outcome_word in self.outcome)
             and (not self.block or episode.plan.block_name in self.block)
             and (not self.participant or log.plan.participant.id in self.participant)
         )
@@ -40,26 +43,89 @@ class Filters:
 def chosen(source: Path, filters: Filters, skipped: Callable[[str], None]) -> Iterator[Chosen]:
     """Every episode of a log, or of all logs below a folder, that passes; one session in memory at a time.
 
-    ``skipped`` is told about each log below a folder that cannot be read: its path and the reason.
+    ``skipped`` is told about each log below a folder that cannot be read, and why.
 
     Raises:
         LogError: if the source does not exist, or is a single log that cannot be read.
     """
+    for found in opened(source):
+        if isinstance(found, Skipped):
+            _skip(found, source, skipped)
+        else:
+            session = _filtered(found, filters)
+            yield from (Chosen(session, episode) for episode in session.episodes)
+
+
+class SelectionOf(Selection):
+    """The episodes of a log, or of all logs below a folder, that pass the filters.
+
+    Args:
+        source: the log or folder.
+        filters: what passes.
+        skipped: is told of each log below a folder that cannot be read, and why.
+        taken: is told of each episode's log and facts as it is taken.
+    """
+
+    def __init__(
+        self,
+        source: Path,
+        filters: Filters,
+        *,
+        skipped: Callable[[str], None],
+        taken: Callable[[Path, Mapping[str, Any]], None],
+    ) -> None:
+        self._source = source
+        self._filters = filters
+        self._skipped = skipped
+        self._taken = taken
+
+    def __iter__(self) -> Iterator[Chosen]:
+        """As the port says.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
+        for item in chosen(self._source, self._filters, self._skipped):
+            self._taken(item.log.path, item.facts)
+            yield item
+
+    def each_session(self, work: Callable[[SessionLog], T]) -> Iterator[T]:
+        """As the port says.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
+        for result in each_log(self._source, partial(_worked, filters=self._filters, work=work)):
+            if isinstance(result, Skipped):
+                _skip(result, self._source, self._skipped)
+            elif result is not None:
+                for facts in result.facts:
+                    self._taken(result.path, facts)
+                yield result.made
+
+
+@dataclass(frozen=True, slots=True)
+class _Worked(Generic[T]):
+    path: Path
+    facts: tuple[Mapping[str, Any], ...]  # of each episode taken
+    made: T
+
+
+def _worked(log: SessionLog, filters: Filters, work: Callable[[SessionLog], T]) -> _Worked[T] | None:
+    """What came of one session; None where none of its episodes passes."""
+    session = _filtered(log, filters)
+    if not session.episodes:
+        return None
+    facts = tuple(Chosen(session, episode).facts for episode in session.episodes)
+    return _Worked(log.path, facts, work(session))
+
+
+def _skip(found: Skipped, source: Path, skipped: Callable[[str], None]) -> None:
     if not source.is_dir():
-        yield from _episodes(open_log(source), filters)
-        return
-    for row in sessions(source):
-        try:
-            if row.summary is None:
-                raise LogError(row.problem)
-            log = open_log(row.path)
-        except (LogError, OSError) as error:
-            skipped(str(error))
-            continue
-        yield from _episodes(log, filters)
+        raise LogError(found.reason)
+    skipped(found.reason)
 
 
-def _episodes(log: SessionLog, filters: Filters) -> Iterator[Chosen]:
-    for episode in select(log, only=filters.tag, without=filters.without_tag).episodes:
-        if filters.takes(log, episode):
-            yield Chosen(log, episode)
+def _filtered(log: SessionLog, filters: Filters) -> SessionLog:
+    tagged = select(log, only=filters.tag, without=filters.without_tag)
+    return replace(tagged, episodes=tuple(episode for episode in tagged.episodes if filters.takes(log, episode)))

@@ -5,7 +5,6 @@ One dataset a world, ``OUT/<world>``; ``imitation.data.serialize.load`` and ``da
 
 import json
 from collections import defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,11 @@ import numpy as np
 
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat
-from minihuman.export.port import Chosen, Written
+from minihuman.export.port import Chosen, Selection, Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
 
-def export(chosen: Iterator[Chosen], out: Path) -> Written:
+def export(chosen: Selection, out: Path) -> Written:
     """Write every episode as a trajectory with rewards; what else is known of a step is in its ``infos``.
 
     Raises:

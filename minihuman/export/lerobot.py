@@ -6,7 +6,6 @@ LeRobot's timestamps are frame number over frame rate; when a step really happen
 
 import io
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from PIL import Image
 
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat, flat_names, is_picture
-from minihuman.export.port import Chosen, Written
+from minihuman.export.port import Chosen, Selection, Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
 FORMAT_VERSION = "v3.0"
@@ -28,7 +27,7 @@ CHUNK = 1000  # files a folder, the format's default
 _PICTURE, _STATE = "observation.image", "observation.state"
 
 
-def export(chosen: Iterator[Chosen], out: Path) -> Written:
+def export(chosen: Selection, out: Path) -> Written:
     """Write every episode that has a step, one data file an episode.
 
     Raises:

@@ -4,7 +4,6 @@ With ``MINARI_DATASETS_PATH=OUT``, ``minari.load_dataset("minihuman/minigrid-fou
 """
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +14,13 @@ from minari.dataset.minari_storage import MinariStorage
 from minihuman import __version__
 from minihuman.export.datasets_by_world import dataset_name, env_spec
 from minihuman.export.observations import plain_space, stack
-from minihuman.export.port import Chosen, Written
+from minihuman.export.port import Chosen, Selection, Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
 NAMESPACE = "minihuman"
 
 
-def export(chosen: Iterator[Chosen], out: Path) -> Written:
+def export(chosen: Selection, out: Path) -> Written:
     """Write every episode; a session's subject, group, keys and outcome are metadata of its episodes.
 
     Raises:

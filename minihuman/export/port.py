@@ -1,15 +1,17 @@
 """What every exporter is: one function in one file, found through the entry-point group ``minihuman.exporters``."""
 
+import abc
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from minihuman.errors import ExportError
 from minihuman.log.episode import Episode, SessionLog
 
 GROUP = "minihuman.exporters"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +35,7 @@ class Chosen:
             "episode": plan.episode,
             "world": plan.world,
             "seed": plan.seed,
-            "outcome": self.episode.outcome or "cut_off",
+            "outcome": self.episode.outcome_word,
             "mission": self.episode.start.mission,
             "key_map": dict(plan.key_map.keys),
             "action_names": list(self.episode.start.action_names),
@@ -50,7 +52,22 @@ class Written:
     steps: int
 
 
-Exporter = Callable[[Iterator[Chosen], Path], Written]
+class Selection(abc.ABC):
+    """The episodes that an export takes. To be gone through once, in one of two ways."""
+
+    @abc.abstractmethod
+    def __iter__(self) -> Iterator[Chosen]:
+        """One episode after the other, one session in memory at a time."""
+
+    @abc.abstractmethod
+    def each_session(self, work: Callable[[SessionLog], T]) -> Iterator[T]:
+        """What ``work`` makes of each session and its chosen episodes, several sessions worked on side by side.
+
+        ``work`` may run in another process: it and its results can be pickled.
+        """
+
+
+Exporter = Callable[[Selection, Path], Written]
 
 
 def exporters() -> dict[str, str]:

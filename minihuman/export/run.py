@@ -1,13 +1,14 @@
 """An export from start to end: into a new folder that appears only when it is whole, with a card."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from minihuman.errors import ExportError
 from minihuman.export.card import Card
-from minihuman.export.choose import Filters, chosen
-from minihuman.export.port import Chosen, Written, find_exporter
+from minihuman.export.choose import Filters, SelectionOf
+from minihuman.export.port import Written, find_exporter
 
 
 def export(
@@ -16,9 +17,9 @@ def export(
     out: Path,
     filters: Filters,
     *,
-    progress: Callable[[Chosen], None] = lambda _: None,
+    progress: Callable[[Path], None] = lambda _: None,
 ) -> tuple[Written, Card]:
-    """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each as it begins.
+    """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each one's log.
 
     Raises:
         ExportError: if the format is unknown, ``out`` has something in it, nothing passes the filters,
@@ -29,12 +30,17 @@ def export(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportError(f"{out} already exists; choose another folder or move it")
     card = Card(format_name, str(filters))
+
+    def taken(log: Path, facts: Mapping[str, Any]) -> None:
+        card.count(facts)
+        progress(log)
+
     unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
     if unfinished.exists():
         raise ExportError(f"{unfinished} is another export's, running or broken off; remove it to go on")
     unfinished.mkdir(parents=True)
     try:
-        written = exporter(_counted(chosen(source, filters, card.skipped.append), card, progress), unfinished)
+        written = exporter(SelectionOf(source, filters, skipped=card.skipped.append, taken=taken), unfinished)
         if not written.episodes:
             raise ExportError(f"no episode in {source} passes the filters ({filters or 'none'}); nothing was written")
         card.write(unfinished, written)
@@ -46,10 +52,3 @@ def export(
         raise
     moved = tuple(out / path.relative_to(unfinished) for path in written.paths)
     return Written(moved, written.episodes, written.steps), card
-
-
-def _counted(items: Iterator[Chosen], card: Card, progress: Callable[[Chosen], None]) -> Iterator[Chosen]:
-    for item in items:
-        card.count(item)
-        progress(item)
-        yield item

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from minihuman.figures.style import OUTCOME_COLOURS, OUTCOME_MARKERS, QUIET, SERIES, blank, our_style, outcome_name
+from minihuman.figures.style import OUTCOME_COLOURS, OUTCOME_MARKERS, QUIET, SERIES, blank, our_style
 from minihuman.log.episode import Episode, SessionLog
 
 _DOT: dict[str, Any] = {"ms": 4, "mec": "black", "mew": 0.4}
@@ -19,14 +19,14 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
     """Draw the steps of each episode, its outcome as colour and shape, the step limit as a bar above."""
     numbers = _numbers(log)
     for episode, number in zip(log.episodes, numbers, strict=True):
-        name = outcome_name(episode.outcome)
+        name = episode.outcome_word
         ax.plot([number, number], [0, len(episode.actions)], color=OUTCOME_COLOURS[name], lw=1.4, zorder=1)
         ax.plot(
             number, len(episode.actions), OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], ms=4, mec="black", mew=0.4
         )
         limit = episode.plan.max_steps
         ax.plot([number - 0.35, number + 0.35], [limit, limit], color=QUIET, lw=0.8)
-    seen = dict.fromkeys(outcome_name(episode.outcome) for episode in log.episodes)
+    seen = dict.fromkeys(episode.outcome_word for episode in log.episodes)
     for name in seen:
         ax.plot([], [], OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], label=name, **_DOT)
     ax.plot([], [], color=QUIET, lw=0.8, label="step limit")

@@ -11,6 +11,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from minihuman.log.episode import CUT_OFF
+
 COLUMN_CM = 8.5  # one column of a two-column page
 PAGE_CM = 17.5  # both columns
 
@@ -26,9 +28,9 @@ OUTCOME_COLOURS = {
     "timeout": "#e69f00",
     "failure": "#d55e00",
     "abandoned": "#cc79a7",
-    "cut off": "#8a8a8a",
+    CUT_OFF: "#8a8a8a",
 }
-OUTCOME_MARKERS = {"goal": "o", "timeout": "s", "failure": "X", "abandoned": "v", "cut off": "P"}
+OUTCOME_MARKERS = {"goal": "o", "timeout": "s", "failure": "X", "abandoned": "v", CUT_OFF: "P"}
 TIME_COLOURS = "cividis"
 
 _SETTINGS: dict[Any, Any] = {
@@ -65,8 +67,3 @@ def our_style() -> Iterator[None]:
 def blank(*, width_cm: float = COLUMN_CM, height_cm: float) -> Figure:
     """An empty figure of that size, its layout worked out when it is saved."""
     return Figure(figsize=(width_cm / 2.54, height_cm / 2.54), layout="constrained")
-
-
-def outcome_name(outcome: str | None) -> str:
-    """The word for an outcome; an episode the log broke off in has none and is "cut off"."""
-    return outcome or "cut off"

@@ -2,7 +2,9 @@
 
 import abc
 import multiprocessing
+import multiprocessing.connection
 import os
+import threading
 from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -35,7 +37,8 @@ class LocalPool(Engine):
             raise LearnError(f"workers is {workers}; at least one process has to work")
         self.name = f"local pool of {workers}"
         # spawn: a forked child would inherit torch's and numba's threads half alive
-        self._pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+        spawn = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(workers, mp_context=spawn, initializer=_end_with_parent)
 
     def submit(self, job: Job, out: Path, device: str) -> "Future[Result]":
         """Queue a job."""
@@ -47,6 +50,18 @@ class LocalPool(Engine):
         self._pool.shutdown(wait=False, cancel_futures=True)
         for process in processes:
             process.terminate()
+
+
+def _end_with_parent() -> None:
+    """A worker whose study was killed must not train on unseen: what it has begun is resumable."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 class RayCluster(Engine):

@@ -1,7 +1,10 @@
 """One job of the study, run to its end in its own folder: killed and started again, it goes on."""
 
+import contextlib
+import fcntl
 import json
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,7 @@ from minihuman.learn.training_world import TrainingWorld
 from minihuman.learn.transfer import Weights, transfer_as_published, transfer_in_place
 
 CHECKPOINT = "checkpoint.pt"
+LOCK = "job.lock"
 POLICY = "policy.pt"
 RESULT = "result.json"
 PROGRESS = "steps.txt"
@@ -54,13 +58,17 @@ def run_job(job: Job, out: Path, device: str = "auto") -> Result:
     """Train a job to its end; a finished one is only read.
 
     Raises:
-        LearnError: if its folder holds another job, or its source is not there yet.
+        LearnError: if its folder holds another job, another process trains it, or its source is not there yet.
     """
     folder = out / job.name
     folder.mkdir(parents=True, exist_ok=True)
     _claim(job, folder)
-    if (done := read_result(job, out)) is not None:
-        return done
+    with _sole(folder):
+        return read_result(job, out) or _train_to_the_end(job, out, device)
+
+
+def _train_to_the_end(job: Job, out: Path, device: str) -> Result:
+    folder = out / job.name
     torch.set_num_threads(1)  # one job a core; sums in one order
     started = time.perf_counter()
     source = None if job.source is None else load_weights(out / job.source.name / POLICY)
@@ -108,13 +116,22 @@ def prepare(job: Job, source: Weights | None, device: str) -> tuple[PPO, Trainin
 
 
 def read_result(job: Job, out: Path) -> Result | None:
-    """A job's result; None while it has not finished."""
+    """A job's result; None while it has not finished.
+
+    Raises:
+        LearnError: if what is there was written by another version.
+    """
     path = out / job.name / RESULT
     if not path.exists():
         return None
-    content = json.loads(path.read_text())
-    content["points"] = tuple(Point(**point) for point in content["points"])
-    return Result(**content)
+    try:
+        content = json.loads(path.read_text())
+        content["points"] = tuple(Point(**point) for point in content["points"])
+        return Result(**content)
+    except (ValueError, KeyError, TypeError) as error:
+        raise LearnError(
+            f"{path} is not a result of this version ({error}); move it away or choose another --out"
+        ) from None
 
 
 def steps_so_far(job: Job, out: Path) -> int:
@@ -132,6 +149,17 @@ def _claim(job: Job, folder: Path) -> None:
             raise LearnError(f"{folder} holds another job (its {path.name} differs); choose another --out")
     else:
         write_atomically(json.dumps(claim, indent=1), path)
+
+
+@contextlib.contextmanager
+def _sole(folder: Path) -> Iterator[None]:
+    """Hold a job's folder; the lock is the kernel's and ends with the process, however that ends."""
+    with (folder / LOCK).open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise LearnError(f"{folder} is being trained by another process; let it end first") from None
+        yield
 
 
 def _eyes(job: Job) -> Eyes:

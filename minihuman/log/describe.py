@@ -53,7 +53,7 @@ def _episode_line(episode: Episode) -> str:
     facts = _episode_facts(episode)
     rt_ms = "-" if facts["median_rt_ms"] is None else f"{facts['median_rt_ms']:.0f}"
     return (
-        f"{facts['episode']:7}  {facts['block']:16} {facts['outcome'] or 'cut off':10} {facts['steps']:5} "
+        f"{facts['episode']:7}  {facts['block']:16} {facts['outcome']:10} {facts['steps']:5} "
         f"{facts['return']:7.3f} {facts['duration_s']:7.1f} {rt_ms:>6}  {facts['seed']}"
     )
 
@@ -66,7 +66,7 @@ def _episode_facts(episode: Episode) -> dict[str, Any]:
         "world": plan.world,
         "seed": plan.seed,
         "segment": episode.segment,
-        "outcome": episode.outcome,
+        "outcome": episode.outcome_word,
         "steps": len(episode.actions),
         "return": episode.return_,
         "duration_s": float(episode.t_ns[-1] - episode.t_ns[0]) / 1e9,

@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.log.columns import EventColumns
 from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Noted, Outcome, Paused, Resumed
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.worlds.pose import Pose
+
+CUT_OFF = "cut_off"  # instead of an outcome or an end reason, where the log broke off before one was said
 
 
 def pose_row(pose: Pose | None) -> tuple[float, float, float, float]:
@@ -33,8 +36,8 @@ class Episode:
     rt_ms: NDArray[np.float64]  # (n,) NaN where there is none
     state_hashes: NDArray[np.uint64]  # (n + 1,)
     observation_hashes: NDArray[np.uint64]  # (n + 1,)
-    keys: tuple[KeyPressed, ...]  # every press and release while it ran
-    frames: tuple[FrameShown, ...]
+    keys: EventColumns[KeyPressed]  # every press and release while it ran
+    frames: EventColumns[FrameShown]
     outcome: Outcome | None  # None: the log was cut off inside this episode
     segment: int = 1  # of the session: one more after each resume; t_ns starts again at 0
 
@@ -56,6 +59,11 @@ class Episode:
         return self.start.plan
 
     @property
+    def outcome_word(self) -> str:
+        """The outcome, or "cut_off" where the log broke off before there was one: the word in every table."""
+        return self.outcome or CUT_OFF
+
+    @property
     def return_(self) -> float:
         """Sum of rewards."""
         return float(self.rewards.sum())
@@ -74,5 +82,5 @@ class SessionLog:
     facts: dict[str, str]
     episodes: tuple[Episode, ...]
     notes: tuple[Noted | Paused | Resumed, ...]
-    keys: tuple[KeyPressed, ...]  # the whole session's, outside episodes too
+    keys: EventColumns[KeyPressed]  # the whole session's, outside episodes too
     metadata: dict[str, Any] = field(default_factory=dict)

@@ -18,9 +18,10 @@ from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.claim import is_live, sync_folder, taken
 from minihuman.log.decode import decode
+from minihuman.log.episode import CUT_OFF
 from minihuman.log.live import END_METADATA, LIBRARY
 from minihuman.log.paths import PART_SUFFIX, SegmentPath
-from minihuman.log.reading import CUT_OFF, segment_starts
+from minihuman.log.reading import segment_starts
 from minihuman.log.scan import LogMessage, Scan
 from minihuman.study.events import SessionEnded
 

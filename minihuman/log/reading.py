@@ -9,11 +9,9 @@ from minihuman.errors import LogError
 from minihuman.log.decode import decode
 from minihuman.log.live import END_METADATA, SEGMENT_METADATA
 from minihuman.log.paths import PART_SUFFIX
-from minihuman.log.scan import LogMessage, Scan
+from minihuman.log.scan import LogMessage, Messages, Scan
 from minihuman.log.topics import PLAN, SCHEMA_VERSION
 from minihuman.study.events import Event
-
-CUT_OFF = "cut_off"  # the end reason of a segment that never got to say one
 
 
 class Reading:
@@ -31,17 +29,25 @@ class Reading:
         """Yield every message in file order.
 
         Raises:
+            LogError: as ``chunks``.
+        """
+        for chunk in self.chunks():
+            yield from chunk
+
+    def chunks(self) -> Iterator[Messages]:
+        """Yield every chunk of messages in file order.
+
+        Raises:
             LogError: if the file cannot be opened, is no session log, of another schema version, or damaged.
         """
         scan = Scan(self.path)
         start: dict[str, str] = {}
-        for record in scan:
+        for record in scan.records():
             match record:
-                case LogMessage():
+                case Messages():
                     if not start:
                         raise LogError(f"{self.path} is not a minihuman log: nothing in it says which version it has")
-                    if record.channel.topic == PLAN:
-                        self.starts.append(start)
+                    self.starts += [start] * record.count(PLAN)
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
                     start = self._checked(record.metadata)
@@ -58,20 +64,20 @@ class Reading:
             LogError: as ``messages``, and if a message is none of ours.
         """
         for message in self.messages():
-            event = self.event(message)
+            event = self.event(message.channel.topic, message.data)
             if event is not None:
                 yield event
 
-    def event(self, message: LogMessage) -> Event | None:
-        """Read the event in a message; None in one that is for viewers.
+    def event(self, topic: str, data: bytes) -> Event | None:
+        """Read the event in a message's bytes; None in one that is for viewers.
 
         Raises:
             LogError: if it cannot be read.
         """
         try:
-            return decode(message.channel.topic, message.data)
+            return decode(topic, data)
         except Exception as error:  # a foreign or newer message can make protobuf raise anything
-            raise LogError(f"{self.path}: a message on {message.channel.topic} cannot be read: {error}") from error
+            raise LogError(f"{self.path}: a message on {topic} cannot be read: {error}") from error
 
     def _checked(self, facts: dict[str, str]) -> dict[str, str]:
         version = facts.get("schema_version", "none")

@@ -23,7 +23,8 @@ from minihuman.errors import LogError
 
 _HEAD = struct.Struct("<BQ")  # opcode, length
 _CRC = struct.Struct("<I")
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+_Head = tuple[int, int, int, int, int, int]
 _NOT_NEEDED = frozenset({Opcode.HEADER, Opcode.MESSAGE_INDEX})
 
 
@@ -35,6 +36,41 @@ class LogMessage(NamedTuple):
     log_time: int
     publish_time: int
     data: bytes
+
+
+class Messages:
+    """The messages of one chunk, in file order: cut apart, and read when they are looked at."""
+
+    def __init__(self, data: bytes, starts: list[int], heads: list[_Head], channels: dict[int, Channel]) -> None:
+        self._data = data
+        self._starts = starts
+        self._heads = heads
+        self._channels = channels
+
+    def __len__(self) -> int:
+        return len(self._heads)
+
+    def __iter__(self) -> Iterator[LogMessage]:
+        for start, (_, length, channel, sequence, log_time, publish_time) in zip(
+            self._starts, self._heads, strict=True
+        ):
+            payload = self._data[start + _MESSAGE.size : start + _HEAD.size + length]
+            yield LogMessage(self._channels[channel], sequence, log_time, publish_time, payload)
+
+    def count(self, topic: str) -> int:
+        """How many messages are of a topic."""
+        its = {channel.id for channel in self._channels.values() if channel.topic == topic}
+        return sum(head[2] in its for head in self._heads)
+
+    def by_topic(self) -> dict[str, tuple[list[int], list[bytes]]]:
+        """The messages of each topic: their places in this chunk, and their bytes."""
+        found: dict[int, tuple[list[int], list[bytes]]] = {channel: ([], []) for channel in self._channels}
+        data, payload, record = self._data, _MESSAGE.size, _HEAD.size
+        for place, (start, head) in enumerate(zip(self._starts, self._heads, strict=True)):
+            places, payloads = found[head[2]]
+            places.append(place)
+            payloads.append(data[start + payload : start + record + head[1]])
+        return {self._channels[channel].topic: group for channel, group in found.items() if group[0]}
 
 
 class Scan:
@@ -54,6 +90,14 @@ class Scan:
         self.stopped = ""  # why the scan ended before the end of the file; "" if it did not
 
     def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
+        for record in self.records():
+            if isinstance(record, Messages):
+                yield from record
+            else:
+                yield record
+
+    def records(self) -> Iterator[Messages | Metadata | Attachment]:
+        """Read chunk by chunk."""
         with self._open() as file:
             size = os.fstat(file.fileno()).st_size
             start = file.read(len(MAGIC))
@@ -63,11 +107,12 @@ class Scan:
             self._crc = zlib.crc32(start)
             while at < size:
                 try:
-                    records, at_next = self._next(file, at, size)
+                    record, at_next = self._next(file, at, size)
                 except Exception as error:  # garbage can make a parser raise anything
                     self.stopped = f"damaged at byte {at}: {type(error).__name__} {error}".rstrip()
                     return
-                yield from records
+                if record is not None:
+                    yield record
                 if self.finished or self.stopped:
                     return
                 at = at_next
@@ -78,7 +123,7 @@ class Scan:
         except OSError as error:
             raise LogError(f"{self.path} cannot be opened: {error.strerror}") from error
 
-    def _next(self, file: BinaryIO, at: int, size: int) -> tuple[list[LogMessage | Metadata | Attachment], int]:
+    def _next(self, file: BinaryIO, at: int, size: int) -> tuple[Messages | Metadata | Attachment | None, int]:
         """Read the record at a byte: what it holds, and where the next one starts."""
         head = file.read(_HEAD.size)
         end = at + _HEAD.size
@@ -87,21 +132,21 @@ class Scan:
             end += length
         if end > size:
             self.stopped = f"cut off at byte {at}"
-            return [], end
+            return None, end
         content = file.read(length)
         if opcode == Opcode.DATA_END:
             self._end(content, file)
-            return [], end
+            return None, end
         self._crc = zlib.crc32(content, zlib.crc32(head, self._crc))
         if opcode == Opcode.CHUNK:
-            return list(self._messages(_chunk_bytes(Chunk.read(_stream(content))))), end
+            return self._messages(_chunk_bytes(Chunk.read(_stream(content)))), end
         if opcode == Opcode.METADATA:
-            return [Metadata.read(_stream(content))], end
+            return Metadata.read(_stream(content)), end
         if opcode == Opcode.ATTACHMENT:
-            return [Attachment.read(_stream(content))], end
+            return Attachment.read(_stream(content)), end
         if opcode not in _NOT_NEEDED:
             self.stopped = f"damaged at byte {at}: no record starts with {opcode}"
-        return [], end
+        return None, end
 
     def _end(self, content: bytes, file: BinaryIO) -> None:
         (crc,) = _CRC.unpack(content)
@@ -113,25 +158,38 @@ class Scan:
         else:
             self.finished = True
 
-    def _messages(self, data: bytes) -> Iterator[LogMessage]:
+    def _messages(self, data: bytes) -> Messages:
+        """Cut a chunk's messages apart: a session has thousands, so this loop does no more than it must."""
+        starts: list[int] = []
+        heads: list[_Head] = []
+        a_message, last = int(Opcode.MESSAGE), self._sequence
         at, size = 0, len(data)
         while at < size:
-            opcode, length = _HEAD.unpack_from(data, at)
-            at += _HEAD.size
-            if opcode == Opcode.MESSAGE:
-                channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
-                if self._sequence and sequence not in (self._sequence + 1, 1):  # 1: the next segment
-                    raise ValueError(f"message {sequence} follows message {self._sequence}")
-                self._sequence = sequence
-                payload = data[at + _MESSAGE.size : at + length]
-                yield LogMessage(self.channels[channel], sequence, log_time, publish_time, payload)
-            elif opcode == Opcode.CHANNEL:
-                new = Channel.read(_stream(data[at : at + length]))
-                self.channels[new.id] = new
-            elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(_stream(data[at : at + length]))
-                self.schemas[schema.id] = schema
-            at += length
+            if data[at] == a_message:
+                head = _MESSAGE.unpack_from(data, at)
+                if head[3] != last + 1 and last and head[3] != 1:  # 1: the next segment
+                    raise ValueError(f"message {head[3]} follows message {last}")
+                last = head[3]
+                starts.append(at)
+                heads.append(head)
+                at += _HEAD.size + head[1]
+            else:
+                at = self._declared(data, at)
+        self._sequence = last
+        return Messages(data, starts, heads, self.channels)
+
+    def _declared(self, data: bytes, at: int) -> int:
+        """Take the schema or channel at a byte of a chunk; give where the next record starts."""
+        opcode, length = _HEAD.unpack_from(data, at)
+        end: int = at + _HEAD.size + length
+        content = data[at + _HEAD.size : end]
+        if opcode == Opcode.CHANNEL:
+            channel = Channel.read(_stream(content))
+            self.channels[channel.id] = channel
+        elif opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(content))
+            self.schemas[schema.id] = schema
+        return end
 
 
 def _chunk_bytes(chunk: Chunk) -> bytes:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.log import topics
-from minihuman.log.reading import CUT_OFF, Reading, all_clean
+from minihuman.log.episode import CUT_OFF
+from minihuman.log.reading import Reading, all_clean
 from minihuman.study import events as ev
 
 _READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SESSION_END})
@@ -45,7 +46,7 @@ def summarise(files: Sequence[Path]) -> Summary:
     for reading, message in ((source, found) for source in readings for found in source.messages()):
         topic = message.channel.topic
         steps += topic == topics.STEP
-        match reading.event(message) if topic in _READ else None:
+        match reading.event(topic, message.data) if topic in _READ else None:
             case ev.SessionStarted() as started:
                 plan, end_reason = plan or started, CUT_OFF
                 spans.append((message.log_time, message.log_time))

@@ -3,15 +3,17 @@
 A step has a visible effect if the observation after it differs from the one before it.
 """
 
-from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import compress, groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.log.episode import Episode
+
+_TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a step
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,20 +45,20 @@ def key_uses(episodes: Sequence[Episode]) -> tuple[KeyUse, ...]:
     rows: list[KeyUse] = []
     for key_map, run in groupby(episodes, key=lambda episode: episode.plan.key_map):
         under = list(run)
-        tallies = _tally(under)
-        others = {*key_map.spare_keys, *tallies} - {*key_map.keys, ""}  # "" caused a tick's no-op
+        tally = _tally(under)
+        others = {*key_map.spare_keys, *tally.presses, *tally.steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
         for key in (*sorted(key_map.keys), *sorted(others)):
-            tally, action = tallies.get(key, _Tally()), key_map.keys.get(key)
-            found_s, found_steps = tally.found if tally.found and action is not None else (None, None)
+            action = key_map.keys.get(key)
+            found_s, found_steps = tally.found.get(key, (None, None)) if action is not None else (None, None)
             rows.append(
                 KeyUse(
                     key=key,
                     action=action,
                     first_episode=under[0].plan.episode,
-                    presses=tally.presses,
-                    steps=tally.steps,
-                    in_vain=tally.in_vain,
-                    refused=tally.refused,
+                    presses=tally.presses[key],
+                    steps=tally.steps[key],
+                    in_vain=tally.in_vain[key],
+                    refused=tally.refused[key],
                     found_s=found_s,
                     found_steps=found_steps,
                 )
@@ -66,34 +68,43 @@ def key_uses(episodes: Sequence[Episode]) -> tuple[KeyUse, ...]:
 
 def refused_presses(episode: Episode) -> int:
     """How many presses in an episode had no action, or came while none was taken; auto-repeats left out."""
-    return sum(press.down and press.verdict not in ("accepted", "queued", "repeat") for press in episode.keys)
+    return sum(verdict not in _TAKEN for _, verdict in _presses(episode))
+
+
+def _presses(episode: Episode) -> Iterator[tuple[str, str]]:
+    """Key and verdict of everything that went down, auto-repeats left out."""
+    columns = (episode.keys.column(name) for name in ("key", "down", "verdict"))
+    return ((key, verdict) for key, down, verdict in zip(*columns, strict=True) if down and verdict != "repeat")
 
 
 @dataclass(slots=True)
 class _Tally:
-    presses: int = 0
-    refused: int = 0
-    steps: int = 0
-    in_vain: int = 0
-    found: tuple[float, int] | None = None
+    """Counts by key under one key map, and playing time and steps until each key's action first showed."""
+
+    presses: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
+    steps: Counter[str] = field(default_factory=Counter)
+    in_vain: Counter[str] = field(default_factory=Counter)
+    found: dict[str, tuple[float, int]] = field(default_factory=dict)
 
 
-def _tally(under: Sequence[Episode]) -> dict[str, _Tally]:
-    """Count every key's presses and steps under one key map, in one pass."""
-    tallies: dict[str, _Tally] = defaultdict(_Tally)
+def _tally(under: Sequence[Episode]) -> _Tally:
+    tally = _Tally()
     done = played_ns = 0
     for episode in under:
-        for press in episode.keys:
-            if press.down and press.verdict != "repeat":
-                tallies[press.key].presses += 1
-                tallies[press.key].refused += press.verdict not in ("accepted", "queued")
-        for step, (cause, shows) in enumerate(zip(episode.step_keys, visible_effect(episode).tolist(), strict=True)):
-            tally = tallies[cause]
-            tally.steps += 1
-            tally.in_vain += not shows
-            if shows and tally.found is None:
+        down = list(_presses(episode))
+        tally.presses.update(key for key, _ in down)
+        tally.refused.update(key for key, verdict in down if verdict not in _TAKEN)
+        shows = visible_effect(episode)
+        causes = episode.step_keys
+        tally.steps.update(causes)
+        tally.in_vain.update(compress(causes, (~shows).tolist()))
+        # the earliest step comes last, and stays
+        first = {causes[step]: step for step in reversed(np.flatnonzero(shows).tolist())}
+        for key, step in first.items():
+            if key not in tally.found:
                 since_ns = played_ns + int(episode.key_t_ns[step] - episode.t_ns[0])
-                tally.found = (since_ns / 1e9, done + step + 1)
+                tally.found[key] = (since_ns / 1e9, done + step + 1)
         done += len(episode.actions)
         played_ns += int(episode.t_ns[-1] - episode.t_ns[0])
-    return tallies
+    return tally

@@ -8,8 +8,10 @@ import numpy as np
 from minihuman.log.episode import Episode
 from minihuman.study.events import Noted, Paused, Resumed
 
+Pauses = tuple[tuple[int, int | None], ...]  # begin and end, ns
 
-def pauses(notes: Iterable[Noted | Paused | Resumed]) -> tuple[tuple[int, int | None], ...]:
+
+def pauses(notes: Iterable[Noted | Paused | Resumed]) -> Pauses:
     """Begin and end of every pause, ns; the end is None for a pause that the session ended in."""
     found: list[tuple[int, int | None]] = []
     for note in sorted(notes, key=lambda note: note.t_ns):
@@ -22,7 +24,7 @@ def pauses(notes: Iterable[Noted | Paused | Resumed]) -> tuple[tuple[int, int | 
     return tuple(found)
 
 
-def playing_s(episode: Episode, paused: Iterable[tuple[int, int | None]] = ()) -> float:
+def playing_s(episode: Episode, paused: Pauses = ()) -> float:
     """Seconds from the reset to the last step, without the pauses in between."""
     first, last = int(episode.t_ns[0]), int(episode.t_ns[-1])
     still = sum(

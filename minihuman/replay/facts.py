@@ -31,5 +31,5 @@ def _row(episode: Episode) -> str:
     keys = ", ".join(f"{key}: {action}" for key, action in sorted(plan.key_map.keys.items()))
     return (
         f"| {plan.episode + 1} | {plan.block_name} | {plan.world} (seed {plan.seed}) | {keys} "
-        f"| {episode.outcome or 'cut off'} | {len(episode.actions)} | {episode.return_:.3f} |"
+        f"| {episode.outcome_word} | {len(episode.actions)} | {episode.return_:.3f} |"
     )

@@ -82,7 +82,7 @@ EPISODES = (
     Column("episode_in_block", "whole", "", "1 for the block's first."),
     Column("world", "text", "", "The world's id."),
     Column("seed", "whole", "", "The seed of the layout."),
-    Column("outcome", "text", "", "goal, timeout, failure, abandoned or cut off."),
+    Column("outcome", "text", "", "goal, timeout, failure, abandoned or cut_off."),
     Column("success", "yes_no", "", "Whether the outcome is goal."),
     Column("reward", "number", "", "Sum of the episode's rewards."),
     Column("steps", "whole", "", "Steps done."),
@@ -146,22 +146,29 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 
 
+NEED_WORLD = frozenset({"shortest_steps", "feasible_steps", "excess_steps", "excess_steps_mean"})
+"""The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
+
+
 @cache
-def schema(table: str) -> pa.Schema:
-    """The table's Arrow schema, each field with its unit and meaning as metadata."""
+def schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
+    """The table's Arrow schema, some columns left out, each field with its unit and meaning as metadata."""
     return pa.schema(
         [
             pa.field(column.name, _ARROW[column.kind], metadata={"unit": column.unit, "meaning": column.meaning})
             for column in TABLES[table]
+            if column.name not in without
         ]
     )
 
 
-def dictionary() -> dict[str, dict[str, dict[str, str]]]:
-    """The data dictionary: table, column, then its type, unit and meaning."""
+def dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
+    """The data dictionary, some columns left out: table, column, then its type, unit and meaning."""
     return {
         table: {
-            column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning} for column in columns
+            column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning}
+            for column in columns
+            if column.name not in without
         }
         for table, columns in TABLES.items()
     }

@@ -1,17 +1,41 @@
 """What the statistics leave out: the reviewers' tags, episodes not played to an end, and the protocol's own rules."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from minihuman.errors import ReportError
-from minihuman.report.columns import EPISODES, PARTICIPANTS
+from minihuman.log.episode import CUT_OFF
+from minihuman.report.columns import EPISODES, NEED_WORLD, PARTICIPANTS
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import Exclusion, decode
 
-UNFINISHED_OUTCOMES = ("abandoned", "cut off")
+UNFINISHED_OUTCOMES = ("abandoned", CUT_OFF)
 UNFINISHED = "not played to an end"
 _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
+
+
+def check_measures(exclusions: Sequence[Exclusion], source: str) -> None:
+    """Check that every rule asks for a measure there is; ``source`` names the protocol in the error.
+
+    Raises:
+        ReportError: one line with source, path and the measures there are.
+    """
+    for number, rule in enumerate(exclusions):
+        known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("whole", "number", "yes_no")]
+        if rule.measure not in known:
+            raise ReportError(
+                f"{source}: $.exclusions[{number}].measure is {rule.measure!r}, no measure of "
+                f"{'an episode' if rule.level == 'episode' else 'a participant'}; there are {', '.join(known)}"
+            )
+
+
+@lru_cache(maxsize=16)
+def _exclusions(protocol_toml: bytes, source: str) -> tuple[Exclusion, ...]:
+    exclusions = decode(protocol_toml, source).exclusions
+    check_measures(exclusions, source)
+    return exclusions
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,17 +54,13 @@ class Rules:
             ReportError: if a rule names a column that its table does not have.
             ProtocolError: if the protocol in the log cannot be understood.
         """
-        exclusions = (
-            decode(plan.protocol_toml, f"the protocol of {plan.study}").exclusions if plan.protocol_toml else ()
-        )
-        for rule in exclusions:
-            known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("whole", "number", "yes_no")]
-            if rule.measure not in known:
-                raise ReportError(
-                    f"the exclusion {rule.reason!r} asks for {rule.level} measure {rule.measure!r}; "
-                    f"there are {', '.join(known)}"
-                )
+        exclusions = _exclusions(plan.protocol_toml, f"the protocol of {plan.study}") if plan.protocol_toml else ()
         return cls(exclusions, frozenset(only), frozenset(without))
+
+    @property
+    def need_world(self) -> bool:
+        """Whether a rule asks for a measure that only the world itself can tell."""
+        return any(rule.measure in NEED_WORLD for rule in self.protocol)
 
     def episode(self, row: Mapping[str, Any]) -> str:
         """Why an episode's row does not count; empty if it does."""

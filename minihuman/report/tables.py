@@ -3,6 +3,7 @@
 import math
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import KeyUse, key_uses, refused_presses, visible_effect
 from minihuman.measures.path import path_efficiency, path_length, turns_in_place
 from minihuman.measures.shortest import Shortest
-from minihuman.measures.timing import pauses, playing_s, reaction_ms
+from minihuman.measures.timing import Pauses, pauses, playing_s, reaction_ms
 from minihuman.report.columns import schema
 from minihuman.report.exclusions import UNFINISHED_OUTCOMES, Rules
 from minihuman.study.plan import EpisodePlan
@@ -38,9 +39,9 @@ def session_tables(
         "group": log.plan.participant.group,
         "session": log.plan.session,
     }
-    attempts = _attempts(log.episodes)
+    attempts, paused = _attempts(log.episodes), pauses(log.notes)
     episodes = [
-        who | _episode(episode, attempt, log, tags_of(episode, dict(tags)), shortest(episode.plan))
+        who | _episode(episode, attempt, paused, tags_of(episode, dict(tags)), shortest(episode.plan))
         for episode, attempt in zip(log.episodes, attempts, strict=True)
     ]
     for row in episodes:
@@ -88,19 +89,24 @@ def _attempts(episodes: Iterable[Episode]) -> list[int]:
 def _joined(table: str, parts: Sequence[_Columns], who: Mapping[str, Any]) -> pa.Table:
     """Put the episodes' columns one below the other, and whose they are in front."""
     arrow = schema(table)
-    length = sum(len(part["t_s"]) for part in parts)
-    columns = []
-    for field in arrow:
-        if field.name in who:
-            columns.append(pa.repeat(pa.scalar(who[field.name], field.type), length))
-            continue
-        arrays = [pa.array(_full(part[field.name], len(part["t_s"])), field.type, from_pandas=True) for part in parts]
-        columns.append(pa.chunked_array(arrays, field.type))
+    lengths = [len(part["t_s"]) for part in parts]
+    columns = [
+        pa.repeat(pa.scalar(who[field.name], field.type), sum(lengths))
+        if field.name in who
+        else _column([part[field.name] for part in parts], lengths, field.type)
+        for field in arrow
+    ]
     return pa.table(columns, schema=arrow)
 
 
-def _full(value: Any, length: int) -> Any:
-    return value if isinstance(value, (np.ndarray, list)) else [value] * length
+def _column(parts: Sequence[Any], lengths: Sequence[int], kind: pa.DataType) -> pa.Array:
+    """One column of the parts' values: arrays, lists, or one value for a whole part. NaN becomes empty."""
+    if parts and isinstance(parts[0], np.ndarray):
+        return pa.array(np.concatenate(parts), kind, from_pandas=True)
+    values = (
+        part if isinstance(part, list) else repeat(part, length) for part, length in zip(parts, lengths, strict=True)
+    )
+    return pa.array(list(chain.from_iterable(values)), kind)
 
 
 def _place(episode: Episode, attempt: int) -> _Columns:
@@ -127,13 +133,14 @@ def _steps(episode: Episode, attempt: int) -> _Columns:
 
 
 def _presses(episode: Episode, attempt: int) -> _Columns:
-    names = episode.start.action_names
+    names: dict[int | None, str] = {None: "", **dict(enumerate(episode.start.action_names))}
+    keys = episode.keys
     return _place(episode, attempt) | {
-        "t_s": np.array([press.t_ns for press in episode.keys], np.int64) / 1e9,
-        "key": [press.key for press in episode.keys],
-        "down": [press.down for press in episode.keys],
-        "action": ["" if press.action is None else names[press.action] for press in episode.keys],
-        "verdict": [press.verdict for press in episode.keys],
+        "t_s": np.array(keys.column("t_ns"), np.int64) / 1e9,
+        "key": keys.column("key"),
+        "down": keys.column("down"),
+        "action": [names[action] for action in keys.column("action")],
+        "verdict": keys.column("verdict"),
     }
 
 
@@ -156,7 +163,7 @@ def _keys(episodes: Sequence[Episode]) -> list[_Columns]:
     ]
 
 
-def _episode(episode: Episode, attempt: int, log: SessionLog, tags: frozenset[str], least: Shortest) -> _Columns:
+def _episode(episode: Episode, attempt: int, paused: Pauses, tags: frozenset[str], least: Shortest) -> _Columns:
     plan, steps = episode.plan, len(episode.actions)
     success = episode.outcome == "goal"
     mean_ms, median_ms = reaction_ms(episode)
@@ -164,7 +171,7 @@ def _episode(episode: Episode, attempt: int, log: SessionLog, tags: frozenset[st
         "episode_in_block": plan.episode_in_block + 1,
         "world": plan.world,
         "seed": plan.seed,
-        "outcome": episode.outcome or "cut off",
+        "outcome": episode.outcome_word,
         "success": success,
         "reward": episode.return_,
         "steps": steps,
@@ -172,7 +179,7 @@ def _episode(episode: Episode, attempt: int, log: SessionLog, tags: frozenset[st
         "shortest_steps": least.at_least,
         "feasible_steps": least.feasible,
         "excess_steps": float(steps - least.at_least) if success and least.at_least is not None else None,
-        "playing_s": playing_s(episode, pauses(log.notes)),
+        "playing_s": playing_s(episode, paused),
         "reaction_mean_ms": _told(mean_ms),
         "reaction_median_ms": _told(median_ms),
         "path_length": _told(path_length(episode)),
@@ -195,7 +202,7 @@ def _over(rows: Sequence[_Columns], episodes: Sequence[Episode]) -> _Columns:
         "episodes": len(rows),
         "success": _mean([row["success"] for row in rows]),
         "reward_mean": _mean(rewards),
-        "reward_sd": statistics.stdev(rewards) if len(rewards) > 1 else None,
+        "reward_sd": float(np.std(rewards, ddof=1)) if len(rewards) > 1 else None,
         "reward_first": rewards[0] if rewards else None,
         "reward_slope": _told(slope_per_episode(rewards)),
         "steps_mean": _mean(steps),

@@ -25,16 +25,23 @@ _WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {
 
 
 class TableWriter:
-    """Writes every table into a folder, as Parquet, CSV or both, and what the columns mean as ``dictionary.json``."""
+    """Writes every table into a folder, as Parquet, CSV or both, and what the columns mean as ``dictionary.json``.
 
-    def __init__(self, folder: Path, *, kinds: Sequence[Kind] = ("parquet", "csv")) -> None:
+    The columns ``without`` are left out.
+    """
+
+    def __init__(
+        self, folder: Path, *, kinds: Sequence[Kind] = ("parquet", "csv"), without: frozenset[str] = frozenset()
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.paths = tuple(folder / f"{name}.{kind}" for name in TABLES for kind in kinds)
         self.dictionary = folder / "dictionary.json"
-        self.dictionary.write_text(json.dumps(dictionary(), indent=1) + "\n")
+        self.dictionary.write_text(json.dumps(dictionary(without=without), indent=1) + "\n")
+        self._without = without
         self._waiting: dict[str, list[pa.Table]] = {name: [] for name in TABLES}
         self._writers = {
-            name: [_WRITERS[kind](folder / f"{name}.{kind}", schema(name)) for kind in kinds] for name in TABLES
+            name: [_WRITERS[kind](folder / f"{name}.{kind}", schema(name, without=without)) for kind in kinds]
+            for name in TABLES
         }
 
     def write(self, rows: Rows) -> None:
@@ -61,7 +68,8 @@ class TableWriter:
 
     def _flush(self, name: str) -> None:
         if self._waiting[name]:
-            table = pa.concat_tables(self._waiting[name])
+            columns = schema(name, without=self._without).names
+            table = pa.concat_tables(self._waiting[name]).select(columns)
             for writer in self._writers[name]:
                 writer.write_table(table)
             self._waiting[name] = []

@@ -1,4 +1,7 @@
-"""A protocol against its worlds: does each exist, and has it the actions that the blocks name? Plays nothing."""
+"""A protocol against its worlds: does each exist, and has it the actions and the steps that the blocks ask for?
+
+Plays nothing.
+"""
 
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.study.protocol import Block, Protocol
@@ -16,13 +19,19 @@ def rehearse(protocol: Protocol, source: str = "protocol") -> None:
             world = World(block.world, block.options)
         except WorldError as error:
             raise ProtocolError(f"{source}: $.blocks[{number}].world: {error}") from error
-        missing = _missing(block, world.action_names)
+        missing, limit = _missing(block, world.action_names), world.step_limit
         world.close()
         if missing:
             field, name = missing
             raise ProtocolError(
                 f"{source}: $.blocks[{number}].{field} names {name!r}, which {block.world} does not have; "
                 f"its actions are {', '.join(world.action_names)}"
+            )
+        if limit is not None and block.max_steps > limit:
+            raise ProtocolError(
+                f"{source}: $.blocks[{number}].max_steps is {block.max_steps}, but {block.world} ends an episode "
+                f"after {limit} steps; ask for {limit} or fewer, or give the world more with options = {{ max_steps = "
+                f"{block.max_steps} }} if it has that option"
             )
 
 

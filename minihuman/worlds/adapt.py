@@ -84,6 +84,13 @@ class World:
         assert isinstance(space, gymnasium.spaces.Discrete)  # checked when made
         return space
 
+    @property
+    def step_limit(self) -> int | None:
+        """How many steps the environment itself gives an episode; None where it says of none."""
+        spec = self._env.spec
+        said = (getattr(self.unwrapped, "max_steps", None), spec.max_episode_steps if spec else None)
+        return min((int(limit) for limit in said if limit is not None), default=None)
+
     def reset(self, seed: int) -> Observed:
         """Begin an episode from a seed."""
         self._observation, _ = self._env.reset(seed=seed)

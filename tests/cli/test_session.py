@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from minihuman.cli import session
-from minihuman.errors import AllocationError, LogError, ProtocolError
+from minihuman.errors import AllocationError, LogError, ProtocolError, ReportError
 from minihuman.log.register import read_register
 from minihuman.study.expand import enrol, expand
 from minihuman.study.plan import SessionPlan
@@ -69,6 +69,11 @@ def test_check_prints_the_plan_itself_as_json():
             "$.blocks[0].actions names 'fly', which minihuman/MiniGrid-FourRooms-v0 does not have",
         ),
         ("MiniGrid-FourRooms-v0", "MiniGrid-FiveRooms-v0", "$.blocks[0].world"),
+        (
+            "max_steps = 100\n",
+            "max_steps = 101\n",
+            "$.blocks[0].max_steps is 101, but minihuman/MiniGrid-FourRooms-v0 ends an episode after 100 steps",
+        ),
         ("max_steps = 100\n", 'max_steps = 100\noptions = { colour = "red" }\n', "do not take {'colour': 'red'}"),
     ],
 )
@@ -76,6 +81,16 @@ def test_check_finds_a_block_that_its_world_cannot_play(tmp_path, old, new, said
     failed = typed("check", edited(tmp_path, old, new)).exception
     assert isinstance(failed, ProtocolError)
     assert said in str(failed)
+    assert "\n" not in str(failed)
+
+
+def test_check_finds_an_exclusion_by_a_measure_there_is_not(tmp_path):
+    path = edited(tmp_path, 'measure = "completed_share"', 'measure = "complete_share"')
+    failed = typed("check", path).exception
+    assert isinstance(failed, ReportError)
+    said = f"{path}: $.exclusions[0].measure is 'complete_share', no measure of a participant; there are "
+    assert str(failed).startswith(said)
+    assert "completed_share" in str(failed)
     assert "\n" not in str(failed)
 
 

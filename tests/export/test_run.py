@@ -1,5 +1,9 @@
 """Exports of whole studies: filters, cards, bad input and what is left behind."""
 
+import json
+import shutil
+
+import pandas as pd
 import pytest
 
 from minihuman.errors import ExportError, LogError
@@ -7,7 +11,8 @@ from minihuman.export.choose import Filters
 from minihuman.export.run import export
 from minihuman.log.read import open_log
 from minihuman.marks import Mark, add_mark
-from tests.export.study import recorded
+from minihuman.report.columns import NEED_WORLD, TABLES
+from tests.export.study import DEMO, recorded
 
 EVERYTHING = Filters()
 
@@ -43,6 +48,40 @@ def test_filters_take_what_they_say(study, log, tmp_path):
     ended_so = sum(episode.outcome == "goal" for path in study.rglob("*.mcap") for episode in open_log(path).episodes)
     assert written(study, tmp_path / "c", Filters(outcome=("goal",))).episodes == ended_so
     assert written(log, tmp_path / "d").episodes == 4
+
+
+def test_tables_are_made_from_the_log_alone(study, tmp_path):
+    """What takes the world itself, the fewest possible steps, is in the report's tables and not in these."""
+    written(study, tmp_path / "out")
+    described = json.loads((tmp_path / "out/dictionary.json").read_text())
+    for name, columns in TABLES.items():
+        table = pd.read_parquet(tmp_path / f"out/{name}.parquet")
+        assert list(table.columns) == list(described[name]) == [c.name for c in columns if c.name not in NEED_WORLD]
+
+
+def test_a_rule_by_what_takes_the_world_leaves_the_same_out_as_in_the_report(tmp_path):
+    rule = '[[exclusions]]\nreason = "wandered"\nlevel = "episode"\nmeasure = "excess_steps"\nabove = -1\n'
+    study = recorded(tmp_path / "data", participants=1, toml=DEMO.read_bytes() + rule.encode())
+    written(study, tmp_path / "out")
+    left_out = pd.read_parquet(tmp_path / "out/episodes.parquet")["left_out"]
+    assert left_out.tolist() == ["wandered"] * 4
+
+
+def test_sessions_read_side_by_side_are_written_in_order_and_alike(study, tmp_path):
+    """Enough sessions for a second process: the same tables as one process writes, session by session."""
+    many = tmp_path / "many"
+    logs = sorted(study.rglob("*.mcap"))
+    for number in range(20):
+        folder = many / f"{number:02}"
+        folder.mkdir(parents=True)
+        shutil.copy(logs[number % 2], folder / logs[number % 2].name)
+    done = written(many, tmp_path / "all")
+    apart = [written(log, tmp_path / f"one-{number}") for number, log in enumerate(logs)]
+    assert done.episodes == 10 * sum(one.episodes for one in apart)
+    for name in TABLES:
+        pair = [pd.read_parquet(tmp_path / f"one-{number}/{name}.parquet") for number in range(2)]
+        together = pd.read_parquet(tmp_path / f"all/{name}.parquet")
+        pd.testing.assert_frame_equal(together, pd.concat(pair * 10, ignore_index=True))
 
 
 def test_marked_episodes_can_be_left_out_or_taken_alone(tmp_path):

@@ -5,6 +5,7 @@ import dataclasses
 from matplotlib.figure import Figure
 
 from minihuman.figures.overview import draw_different_keys, draw_keys, draw_steps, draw_time, overview_figure
+from minihuman.log.columns import EventColumns
 from minihuman.study.events import KeyPressed
 from tests.builders import session, session_of
 
@@ -31,7 +32,9 @@ def test_presses_without_an_action_stand_apart():
     log = session(episodes=1)
     first = log.episodes[0]
     stray = tuple(KeyPressed(first.t_ns[0] + i, "9", "9", True, None, "unmapped", "playing") for i in range(3))
-    log = session_of([dataclasses.replace(first, keys=stray + first.keys), *log.episodes[1:]])
+    log = session_of(
+        [dataclasses.replace(first, keys=EventColumns.of(KeyPressed, [*stray, *first.keys])), *log.episodes[1:]]
+    )
     ax = draw_keys(Figure().subplots(), log)
     assert heights(ax)[:4] == [len(log.episodes[0].actions), len(log.episodes[1].actions), 3, 0]
     assert heights(draw_different_keys(Figure().subplots(), log))[0] == len({key.key for key in first.keys}) + 1

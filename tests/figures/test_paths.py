@@ -80,7 +80,7 @@ def test_the_panel_says_number_steps_and_an_outcome_that_is_not_the_goal(ax):
 
 def test_an_episode_the_log_broke_off_in_says_cut_off(ax):
     episode_panel(ax, dataclasses.replace(walk_round_a_corner(), outcome=None))
-    assert ax.get_title("right") == "cut off (6)"
+    assert ax.get_title("right") == "cut_off (6)"
 
 
 def test_a_world_that_tells_no_pose_gets_a_panel_that_says_so(ax):

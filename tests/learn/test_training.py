@@ -1,5 +1,7 @@
 import dataclasses
+import fcntl
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +13,7 @@ import torch
 
 from minihuman.errors import LearnError
 from minihuman.learn.cells import SOURCE, Cell, Job, Ppo, Study
-from minihuman.learn.job import POLICY, prepare, read_result, run_job, steps_so_far
+from minihuman.learn.job import LOCK, POLICY, RESULT, prepare, read_result, run_job, steps_so_far
 from minihuman.learn.policy_file import load_weights
 from minihuman.learn.training import train
 
@@ -45,6 +47,8 @@ def test_a_killed_job_goes_on_to_the_same_result(finished, tmp_path):
     while steps_so_far(job, tmp_path) < 256:
         assert process.poll() is None, "the job ended before it could be killed"
         time.sleep(0.005)
+    with pytest.raises(LearnError, match="being trained by another process"):
+        run_job(job, tmp_path, "cpu")
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     assert read_result(job, tmp_path) is None
@@ -52,6 +56,36 @@ def test_a_killed_job_goes_on_to_the_same_result(finished, tmp_path):
     resumed = run_job(job, tmp_path, "cpu")
     assert resumed.points == result.points
     assert same_weights(load_weights(tmp_path / job.name / POLICY), load_weights(whole / job.name / POLICY))
+
+
+def test_workers_end_with_a_killed_study(tmp_path):
+    script = (
+        "import sys; from pathlib import Path; from tests.learn.test_training import *\n"
+        "from minihuman.learn.engines import LocalPool; from minihuman.learn.run_study import run_study\n"
+        "if __name__ == '__main__':\n"
+        "    run_study(small_study(source_steps=10**6), Path(sys.argv[1]), lambda: LocalPool(1), device='cpu')"
+    )
+    started = tmp_path / "study.py"  # spawned workers import the main script, so it is a file
+    started.write_text(script)
+    root = Path(__file__).parents[2]
+    out = tmp_path / "out"
+    job = Job(small_study(source_steps=10**6), Cell(SOURCE), 0)
+    with subprocess.Popen([sys.executable, started, str(out)], env=os.environ | {"PYTHONPATH": str(root)}) as process:
+        while steps_so_far(job, out) == 0:
+            assert process.poll() is None, "the study ended before it could be killed"
+            time.sleep(0.01)
+        process.kill()
+    with (out / job.name / LOCK).open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # returns once the worker is gone
+
+
+def test_a_result_of_another_version_is_named(finished, tmp_path):
+    job, whole, _ = finished
+    shutil.copytree(whole, tmp_path / "old")
+    result = tmp_path / "old" / job.name / RESULT
+    result.write_text(result.read_text().replace('"success"', '"wins"'))
+    with pytest.raises(LearnError, match=r"result\.json is not a result of this version"):
+        read_result(job, tmp_path / "old")
 
 
 class StoppedError(Exception):

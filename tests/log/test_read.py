@@ -1,17 +1,33 @@
 """Reading: a session as it was played, and one clear sentence about every file that is not one."""
 
+import dataclasses
+import itertools
 import struct
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from mcap.writer import Writer
 
 from minihuman.errors import LogError
+from minihuman.log.episode import pose_row
 from minihuman.log.live import SEGMENT_METADATA
 from minihuman.log.read import open_log, read_events
 from minihuman.log.recorder import McapRecorder
-from minihuman.study.events import Event, Noted, Paused, Resumed, Stepped
+from minihuman.study.events import (
+    EpisodeEnded,
+    EpisodeStarted,
+    Event,
+    FrameShown,
+    KeyPressed,
+    Noted,
+    Paused,
+    Resumed,
+    SessionStarted,
+    Stepped,
+)
 from tests.log.played import record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -169,3 +185,43 @@ def test_a_folder_with_no_session_or_several_is_named(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     with pytest.raises(LogError, match="holds 2 session logs"):
         open_log(tmp_path)
+
+
+def test_columns_hold_what_the_events_say(tmp_path: Path) -> None:
+    """The quick way, by columns, against the plain one: a session in two segments, a missing pose, keys in between."""
+    between = KeyPressed(0, "x", "x", True, None, "not_playing", "rest")
+    first: list[Event] = []
+    for event in session_events(PLAN, steps=20):
+        blind = isinstance(event, Stepped) and event.step % 7 == 3
+        first.append(dataclasses.replace(event, pose=None, rt_ms=None) if blind else event)
+        if isinstance(event, EpisodeEnded):
+            first.append(dataclasses.replace(between, t_ns=event.t_ns))
+    (cut,) = (at for at, e in enumerate(first) if isinstance(e, Stepped) and (e.episode, e.step) == (1, 9))
+    record(tmp_path, PLAN, first[: cut + 1])
+    again = msgspec.structs.replace(session_plan(episodes=3, segment=2), first_episode=1)
+    log = record(tmp_path, again, session_events(again, steps=6))
+    session = open_log(log)
+    events = list(read_events(log))
+    assert list(session.keys) == [event for event in events if isinstance(event, KeyPressed)]
+    assert [episode.segment for episode in session.episodes] == [1, 1, 2, 2]
+    assert [episode.outcome for episode in session.episodes] == ["goal", None, "goal", "goal"]
+    starts = [place for place, event in enumerate(events) if isinstance(event, EpisodeStarted)]
+    assert len(starts) == len(session.episodes)
+    for episode, begin in zip(session.episodes, starts, strict=True):
+        within = list(itertools.takewhile(lambda e: not isinstance(e, EpisodeEnded | SessionStarted), events[begin:]))
+        steps = [event for event in within if isinstance(event, Stepped)]
+        moments: list[Any] = [within[0], *steps]
+        assert episode.start == within[0]
+        assert list(episode.keys) == [event for event in within if isinstance(event, KeyPressed)]
+        assert list(episode.frames) == [event for event in within if isinstance(event, FrameShown)]
+        assert episode.keys.column("verdict") == [key.verdict for key in episode.keys]
+        assert episode.step_keys == tuple(step.key for step in steps)
+        assert np.array_equal(episode.poses, [pose_row(event.pose) for event in moments], equal_nan=True)
+        assert np.array_equal(episode.rt_ms, [s.rt_ms or np.nan for s in steps], equal_nan=True)
+        assert episode.t_ns.tolist() == [event.t_ns for event in moments]
+        assert episode.state_hashes.tolist() == [event.state_hash for event in moments]
+        assert episode.observation_hashes.tolist() == [event.observation_hash for event in moments]
+        for name, field in (("actions", "action"), ("key_t_ns", "key_t_ns"), ("rewards", "reward")):
+            assert getattr(episode, name).tolist() == [getattr(step, field) for step in steps]
+        assert episode.terminated.tolist() == [step.terminated for step in steps]
+        assert episode.truncated.tolist() == [step.truncated for step in steps]

@@ -132,7 +132,7 @@ level = "episode"
 measure = "yawns"
 above = 3
 """
-    with pytest.raises(ReportError, match=r"'too tired' asks for episode measure 'yawns'; there are .*steps"):
+    with pytest.raises(ReportError, match=r"\[0\]\.measure is 'yawns', no measure of an episode; there are .*steps"):
         Rules.of(msgspec.structs.replace(log.plan, protocol_toml=toml))
 
 

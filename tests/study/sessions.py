@@ -1,7 +1,7 @@
 """Small sessions for tests: a protocol in a few lines, and inputs by name."""
 
 from minihuman.log.port import MemoryRecorder
-from minihuman.study.events import EpisodeStarted
+from minihuman.study.events import EpisodeStarted, KeyPressed
 from minihuman.study.expand import enrol, expand
 from minihuman.study.inputs import Input, KeyDown, KeyUp, Shown, Tick
 from minihuman.study.plan import SessionPlan
@@ -100,6 +100,10 @@ class Desk:
 
     def of(self, kind):
         return [event for event in self.events if isinstance(event, kind)]
+
+    def verdicts(self) -> list[str]:
+        """What came of each press."""
+        return [event.verdict for event in self.of(KeyPressed) if event.down]
 
     def give(self, happened: Input):
         self.inputs.append(happened)

@@ -16,7 +16,7 @@ from minihuman.study.events import (
     SessionStarted,
     Stepped,
 )
-from minihuman.study.inputs import FocusChanged, KeyDown, Stop
+from minihuman.study.inputs import KeyDown, Stop
 from minihuman.study.phases import Phase
 from minihuman.study.screens import PlayScreen
 from minihuman.study.session import Session
@@ -24,15 +24,9 @@ from minihuman.study.well_formed import complaints
 from minihuman.worlds.adapt import World
 from tests.study.sessions import MS, Desk, corridor_plan, key_of
 
-REAL_TIME = 'pace = "real_time"\nstep_period_ms = 100\n'
-
 
 def outcomes(desk: Desk) -> list[str]:
     return [event.outcome for event in desk.of(EpisodeEnded)]
-
-
-def verdicts(desk: Desk) -> list[str]:
-    return [event.verdict for event in desk.of(KeyPressed) if event.down]
 
 
 def ended(desk: Desk) -> SessionEnded:
@@ -117,7 +111,7 @@ def test_the_keyboard_check_wants_every_key_of_the_pool_once():
     desk = Desk(corridor_plan(check=True))
     desk.press("1", "1", "x", "2", "3", "4", "5")
     assert dict(desk.session.screen.keys) == {"1": True, "2": True, "3": True, "4": True, "5": True, "6": False}
-    assert verdicts(desk) == ["accepted", "accepted", "unmapped", "accepted", "accepted", "accepted", "accepted"]
+    assert desk.verdicts() == ["accepted", "accepted", "unmapped", "accepted", "accepted", "accepted", "accepted"]
     desk.press("6")
     assert desk.session.phase is Phase.READY
     assert any(event.kind == "keyboard_check" for event in desk.of(Noted))
@@ -223,76 +217,6 @@ def test_events_are_given_before_the_new_screen_has_to_be_shown():
     assert desk.session.screen.step == 1
 
 
-def test_real_time_steps_once_a_period_with_the_last_key_or_the_noop():
-    desk = Desk(corridor_plan(max_steps=9, more=REAL_TIME + 'noop = "stay"'))
-    desk.press("enter")
-    assert desk.session.next_tick_ns is None  # not before the first picture
-    desk.show()
-    start_ns = desk.now_ns
-    assert desk.session.next_tick_ns == start_ns + 100 * MS
-    desk.act("back", "forward")
-    desk.pass_ms(100)
-    desk.pass_ms(100)
-    told = [(event.action, event.key) for event in desk.of(Stepped)]
-    assert told == [(1, key_of(desk.plan, "forward")), (2, "")]
-    assert verdicts(desk) == ["accepted", "queued", "queued"]
-    assert desk.session.next_tick_ns == start_ns + 300 * MS
-
-
-def test_real_time_without_a_noop_waits_for_a_key():
-    desk = Desk(corridor_plan(more=REAL_TIME))
-    desk.press("enter")
-    desk.show()
-    desk.pass_ms(100)
-    assert desk.of(Stepped) == []
-    desk.act("forward")
-    desk.pass_ms(100)
-    assert len(desk.of(Stepped)) == 1
-
-
-def test_periods_missed_by_a_stalled_machine_are_not_made_up_for():
-    desk = Desk(corridor_plan(more=REAL_TIME + 'noop = "stay"'))
-    desk.press("enter")
-    desk.show()
-    start_ns = desk.now_ns
-    desk.pass_ms(730)
-    assert len(desk.of(Stepped)) == 1
-    assert desk.session.next_tick_ns == start_ns + 800 * MS
-
-
-def test_a_key_after_its_period_ran_out_belongs_to_the_next():
-    desk = Desk(corridor_plan(more=REAL_TIME + 'noop = "stay"'))
-    desk.press("enter")
-    desk.show()
-    desk.now_ns += 150 * MS
-    desk.act("forward")
-    assert [event.action for event in desk.of(Stepped)] == [2]
-
-
-def test_losing_the_focus_pauses_real_time_and_is_recorded():
-    desk = Desk(corridor_plan(more=REAL_TIME + 'noop = "stay"'))
-    desk.press("enter")
-    desk.show()
-    desk.give(FocusChanged(desk.now_ns, focused=False))
-    assert desk.session.phase is Phase.PAUSED
-    desk.pass_ms(1000)
-    desk.give(FocusChanged(desk.now_ns, focused=True))
-    desk.press("enter")
-    assert [event.text for event in desk.of(Noted) if event.kind == "focus"] == ["lost", "found"]
-    assert [event.reason for event in desk.of(Paused)] == ["focus_lost"]
-    assert len(desk.of(Resumed)) == 1
-    assert desk.of(Stepped) == []
-    assert desk.session.phase is Phase.PLAYING
-
-
-def test_losing_the_focus_is_only_recorded_where_a_key_makes_the_step():
-    desk = Desk(corridor_plan())
-    desk.press("enter")
-    desk.give(FocusChanged(desk.now_ns, focused=False))
-    assert desk.session.phase is Phase.PLAYING
-    assert [event.text for event in desk.of(Noted) if event.kind == "focus"] == ["lost"]
-
-
 def test_a_participant_may_pause():
     desk = Desk(corridor_plan())
     desk.press("enter", "f8")
@@ -300,7 +224,7 @@ def test_a_participant_may_pause():
     desk.press("f8")
     desk.act("forward")
     assert [event.reason for event in desk.of(Paused)] == ["participant"]
-    assert verdicts(desk)[2:] == ["not_playing", "accepted", "accepted"]
+    assert desk.verdicts()[2:] == ["not_playing", "accepted", "accepted"]
     assert len(desk.of(Stepped)) == 1
 
 
@@ -361,7 +285,7 @@ def test_a_rest_has_a_shortest_length_and_counts_down():
     assert "3 s" in desk.session.screen.prompt
     desk.press("enter")
     assert desk.session.phase is Phase.REST
-    assert verdicts(desk)[-1] == "not_playing"
+    assert desk.verdicts()[-1] == "not_playing"
     desk.give(KeyDown(desk.session.next_tick_ns, "q"))
     assert "2 s" in desk.session.screen.prompt
     desk.pass_ms(2500)

@@ -100,11 +100,12 @@ class Mesh(Entity):
         self.radius = math.sqrt(half_width * half_width + half_depth * half_depth) * (height / own_height)
 
 
-class _ColouredMesh(Mesh):
+class ColouredMesh(Mesh):
     """A mesh that comes in the six colours and can be carried."""
 
     def __init__(self, kind: str, colour: str, height: float) -> None:
         super().__init__(f"{kind}_{check_colour(colour)}", height, static=False)
+        self.kind = kind
         self.colour_name = colour
         self.name = f"{colour} {kind}"
 
@@ -114,14 +115,14 @@ class _ColouredMesh(Mesh):
         return hex_colour(COLOURS[self.colour_name])
 
 
-class Ball(_ColouredMesh):
+class Ball(ColouredMesh):
     """A ball that can be carried, ``size`` metres across."""
 
     def __init__(self, colour: str, size: float = 0.6) -> None:
         super().__init__("ball", colour, size)
 
 
-class Key(_ColouredMesh):
+class Key(ColouredMesh):
     """A key that can be carried, ``size`` metres high."""
 
     def __init__(self, colour: str, size: float = 0.35) -> None:

@@ -1,7 +1,7 @@
 """A first-person world as a Gymnasium environment: subclass it, say what stands where and when it ends."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.compiling import announce
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.agent import Agent
 from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.map import floor_map
+from minihuman.worlds.first_person.outline import Outline, Point, outline_of, rectangle
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
+from minihuman.worlds.first_person.passages import Limits
 from minihuman.worlds.first_person.picture import Glimpse, Pictures, glimpse
-from minihuman.worlds.first_person.rooms import WALL_HEIGHT, Limits, Point, Room, rectangle
+from minihuman.worlds.first_person.rooms import WALL_HEIGHT, Room
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
 from minihuman.worlds.pose import Map, Pose
@@ -87,6 +90,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         domain_rand: bool = False,
         assets: str | None = None,
     ) -> None:
+        announce()
         if max_steps is not None and max_steps < 1:
             raise WorldError(f"max_steps is {max_steps}; an episode has 1 step or more, or None for no end")
         if min(obs_width, obs_height) < 1:
@@ -141,7 +145,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
 
     def add_room(
         self,
-        outline: tuple[Point, ...],
+        outline: Outline | Sequence[Point],
         *,
         wall_height: float = WALL_HEIGHT,
         floor: str = "floor_tiles_bw",
@@ -155,7 +159,8 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         Raises:
             WorldError: if the outline does not close, is not convex, or goes round the wrong way.
         """
-        return self.stage.add_room(Room(outline, wall_height, floor, wall, ceiling))
+        shape = outline if isinstance(outline, Outline) else outline_of(tuple((float(x), float(z)) for x, z in outline))
+        return self.stage.add_room(Room(shape, wall_height, floor, wall, ceiling))
 
     def connect_rooms(
         self,

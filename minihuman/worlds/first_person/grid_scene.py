@@ -13,6 +13,7 @@ from minihuman.worlds.grid.state import State
 
 WALL_HEIGHT_M = 1.1
 _DOOR_M = 0.08  # how thick a door is
+_KNOB_M = 0.36  # from the middle of a door
 _TILE_M = 0.02  # how thick what lies flat on the floor is
 _ZOOM = 1.6  # of bricks: they are made for walls of full height
 _CARRIED_AHEAD_M = 0.3  # of the agent's eye
@@ -65,10 +66,10 @@ def carried(code: int, eye: tuple[float, float, float], yaw_rad: float, palette:
     x, y, z = eye
     ahead = _CARRIED_AHEAD_M
     place = x + ahead * np.cos(yaw_rad), y - _CARRIED_LOW_M, z - ahead * np.sin(yaw_rad), yaw_rad
-    match cells.KINDS[cells.kind_of(code)], cells.COLOURS[cells.colour_of(code)]:
-        case "key" | "ball" as kind, colour:
-            return [Seen(MeshLook(f"{kind}_{colour}", 0.08), place)]
-        case "box", _:
+    match cells.KINDS[cells.kind_of(code)]:
+        case "key" | "ball" as kind:
+            return [Seen(MeshLook(f"{kind}_white", 0.08, _rgb(code, palette)), place)]
+        case "box":
             return [Seen(BoxLook((0.08, 0.08, 0.08), _rgb(code, palette)), place)]
         case _:
             return []
@@ -76,21 +77,21 @@ def carried(code: int, eye: tuple[float, float, float], yaw_rad: float, palette:
 
 def _in_cell(state: State, code: int, x: int, z: int, palette: Palette) -> list[Seen]:
     middle = (float(x), 0.0, float(z), 0.0)
-    match cells.KINDS[cells.kind_of(code)], cells.COLOURS[cells.colour_of(code)]:
-        case "door", _:
+    match cells.KINDS[cells.kind_of(code)]:
+        case "door":
             return _door(state, code, x, z, palette)
-        case "key" | "ball" as kind, colour:
-            return [Seen(MeshLook(f"{kind}_{colour}", 0.4), (*middle[:3], 0.8))]
-        case "box", _:
+        case "key" | "ball" as kind:
+            return [Seen(MeshLook(f"{kind}_white", 0.4, _rgb(code, palette)), (*middle[:3], 0.8))]
+        case "box":
             return [Seen(BoxLook((0.45, 0.45, 0.45), _rgb(code, palette)), (*middle[:3], 0.4))]
-        case "goal" | "lava" | "floor", _:
+        case "goal" | "lava" | "floor":
             return [Seen(BoxLook((0.98, _TILE_M, 0.98), _rgb(code, palette)), middle)]
         case _:
             return []
 
 
 def _door(state: State, code: int, x: int, z: int, palette: Palette) -> list[Seen]:
-    """A leaf across the way, or turned aside where the door is open; a locked one has a bar across."""
+    """A leaf across the way, or turned aside where the door is open; a closed one has a knob, a locked one a bar."""
     colour = _rgb(code, palette)
     yaw = 0.0 if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL else np.pi / 2
     leaf = BoxLook((1.0, 0.95 * WALL_HEIGHT_M, _DOOR_M), colour)
@@ -103,7 +104,9 @@ def _door(state: State, code: int, x: int, z: int, palette: Palette) -> list[See
             bar = BoxLook((1.0, 0.12, 1.6 * _DOOR_M), (0.12, 0.12, 0.12))
             return [Seen(leaf, (x, 0.0, z, yaw)), Seen(bar, (x, 0.45 * WALL_HEIGHT_M, z, yaw))]
         case _:
-            return [Seen(leaf, (x, 0.0, z, yaw))]
+            along, down = (_KNOB_M, 0.0) if yaw == 0.0 else (0.0, _KNOB_M)
+            knob = BoxLook((0.08, 0.08, 3 * _DOOR_M), (0.12, 0.12, 0.12))
+            return [Seen(leaf, (x, 0.0, z, yaw)), Seen(knob, (x + along, 0.45 * WALL_HEIGHT_M, z + down, yaw))]
 
 
 def _rgb(code: int, palette: Palette) -> tuple[float, float, float]:

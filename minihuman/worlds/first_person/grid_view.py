@@ -53,6 +53,11 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         """What to do, in words."""
         return self.grid.mission
 
+    @property
+    def max_steps(self) -> int:
+        """The grid's."""
+        return self.grid.max_steps
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:

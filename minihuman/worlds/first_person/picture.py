@@ -89,7 +89,7 @@ class Pictures:
         if kept is not None and kept[0] is stage and set(map(id, things)) <= set(map(id, kept[1])):
             things, scene = kept[1], kept[2].at(places(stage, kept[1]))
         else:
-            looks = [look(thing, palette) for thing in things]
+            looks = [look(thing, palette, own=self.assets is None) for thing in things]
             with library_lock:
                 scene = furnish(
                     self._rooms,

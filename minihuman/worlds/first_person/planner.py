@@ -113,7 +113,7 @@ def _reach(stage: Stage, goal: Entity) -> float:
 
 def _zones(world: FirstPersonEnv) -> NDArray[np.float64]:
     """The rooms that end the episode, (rooms, edges, 4): where each edge starts, and its normal into the room."""
-    rooms = [[(*edge.start, *edge.normal) for edge in room.edges] for room in world.off_limits()]
+    rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
     most = max(map(len, rooms), default=0)
     padded = [edges + edges[-1:] * (most - len(edges)) for edges in rooms]
     return np.array(padded, dtype=np.float64).reshape(len(rooms), most, 4)
@@ -170,7 +170,7 @@ def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[
     inside = np.zeros(len(ends), dtype=np.bool_)
     for room in floor.rooms:
         within = np.ones(len(ends), dtype=np.bool_)
-        for (x, z), _, _, _, (normal_x, normal_z) in room.edges:
+        for (x, z), _, _, _, (normal_x, normal_z) in room.outline.edges:
             within &= normal_x * (ends[:, 0] - x) + normal_z * (ends[:, 1] - z) > -1e-6
         inside |= within
     return ends[inside & ~lies_on(barriers, ends)]

@@ -42,7 +42,8 @@ def clearance_map(
     free = np.ones((columns, rows), np.bool_)
     one = np.empty((1, 4))
     for index in range(walls.shape[0]):
-        one[0] = walls[index]
+        for part in range(4):
+            one[0, part] = walls[index, part]
         first_c = max(int((min(walls[index, 0], walls[index, 2]) - radius - bounds[0]) / cell), 0)
         last_c = min(int((max(walls[index, 0], walls[index, 2]) + radius - bounds[0]) / cell) + 1, columns - 1)
         first_r = max(int((min(walls[index, 1], walls[index, 3]) - radius - bounds[1]) / cell), 0)
@@ -72,8 +73,8 @@ def _in_zone(zones: NDArray[np.float64], x: float, z: float) -> bool:
     for zone in range(zones.shape[0]):
         inside = True
         for edge in range(zones.shape[1]):
-            ax, az, nx, nz = zones[zone, edge]
-            if nx * (x - ax) + nz * (z - az) <= 0:
+            off_x, off_z = x - zones[zone, edge, 0], z - zones[zone, edge, 1]
+            if zones[zone, edge, 2] * off_x + zones[zone, edge, 3] * off_z <= 0:
                 inside = False
         if inside:
             return True

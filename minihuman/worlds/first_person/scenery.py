@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette
 from minihuman.worlds.first_person.colours import rgb
-from minihuman.worlds.first_person.entities import Box, Entity, ImageFrame, Mesh, Position, TextFrame
-from minihuman.worlds.first_person.floor import Covering, FloorPlan
+from minihuman.worlds.first_person.entities import Box, ColouredMesh, Entity, ImageFrame, Mesh, TextFrame
+from minihuman.worlds.first_person.floor import FloorPlan, RoomPlan
+from minihuman.worlds.first_person.masonry import CEILING, corners_of, room_faces
 from minihuman.worlds.first_person.render.assets import Library
 from minihuman.worlds.first_person.render.scene import (
     BoxLook,
@@ -18,8 +19,7 @@ from minihuman.worlds.first_person.render.scene import (
     Look,
     MeshLook,
 )
-from minihuman.worlds.first_person.render.tables import Faces, Rooms
-from minihuman.worlds.first_person.rooms import Edge, Point, Portal, Room, WallPiece
+from minihuman.worlds.first_person.render.tables import F64, I64, Faces, Rooms
 from minihuman.worlds.first_person.stage import Stage
 
 
@@ -39,102 +39,39 @@ def places(stage: Stage, things: Sequence[Entity]) -> NDArray[np.float64]:
 
 def room_tables(floor: FloorPlan, library: Library) -> tuple[Faces, Rooms]:
     """The rooms of a floor plan as the renderer's tables: floor, ceiling and pieces of wall, and the openings."""
-    faces, first_face, first_edge, first_opening = _Faces(), [0], [0], [0]
-    openings: list[list[Position]] = []
-    into: list[int] = []
-    for room, covering, pieces in zip(floor.rooms, floor.coverings, floor.pieces, strict=True):
-        ground, wall, above = _textures(room, covering)
-        faces.level(room.outline, 0.0, (0.0, 1.0, 0.0), library.texture_row(ground), library.texture_size_m(ground))
-        if above is not None:
-            row, size_m = library.texture_row(above), library.texture_size_m(above)
-            faces.level(room.outline[::-1], room.wall_height, (0.0, -1.0, 0.0), row, size_m)
-        row, size_m = library.texture_row(wall), library.texture_size_m(wall)
-        for piece in pieces:
-            faces.upright(room.edges[piece.edge], piece, row, size_m)
-        for edge, portals in zip(room.edges, room.portals, strict=True):
-            for portal in portals:
-                if portal.into is not None:
-                    openings.append(_corners(edge, portal))
-                    into.append(portal.into)
-        first_face.append(len(faces.textures))
-        first_edge.append(first_edge[-1] + len(room.edges))
-        first_opening.append(len(into))
-    rooms = Rooms(
-        np.array(first_face, np.int32),
-        np.array([(room.min_x, room.min_z, room.max_x, room.max_z) for room in floor.rooms]),
-        np.array(first_edge, np.int32),
-        np.array([_half_plane(edge) for room in floor.rooms for edge in room.edges]),
-        np.array(first_opening, np.int32),
-        np.array(openings, dtype=np.float64).reshape(-1, 4, 3),
-        np.array(into, np.int32),
-        np.array([room.ceiling is not None for room in floor.rooms]),
+    edges, first = floor.edges, floor.first_edge
+    heights = np.array([room.wall_height for room in floor.rooms])
+    textures, sizes_m = _coverings(floor, library)
+    faces, first_face = room_faces(first, edges, heights, floor.pieces, textures, sizes_m)
+    doors = floor.portals[floor.portals[:, 5] >= 0]
+    (x, z), (a, b) = edges[:, :2].T, edges[:, 5:].T
+    bounds = [extent.reduceat(at, first[:-1]) for extent in (np.minimum, np.maximum) for at in (x, z)]
+    return faces, Rooms(
+        first_face,
+        np.column_stack(bounds),
+        first.astype(np.int32),
+        np.column_stack((a, b, -(a * x + b * z))),
+        np.searchsorted(doors[:, 0], first).astype(np.int32),
+        corners_of(edges, doors),
+        doors[:, 5].astype(np.int32),
+        textures[:, CEILING] >= 0,
     )
-    return faces.table(), rooms
 
 
-class _Faces:
-    """A table of faces in the making."""
-
-    def __init__(self) -> None:
-        self.starts = [0]
-        self.corners: list[Position] = []
-        self.places: list[Point] = []
-        self.normals: list[Position] = []
-        self.textures: list[int] = []
-
-    def level(
-        self, outline: tuple[Point, ...], y: float, normal: Position, texture: int, size_m: tuple[float, float]
-    ) -> None:
-        """A floor or a ceiling."""
-        across, up = size_m
-        self.corners += [(x, y, z) for x, z in outline]
-        self.places += [(x / across, z / up) for x, z in outline]
-        self._end(normal, texture)
-
-    def upright(self, edge: Edge, piece: WallPiece, texture: int, size_m: tuple[float, float]) -> None:
-        """A piece of wall."""
-        across, up = size_m
-        start, end, bottom, top = piece.start / across, piece.end / across, piece.bottom / up, piece.top / up
-        self.corners += _corners(edge, piece)
-        self.places += [(start, bottom), (start, top), (end, top), (end, bottom)]
-        self._end((edge.normal[0], 0.0, edge.normal[1]), texture)
-
-    def table(self) -> Faces:
-        """The faces, all white."""
-        start = np.array(self.starts, np.int32)
-        position, normal = np.array(self.corners), np.array(self.normals)
-        return Faces(
-            start,
-            position,
-            np.array(self.places),
-            np.repeat(normal, np.diff(start), axis=0),
-            np.ones((len(normal), 3)),
-            np.array(self.textures, np.int32),
-            np.column_stack((normal, -np.sum(normal * position[start[:-1]], axis=1))),
-        )
-
-    def _end(self, normal: Position, texture: int) -> None:
-        self.starts.append(len(self.corners))
-        self.normals.append(normal)
-        self.textures.append(texture)
+def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
+    """Of each room's floor, wall and ceiling the row of the texture, and how many metres it covers, right and up."""
+    numbers: dict[tuple[str | None, ...], int] = {}  # rooms covered alike share one
+    which = [numbers.setdefault(_covering(room), len(numbers)) for room in floor.rooms]
+    rows = [[-1 if name is None else library.texture_row(name) for name in names] for names in numbers]
+    sizes_m = [[(1.0, 1.0) if name is None else library.texture_size_m(name) for name in names] for names in numbers]
+    return np.array(rows)[which], np.array(sizes_m)[which]
 
 
-def _corners(edge: Edge, part: WallPiece | Portal) -> list[Position]:
-    """The corners of a part of a wall, counter-clockwise as seen from inside the room."""
-    (x0, z0), (x1, z1) = edge.at(part.start), edge.at(part.end)
-    return [(x0, part.bottom, z0), (x0, part.top, z0), (x1, part.top, z1), (x1, part.bottom, z1)]
-
-
-def _half_plane(edge: Edge) -> Position:
-    """a, b, c of a * x + b * z + c, above 0 on the room's side of the edge."""
-    (x, z), (a, b) = edge.start, edge.normal
-    return a, b, -(a * x + b * z)
-
-
-def _textures(room: Room, covering: Covering) -> tuple[str, str, str | None]:
-    """The textures of floor, wall and ceiling, with the picture of each that was drawn; None for no ceiling."""
-    ceiling = None if room.ceiling is None else variant(room.ceiling, covering.ceiling)
-    return variant(room.floor, covering.floor), variant(room.wall, covering.wall), ceiling
+def _covering(room: RoomPlan) -> tuple[str | None, ...]:
+    """The textures of floor, wall and ceiling, None for no ceiling."""
+    wall, floor, ceiling = room.pictures
+    above = None if room.ceiling is None else variant(room.ceiling, ceiling)
+    return variant(room.floor, floor), variant(room.wall, wall), above
 
 
 def variant(texture: str, number: int) -> str:
@@ -142,8 +79,8 @@ def variant(texture: str, number: int) -> str:
     return f"{texture}_{number + 1}"
 
 
-def look(thing: Entity, palette: Palette) -> Look:
-    """What a thing looks like.
+def look(thing: Entity, palette: Palette, *, own: bool) -> Look:
+    """What a thing looks like; only our own assets have balls and keys in the colours of every palette.
 
     Raises:
         WorldError: if it is of a kind that cannot be drawn.
@@ -151,6 +88,8 @@ def look(thing: Entity, palette: Palette) -> Look:
     match thing:
         case Box():
             return BoxLook(thing.size, thing.rgb if palette == "classic" else rgb(thing.colour_name, palette))
+        case ColouredMesh() if own and palette != "classic":
+            return MeshLook(f"{thing.kind}_white", thing.height, rgb(thing.colour_name, palette))
         case Mesh():
             return MeshLook(thing.mesh, thing.height)
         case ImageFrame():

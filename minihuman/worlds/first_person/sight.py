@@ -36,9 +36,9 @@ def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
     """Which points lie on a barrier, not at its ends."""
     found = np.zeros(points.shape[0], np.bool_)
     for place in range(points.shape[0]):
-        x, z = points[place]
+        x, z = points[place, 0], points[place, 1]
         for index in range(barriers.shape[0]):
-            ax, az, bx, bz = barriers[index]
+            ax, az, bx, bz = barriers[index, 0], barriers[index, 1], barriers[index, 2], barriers[index, 3]
             length = math.hypot(bx - ax, bz - az)
             along = ((x - ax) * (bx - ax) + (z - az) * (bz - az)) / length
             across = ((x - ax) * (bz - az) - (z - az) * (bx - ax)) / length

@@ -10,8 +10,10 @@ from minihuman.worlds.first_person.chance import uniform, weighted
 from minihuman.worlds.first_person.collision import touches_wall
 from minihuman.worlds.first_person.entities import Entity, Length, Position
 from minihuman.worlds.first_person.floor import FloorPlan, finish
+from minihuman.worlds.first_person.outline import check_convex
 from minihuman.worlds.first_person.parameters import Parameters
-from minihuman.worlds.first_person.rooms import Limits, Room, passage
+from minihuman.worlds.first_person.passages import Limits, passage
+from minihuman.worlds.first_person.rooms import Room
 
 _MOST_TRIES = 100_000  # a world that needs more to place one thing has no room for it
 
@@ -52,7 +54,7 @@ class Stage:
         Raises:
             WorldError: if its outline is not convex and counter-clockwise, or a thing was placed already.
         """
-        room.check_convex()
+        check_convex(room.outline)
         self._check_open()
         room.number = len(self._rooms)
         self._rooms.append(room)
@@ -82,7 +84,7 @@ class Stage:
         floor = self.floor
         radius = float(entity.radius)
         for _ in range(_MOST_TRIES):
-            chosen = floor.rooms[weighted(self.rng, floor.room_weights)] if room is None else room
+            chosen = (floor.rooms[weighted(self.rng, floor.room_weights)] if room is None else room).outline
             low_x = (chosen.min_x if x[0] is None else x[0]) - radius
             high_x = (chosen.max_x if x[1] is None else x[1]) + radius
             low_z = (chosen.min_z if z[0] is None else z[0]) - radius

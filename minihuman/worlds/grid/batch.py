@@ -33,6 +33,9 @@ from minihuman.worlds.grid.state import (
 )
 from minihuman.worlds.grid.view import see
 
+MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
+NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
+
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
 
@@ -57,8 +60,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if num_envs < 1:
             raise WorldError(f"num_envs is {num_envs!r}; a batch has 1 world or more")
         self._world = GridEnv(family, **options)  # what all have in common: spaces, recipe, settings
-        self._autoreset = AutoresetMode(autoreset_mode)
-        self.metadata = {**self._world.metadata, "autoreset_mode": self._autoreset}
+        self._mode = MODES.index(AutoresetMode(autoreset_mode))
+        self.metadata = {**self._world.metadata, "autoreset_mode": MODES[self._mode]}
         self.num_envs = num_envs
         self.render_mode = self._world.render_mode
         self.single_action_space = self._world.action_space
@@ -67,9 +70,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._rows = np.tile(self._world.state.row, (num_envs, 1))
         self._words: Words = np.zeros((num_envs, 6), np.uint64)
-        self._seeded = False
-        self._lenient = self._autoreset is AutoresetMode.NEXT_STEP  # a step may find worlds over, and resets them
-        self._missions = [self._world.mission] * num_envs
+        self._each = list(zip(self._rows, self._words, strict=True))  # views, one pair a world
+        self._missions = (self._world.mission,) * num_envs
 
     @property
     def states(self) -> list[State]:
@@ -94,11 +96,14 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
                 raise WorldError(f"reset_mask is {mask.dtype}{mask.shape}; it is bool({self.num_envs},)")
         for i in np.flatnonzero(mask).tolist():
-            if seeds[i] is not None or not self._seeded:
-                read_words(seeding.np_random(seeds[i])[0], self._words[i])
-            self._lay_out(i)
-        self._seeded = True
-        return self._observe(), {}
+            row, words = self._each[i]
+            if seeds[i] is not None or not words.any():
+                read_words(seeding.np_random(seeds[i])[0], words)
+            clear(row)
+        images = np.zeros((self.num_envs, *self._world.image_shape), np.uint8)
+        directions = np.zeros(self.num_envs, np.int64)
+        self._lay_out(mask, mask | (self._rows[:, PHASE] != NEW), images, directions)
+        return {"image": images, "direction": directions, "mission": self._missions}, {}
 
     def step(
         self, actions: ArrayLike
@@ -116,26 +121,27 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         images = np.empty((n, *self._world.image_shape), np.uint8)
         directions = np.empty(n, np.int64)
         rewards = np.empty(n)
-        ends = np.empty((2, n), np.bool_)  # terminated, truncated
-        over = np.empty(n, np.bool_)  # before this step
-        refused = step_many(
-            self._rows, given.astype(np.int64), self._words, self._lenient, images, directions, rewards, ends, over
+        ends = np.empty((3, n), np.bool_)  # terminated, truncated, and over: to be laid out anew
+        count = step_many(
+            self._rows,
+            np.ascontiguousarray(given, np.int64),
+            self._words,
+            self._mode,
+            images,
+            directions,
+            rewards,
+            ends,
         )
-        if refused >= 0:
-            raise self._refusal(refused, given)
-        terminated, truncated = ends
+        if count < 0:
+            raise self._refusal(~count, given)
+        terminated, truncated, over = ends
         info: dict[str, Any] = {}
-        if self._autoreset is AutoresetMode.SAME_STEP:
-            over = terminated | truncated
-            if over.any():
-                info = self._final(np.flatnonzero(over), images, directions)
-        if over.any():
-            for i in np.flatnonzero(over).tolist():
-                self._lay_out(i)
-                see(self._rows[i], images[i])
-                directions[i] = self._rows[i, DIRECTION]
+        if count > 0:
+            if self._mode == SAME_STEP:
+                info = self._final(over, images, directions)
+            self._lay_out(over, over, images, directions)
         return (
-            {"image": images, "direction": directions, "mission": tuple(self._missions)},
+            {"image": images, "direction": directions, "mission": self._missions},
             rewards,
             terminated,
             truncated,
@@ -154,40 +160,42 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
         phase, count = self._rows[world, PHASE], self._rows[world, ACTIONS]
-        if phase == NEW or (phase == OVER and not self._lenient):
+        if phase == NEW or (phase == OVER and self._mode != NEXT_STEP):
             return WorldError(f"world {world} is not in an episode; call reset() before step()")
         return WorldError(f"action {actions[world]!r} of world {world} is none of its; they are 0 to {count - 1}")
 
-    def _lay_out(self, i: int) -> None:
-        row = self._rows[i]
-        clear(row)
-        self._world.recipe.lay_out(row, self._words[i])
-        if row[FAILED]:
-            raise WorldError(f"world {i} of {self._world} found no free place for something it lays out")
-        row[PHASE] = PLAYING
+    def _lay_out(
+        self,
+        over: NDArray[np.bool_],
+        seen: NDArray[np.bool_],
+        images: NDArray[np.uint8],
+        directions: NDArray[np.int64],
+    ) -> None:
+        """Lay out the cleared worlds that were over, and observe those to be seen."""
+        recipe = self._world.recipe
+        worlds = np.flatnonzero(over).tolist()
+        for i in worlds:
+            recipe.layout(*self._each[i], *recipe.numbers)
+        failed = begin_many(self._rows, over, seen, images, directions)
+        if failed >= 0:
+            raise WorldError(f"world {failed} of {self._world} found no free place for something it lays out")
         if self._world.mission_space.choices:
-            self._missions[i] = self._world.mission_space.sentence(row[MISSION:FAILED].tolist())
-
-    def _observe(self) -> Observation:
-        images = np.empty((self.num_envs, *self._world.image_shape), np.uint8)
-        for row, image in zip(self._rows, images, strict=True):
-            see(row, image)
-        directions = self._rows[:, DIRECTION].astype(np.int64)
-        return {"image": images, "direction": directions, "mission": tuple(self._missions)}
+            missions = list(self._missions)
+            for i in worlds:
+                missions[i] = self._world.mission_space.sentence(self._rows[i, MISSION:FAILED].tolist())
+            self._missions = tuple(missions)
 
     def _final(
-        self, over: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]
+        self, over: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
     ) -> dict[str, Any]:
         observations = np.full(self.num_envs, None, object)
-        for i in over.tolist():
+        for i in np.flatnonzero(over).tolist():
             observations[i] = {
                 "image": images[i].copy(),
                 "direction": int(directions[i]),
                 "mission": self._missions[i],
             }
-        mask = np.zeros(self.num_envs, np.bool_)
-        mask[over] = True
-        return {"final_obs": observations, "_final_obs": mask, "final_info": {}, "_final_info": mask.copy()}
+        return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
 
 
 @njit(cache=True)
@@ -195,31 +203,59 @@ def step_many(
     rows: Row,
     actions: NDArray[np.int64],
     words: Words,
-    lenient: bool,
+    mode: int,
     images: NDArray[np.uint8],
     directions: NDArray[np.int64],
     rewards: NDArray[np.float64],
     ends: NDArray[np.bool_],
-    over: NDArray[np.bool_],
 ) -> int:
-    """Step every world that is in an episode; those that are over earn nothing and are left to be reset.
+    """Step every world that is in an episode. Those that autoreset is to lay out anew are marked over and cleared.
+
+    A world that is over when its turn comes earns nothing in this step.
 
     Returns:
-        -1, or the first world that refuses its action or, unless ``lenient``, is over; then none was stepped.
+        How many worlds are cleared; or, when one refuses its action or is not to be stepped now, the complement
+        (~) of the first such world. Then none was stepped.
     """
     for i in range(len(rows)):
         phase = rows[i, PHASE]
-        over[i] = phase == OVER
-        ready = phase == PLAYING or (lenient and phase == OVER)
+        ready = phase == PLAYING or (mode == NEXT_STEP and phase == OVER)
         if not ready or actions[i] < 0 or actions[i] >= rows[i, ACTIONS]:
-            return i
+            return ~i
+    cleared = 0
     for i in range(len(rows)):
-        rewards[i] = 0.0
-        ends[0, i] = ends[1, i] = False
-        if not over[i]:
-            status, rewards[i] = act(rows[i], actions[i], words[i])
-            ends[0, i] = status & TERMINATED != 0
-            ends[1, i] = status & TRUNCATED != 0
+        row = rows[i]
+        status, reward, over = 0, 0.0, row[PHASE] == OVER
+        if not over:
+            status, reward = act(row, actions[i], words[i])
+            over = mode == SAME_STEP and status != 0
+            see(row, images[i])
+            directions[i] = row[DIRECTION]
+        rewards[i] = reward
+        ends[0, i] = status & TERMINATED != 0
+        ends[1, i] = status & TRUNCATED != 0
+        ends[2, i] = over
+        if over:
+            cleared += 1
+            clear(row)
+    return cleared
+
+
+@njit(cache=True)
+def begin_many(
+    rows: Row,
+    over: NDArray[np.bool_],
+    seen: NDArray[np.bool_],
+    images: NDArray[np.uint8],
+    directions: NDArray[np.int64],
+) -> int:
+    """Start the episodes just laid out, and observe worlds. Returns -1, or the first world whose layout failed."""
+    for i in range(len(rows)):
+        if over[i]:
+            if rows[i, FAILED] != 0:
+                return i
+            rows[i, PHASE] = PLAYING
+        if seen[i]:
             see(rows[i], images[i])
             directions[i] = rows[i, DIRECTION]
     return -1

@@ -81,7 +81,7 @@ def next64(words: Words) -> np.uint64:
     return mixed >> turn | mixed << ((_64 - turn) & _63)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def next32(words: Words) -> np.uint64:
     """The stream's next 32 bits; the other half of the 64 is kept for the next call."""
     if words[4] != _0:
@@ -93,20 +93,17 @@ def next32(words: Words) -> np.uint64:
     return whole & _LOW
 
 
-@njit(cache=True)
+@njit("int64(uint64[::1], int64, int64)", cache=True)
 def integer(words: Words, low: int, high: int) -> int:
     """A whole number in [low, high), as ``Generator.integers(low, high)`` draws it. At most 2**32 - 1 apart."""
     if high - low <= 1:
         return low
     span = np.uint64(high - low)
-    scaled = next32(words) * span
-    left = scaled & _LOW
-    if left < span:
-        threshold = (_LOW - span + _1) % span
-        while left < threshold:
-            scaled = next32(words) * span
-            left = scaled & _LOW
-    return low + int(scaled >> _32)
+    while True:
+        scaled = next32(words) * span
+        left = scaled & _LOW
+        if left >= span or left >= (_LOW - span + _1) % span:
+            return low + int(scaled >> _32)
 
 
 @njit(cache=True)
@@ -116,8 +113,9 @@ def shuffle(words: Words, values: NDArray[np.int64]) -> None:
         mask = np.uint64(1)
         while mask < np.uint64(i):
             mask = mask << _1 | _1
-        j = next32(words) & mask
-        while j > np.uint64(i):
+        while True:
             j = next32(words) & mask
+            if j <= np.uint64(i):
+                break
         other = np.int64(j)
         values[i], values[other] = values[other], values[i]

@@ -128,6 +128,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         return State(self._row)
 
     @property
+    def max_steps(self) -> int:
+        """An episode is truncated after so many steps."""
+        return self.state.max_steps
+
+    @property
     def np_random(self) -> np.random.Generator:
         """The world's random stream. Ask for it each time: a generator kept from before a step may be behind."""
         generator = super().np_random

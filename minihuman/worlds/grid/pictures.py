@@ -30,6 +30,7 @@ LOOKS = 512  # kind, colour and state make nine bits
 LIT = 0.13  # how much lighter a cell is that the agent sees
 CARRIED = 0.56  # the size of a carried object's picture, in tiles
 Pixels = NDArray[np.uint8]
+Words = NDArray[np.uint64] | Pixels  # pixels in runs of eight bytes, where a tile's line is whole runs, or byte by byte
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +38,7 @@ class Atlas:
     """Every tile at one size in one palette. ``number[look]`` is a tile's place in the arrays; 0 is "unseen"."""
 
     number: NDArray[np.int64]  # (512,)
-    tiles: Pixels  # (2, tiles, px, px * 3) as they are, and lit; a line of pixels is one run of bytes
+    tiles: Words  # (2, tiles, px, words) as they are, and lit; a line of pixels is one run of words
     agents: Pixels  # (4, px, px, 4) by direction, colour and opacity
     carried: Pixels  # (tiles, half px, half px, 4) objects alone
 
@@ -58,10 +59,11 @@ def atlas(tile_px: int, palette: Palette) -> Atlas:
     for look in looks:
         canvas = in_hand(look, small, palette)
         carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
+    tiles = np.stack([plain, lit]).round().astype(np.uint8).reshape(2, -1, tile_px, 3 * tile_px)
     agents = [agent(direction, tile_px, palette) for direction in range(4)]
     return Atlas(
         number,
-        np.stack([plain, lit]).round().astype(np.uint8).reshape(2, -1, tile_px, 3 * tile_px),
+        tiles.view(np.uint64) if tile_px % 8 == 0 else tiles,
         np.stack([np.dstack([canvas.rgb, 255 * canvas.alpha]) for canvas in agents]).round().astype(np.uint8),
         carried,
     )
@@ -79,22 +81,46 @@ def draw(row: Row, *, view: View, view_size: int, tile_px: int, palette: Palette
         lit: In the full view, make the cells lighter that the agent sees.
     """
     drawn = atlas(tile_px, palette)
-    if view == "partial":
-        out = np.empty((view_size * tile_px, 3 * view_size * tile_px), np.uint8)
-        draw_view(row, view_size, drawn.number, drawn.tiles, drawn.agents, drawn.carried, out)
-    else:
-        out = np.empty((row[HEIGHT] * tile_px, 3 * row[WIDTH] * tile_px), np.uint8)
-        draw_world(row, view_size if lit else 0, drawn.number, drawn.tiles, drawn.agents, drawn.carried, out)
-    return out.reshape(len(out), -1, 3)
+    columns, rows = (view_size, view_size) if view == "partial" else (row[WIDTH], row[HEIGHT])
+    out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
+    lines = out.reshape(rows * tile_px, -1)
+    words = lines.view(drawn.tiles.dtype)
+    image = np.zeros((view_size, view_size, 3), np.uint8)
+    if lit or view == "partial":
+        see(row, image)
+    (draw_view if view == "partial" else draw_world)(
+        row, image, drawn.number, drawn.tiles, drawn.agents, drawn.carried, words, lines
+    )
+    return out
+
+
+@njit("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])", cache=True)
+def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
+    """Blend a figure with transparency into a picture."""
+    for v in range(figures.shape[1]):
+        for u in range(figures.shape[2]):
+            alpha = np.int64(figures[figure, v, u, 3])
+            if alpha > 0:
+                for part in range(3):
+                    byte = 3 * (left + u) + part
+                    under = np.int64(out[top + v, byte])
+                    over = np.int64(figures[figure, v, u, part])
+                    out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
 
 
 @njit(cache=True)
 def draw_view(
-    row: Row, view_size: int, number: NDArray[np.int64], tiles: Pixels, agents: Pixels, carried: Pixels, out: Pixels
+    row: Row,
+    image: NDArray[np.uint8],
+    number: NDArray[np.int64],
+    tiles: Words,
+    agents: Pixels,
+    carried: Pixels,
+    words: Words,
+    out: Pixels,
 ) -> None:
-    """Draw what the agent sees."""
-    image = np.empty((view_size, view_size, 3), np.uint8)
-    see(row, image)
+    """Draw what the agent sees, ``image``; ``words`` and ``out`` (lines, bytes) are the same memory."""
+    view_size = image.shape[0]
     px = tiles.shape[2]
     middle, bottom = view_size // 2, view_size - 1
     for i in range(view_size):
@@ -102,47 +128,53 @@ def draw_view(
             look = image[i, j, 0] | np.int64(image[i, j, 1]) << 4 | np.int64(image[i, j, 2]) << 7
             if i == middle and j == bottom:
                 look = cell_at(row, row[X], row[Y]) & (LOOKS - 1)
-            lay_tile(tiles, 0, number[look], i * px, j * px, out)
+            lay_tile(tiles, 0, number[look], i, j, words)
     put_agent(row, agents, 3, carried, number, middle * px, bottom * px, out)
 
 
 @njit(cache=True)
 def draw_world(
-    row: Row, view_size: int, number: NDArray[np.int64], tiles: Pixels, agents: Pixels, carried: Pixels, out: Pixels
+    row: Row,
+    image: NDArray[np.uint8],
+    number: NDArray[np.int64],
+    tiles: Words,
+    agents: Pixels,
+    carried: Pixels,
+    words: Words,
+    out: Pixels,
 ) -> None:
-    """Draw the whole grid; a ``view_size`` of 0 lights no cell."""
+    """Draw the whole grid, what the agent sees (``image``) lit; ``words`` and ``out`` are the same memory."""
     width, height = row[WIDTH], row[HEIGHT]
+    view_size = image.shape[0]
     lit = np.zeros((width, height), np.int64)
-    if view_size > 0:
-        image = np.empty((view_size, view_size, 3), np.uint8)
-        see(row, image)
-        direction = row[DIRECTION]
-        forward_x = (1 - direction) * (1 - direction % 2)
-        forward_y = (2 - direction) * (direction % 2)
-        for i in range(view_size):
-            for j in range(view_size):
-                ahead, aside = view_size - 1 - j, i - view_size // 2
-                x = row[X] + forward_x * ahead - forward_y * aside
-                y = row[Y] + forward_y * ahead + forward_x * aside
-                if image[i, j, 0] != 0 and 0 <= x < width and 0 <= y < height:
-                    lit[x, y] = 1
+    direction = row[DIRECTION]
+    forward_x = (1 - direction) * (1 - direction % 2)
+    forward_y = (2 - direction) * (direction % 2)
+    for i in range(view_size):
+        for j in range(view_size):
+            ahead, aside = view_size - 1 - j, i - view_size // 2
+            x = row[X] + forward_x * ahead - forward_y * aside
+            y = row[Y] + forward_y * ahead + forward_x * aside
+            if image[i, j, 0] != 0 and 0 <= x < width and 0 <= y < height:
+                lit[x, y] = 1
     px = tiles.shape[2]
     for x in range(width):
         for y in range(height):
             look = row[HEADER + x * height + y] & (LOOKS - 1)
-            lay_tile(tiles, lit[x, y], number[look], x * px, y * px, out)
+            lay_tile(tiles, lit[x, y], number[look], x, y, words)
     put_agent(row, agents, row[DIRECTION], carried, number, row[X] * px, row[Y] * px, out)
 
 
 @njit(cache=True)
-def lay_tile(tiles: Pixels, lit: int, tile: int, left: int, top: int, out: Pixels) -> None:
-    """Copy a tile into a picture whose lines are runs of bytes."""
-    for v in range(tiles.shape[2]):
-        for byte in range(tiles.shape[3]):
-            out[top + v, 3 * left + byte] = tiles[lit, tile, v, byte]
+def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
+    """Copy a tile into a picture, to a column and row of cells."""
+    height, width = tiles.shape[2], tiles.shape[3]
+    for v in range(height):
+        for word in range(width):
+            words[row * height + v, column * width + word] = tiles[lit, tile, v, word]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def put_agent(
     row: Row,
     agents: Pixels,
@@ -158,17 +190,3 @@ def put_agent(
     if row[CARRYING] != EMPTY:
         inset = agents.shape[1] - carried.shape[1]
         lay_over(carried, number[row[CARRYING] & (LOOKS - 1)], left + inset, top + inset, out)
-
-
-@njit(cache=True)
-def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
-    """Blend a figure with transparency into a picture."""
-    for v in range(figures.shape[1]):
-        for u in range(figures.shape[2]):
-            alpha = np.int64(figures[figure, v, u, 3])
-            if alpha > 0:
-                for part in range(3):
-                    byte = 3 * (left + u) + part
-                    under = np.int64(out[top + v, byte])
-                    over = np.int64(figures[figure, v, u, part])
-                    out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255

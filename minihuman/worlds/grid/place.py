@@ -12,21 +12,21 @@ from minihuman.worlds.grid.state import DIRECTION, FAILED, HEADER, HEIGHT, WIDTH
 FOR_EVER = 1 << 30  # tries; a layout that needs more has no free place at all
 
 
-@njit(cache=True)
+@njit("void(int32[::1], int64, int64, int64, int64)", cache=True)
 def across(row: Row, x: int, y: int, length: int, code: int) -> None:
     """A horizontal line from (x, y)."""
     for i in range(length):
         put(row, x + i, y, code)
 
 
-@njit(cache=True)
+@njit("void(int32[::1], int64, int64, int64, int64)", cache=True)
 def down(row: Row, x: int, y: int, length: int, code: int) -> None:
     """A vertical line from (x, y)."""
     for j in range(length):
         put(row, x, y + j, code)
 
 
-@njit(cache=True)
+@njit("void(int32[::1], int64, int64, int64, int64)", cache=True)
 def wall_rect(row: Row, x: int, y: int, width: int, height: int) -> None:
     """The four walls of a room with its top left corner at (x, y), walls included in the size."""
     across(row, x, y, width, GREY_WALL)
@@ -35,13 +35,13 @@ def wall_rect(row: Row, x: int, y: int, width: int, height: int) -> None:
     down(row, x + width - 1, y, height, GREY_WALL)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def outer_walls(row: Row) -> None:
     """Walls around the whole grid."""
     wall_rect(row, 0, 0, row[WIDTH], row[HEIGHT])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
     """Whether any cell of the rectangle is free: without one, drawing places would never end."""
     for i in range(max(x, 0), min(max(x, 0) + width, row[WIDTH])):
@@ -51,7 +51,7 @@ def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
     return False
 
 
-@njit(cache=True)
+@njit("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", cache=True)
 def draw_place(row: Row, words: Words, x: int, y: int, width: int, height: int, tries: int) -> tuple[int, int]:
     """Draw cells of the rectangle until one is free; (-1, -1), and the row marked FAILED, if none is found."""
     x, y = max(x, 0), max(y, 0)
@@ -65,7 +65,7 @@ def draw_place(row: Row, words: Words, x: int, y: int, width: int, height: int, 
     return -1, -1
 
 
-@njit(cache=True)
+@njit("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", cache=True)
 def place(row: Row, words: Words, code: int, x: int, y: int, width: int, height: int) -> tuple[int, int]:
     """Lay a code into a drawn free cell of the rectangle; where it lies, or (-1, -1)."""
     i, j = draw_place(row, words, x, y, width, height, FOR_EVER)
@@ -74,19 +74,19 @@ def place(row: Row, words: Words, code: int, x: int, y: int, width: int, height:
     return i, j
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def place_anywhere(row: Row, words: Words, code: int) -> tuple[int, int]:
     """Lay a code into a drawn free cell of the whole grid."""
     return place(row, words, code, 0, 0, row[WIDTH], row[HEIGHT])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def stand(row: Row, x: int, y: int, direction: int) -> None:
     """Put the agent into a cell, looking in a direction."""
     row[X], row[Y], row[DIRECTION] = x, y, direction
 
 
-@njit(cache=True)
+@njit("void(int32[::1], uint64[::1], int64, int64, int64, int64)", cache=True)
 def place_agent(row: Row, words: Words, x: int, y: int, width: int, height: int) -> None:
     """Put the agent into a drawn free cell of the rectangle, looking in a drawn direction."""
     row[X] = row[Y] = -1
@@ -94,7 +94,7 @@ def place_agent(row: Row, words: Words, x: int, y: int, width: int, height: int)
     stand(row, i, j, integer(words, 0, 4))
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def place_agent_anywhere(row: Row, words: Words) -> None:
     """Put the agent into a drawn free cell of the whole grid, looking in a drawn direction."""
     place_agent(row, words, 0, 0, row[WIDTH], row[HEIGHT])

@@ -142,7 +142,7 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
     return 0.0, False
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def toggle(row: Row, x: int, y: int, code: int) -> None:
     """Open or close a door, unlock it with the key of its colour, or open a box, which leaves its contents."""
     if kind_of(code) == DOOR:

@@ -38,6 +38,23 @@ def row_length(width: int, height: int) -> int:
     return HEADER + 3 * width * height
 
 
+@njit(cache=True, inline="always")
+def _place_of(row: Row, identity: int) -> int:
+    return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
+
+
+@njit(cache=True, inline="always")
+def where_is(row: Row, identity: int) -> int:
+    """The cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
+    return row[_place_of(row, identity)]
+
+
+@njit(cache=True, inline="always")
+def contents_index(row: Row, identity: int) -> int:
+    """Where in the row the code of an object's contents is; 0 there means nothing inside."""
+    return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
+
+
 @njit(cache=True)
 def clear(row: Row) -> None:
     """Make the row an empty floor before a layout: no objects, no agent, step 0; sizes and settings stay."""
@@ -51,7 +68,7 @@ def clear(row: Row) -> None:
         row[k] = EMPTY
 
 
-@njit(cache=True)
+@njit("int64(int32[::1], int64, int64)", cache=True)
 def cell_at(row: Row, x: int, y: int) -> int:
     """The code in a cell; outside the grid everything is wall."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
@@ -59,7 +76,7 @@ def cell_at(row: Row, x: int, y: int) -> int:
     return row[HEADER + x * row[HEIGHT] + y]
 
 
-@njit(cache=True)
+@njit("int64(int32[::1], int64, int64)", cache=True)
 def lift(row: Row, x: int, y: int) -> int:
     """Empty a cell and return what lay there."""
     code = row[HEADER + x * row[HEIGHT] + y]
@@ -70,7 +87,7 @@ def lift(row: Row, x: int, y: int) -> int:
     return code
 
 
-@njit(cache=True)
+@njit("void(int32[::1], int64, int64, int64)", cache=True)
 def put(row: Row, x: int, y: int, code: int) -> None:
     """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie."""
     lift(row, x, y)
@@ -89,7 +106,7 @@ def move(row: Row, identity: int, cell: int) -> None:
     row[place] = cell
 
 
-@njit(cache=True)
+@njit("int64(int32[::1], int64, int64, int64)", cache=True)
 def make(row: Row, kind: int, colour: int, state: int) -> int:
     """Make a new object with its own identity, lying nowhere yet. More objects than cells mark the row FAILED."""
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:
@@ -98,23 +115,6 @@ def make(row: Row, kind: int, colour: int, state: int) -> int:
     row[OBJECTS] += 1
     row[_place_of(row, row[OBJECTS])] = NOWHERE
     return pack(kind, colour, state, row[OBJECTS])
-
-
-@njit(cache=True)
-def _place_of(row: Row, identity: int) -> int:
-    return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
-
-
-@njit(cache=True)
-def where_is(row: Row, identity: int) -> int:
-    """The cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
-    return row[_place_of(row, identity)]
-
-
-@njit(cache=True)
-def contents_index(row: Row, identity: int) -> int:
-    """Where in the row the code of an object's contents is; 0 there means nothing inside."""
-    return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,10 +5,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import AGENT, GREY_WALL, RED, colour_of, kind_of, lets_see, state_of
+from minihuman.worlds.grid.cells import AGENT, DOOR, GREY_WALL, OPEN, RED, WALL, colour_of, kind_of, state_of
 from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
+USUAL_VIEW = 7
+
+LOOKS = 512  # kind, colour and state of a cell make nine bits
+_LOOK = np.arange(LOOKS)
+LETS_SEE = ((_LOOK & 15) != WALL) & (((_LOOK & 15) != DOOR) | ((_LOOK >> 7) == OPEN))  # what is behind it
 
 
 def see_size(size: int) -> int:
@@ -30,75 +35,90 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
     the agent row by row, as Minigrid defines it: within a row first rightwards, then leftwards, and every seen cell
     that lets see passes it on to its neighbour in that direction and to the two cells ahead of both.
     """
-    size = image.shape[0]
+    if image.shape[0] == USUAL_VIEW:
+        see_cells(row, image, USUAL_VIEW)  # a constant here makes straight code of its loops, twice as fast
+    else:
+        see_cells(row, image, image.shape[0])
+
+
+@njit(cache=True)
+def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
+    """What `see` says, for a view of ``size`` cells. Without branches on what lies where: those cannot be foreseen."""
     half = size // 2
+    x, y, width, height = row[X], row[Y], row[WIDTH], row[HEIGHT]
+    # rows of the view that lie in the grid, cells of a row left and right of the agent that do, and how far it is in
+    # the state from a cell to the one to its right and to the one ahead
     direction = row[DIRECTION]
-    forward_x = (1 - direction) * (1 - direction % 2)
-    forward_y = (2 - direction) * (direction % 2)
-    right_x, right_y = -forward_y, forward_x
-    first, last = inside_part(row, right_x, right_y, half)
-    stride = right_x * row[HEIGHT] + right_y
+    if direction == 0:
+        rows, left, right, aside, onward = width - x, y, height - 1 - y, 1, height
+    elif direction == 1:
+        rows, left, right, aside, onward = height - y, width - 1 - x, x, -height, 1
+    elif direction == 2:
+        rows, left, right, aside, onward = x + 1, height - 1 - y, y, -1, -height
+    else:
+        rows, left, right, aside, onward = y + 1, x, width - 1 - x, height, -1
+    first, last = half - left, half + right
     everything = (1 << size) - 1
-    walls = everything & ~((1 << last + 1) - (1 << first))  # the columns of the view beside the grid
+    hiding = row[SEE_THROUGH] == 0
+    seen = everything
     ahead = 1 << half  # bit i: cell i of the next row is seen
+    start = HEADER + x * height + y - half * aside  # of the row's first cell
     for distance in range(size):
-        x, y = row[X] + forward_x * distance, row[Y] + forward_y * distance
-        start = HEADER + x * row[HEIGHT] + y - half * stride
-        inside = 0 <= x < row[WIDTH] and 0 <= y < row[HEIGHT]
-        seen = everything
-        if ahead == 0 and row[SEE_THROUGH] == 0:
-            for i in range(size):
-                for j in range(size - distance):
-                    image[i, j, 0] = image[i, j, 1] = image[i, j, 2] = 0
-            break
-        if row[SEE_THROUGH] == 0:
+        if distance >= rows:
+            last = -1
+        if hiding:
+            if ahead == 0:
+                leave_dark(image, size - distance)
+                break
             clear = 0
-            if inside:
-                for i in range(first, last + 1):
-                    clear |= int(lets_see(row[start + i * stride])) << i
-            giving = spread(ahead, clear, size, 1) & everything >> 1
+            for i in range(size):
+                inside = (first <= i) & (i <= last)
+                place = np.uint64(start + i * aside if inside else 0)  # unsigned: not looked for from the end
+                clear |= int(LETS_SEE[row[place] & LOOKS - 1] & inside) << i
+            giving = spread_right(ahead, clear) & everything >> 1
             seen = ahead | giving << 1
             ahead = giving | giving << 1
-            giving = spread(seen, clear, size, -1) & ~1
+            giving = spread_left(seen, clear, size) & ~1
             seen |= giving >> 1
             ahead |= giving | giving >> 1
         for i in range(size):
-            code = GREY_WALL if not inside or walls >> i & 1 else row[start + i * stride]
-            code *= seen >> i & 1
+            inside = (first <= i) & (i <= last)
+            place = np.uint64(start + i * aside if inside else 0)
+            code = (row[place] if inside else GREY_WALL) & -(seen >> i & 1)
             image[i, size - 1 - distance, 0] = kind_of(code)
             image[i, size - 1 - distance, 1] = colour_of(code)
             image[i, size - 1 - distance, 2] = state_of(code)
+        start += onward
     held = row[CARRYING]
     image[half, size - 1, 0] = kind_of(held)
     image[half, size - 1, 1] = colour_of(held)
     image[half, size - 1, 2] = state_of(held)
 
 
-@njit(cache=True)
-def inside_part(row: Row, right_x: int, right_y: int, half: int) -> tuple[int, int]:
-    """The first and the last column of the view that lie in the grid."""
-    if right_x != 0:
-        near, far = row[X], row[WIDTH] - 1 - row[X]
-    else:
-        near, far = row[Y], row[HEIGHT] - 1 - row[Y]
-    if right_x + right_y < 0:
-        near, far = far, near
-    return half - min(half, near), half + min(half, far)
+@njit(cache=True, inline="always")
+def leave_dark(image: NDArray[np.uint8], rows: int) -> None:
+    """Make the upper rows of a view unseen."""
+    for i in range(image.shape[0]):
+        for j in range(rows):
+            image[i, j, 0] = image[i, j, 1] = image[i, j, 2] = 0
 
 
-@njit(cache=True)
-def spread(seen: int, clear: int, size: int, step: int) -> int:
-    """The clear cells of a row that are seen once sight has spread along it, to higher bits (step 1) or lower (-1)."""
+@njit(cache=True, inline="always")
+def spread_right(seen: int, clear: int) -> int:
+    """The clear cells of a row that are seen once sight has spread along it to higher bits."""
     giving = seen & clear
-    run = clear  # bit i: the cells from i back to where a stride of this length starts are all clear
+    return (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
+
+
+@njit(cache=True, inline="always")
+def spread_left(seen: int, clear: int, size: int) -> int:
+    """The clear cells of a row that are seen once sight has spread along it to lower bits."""
+    giving = seen & clear
+    run = clear  # bit i: the cells from i to where a stride of this length starts are all clear
     stride = 1
     while stride < size:
-        if step > 0:
-            giving |= giving << stride & run
-            run &= run << stride
-        else:
-            giving |= giving >> stride & run
-            run &= run >> stride
+        giving |= giving >> stride & run
+        run &= run >> stride
         stride *= 2
     return giving
 

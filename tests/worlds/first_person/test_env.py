@@ -1,4 +1,5 @@
 import copy
+import math
 import pickle
 import warnings
 
@@ -10,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.catalogue import ENTRIES
-from minihuman.worlds.first_person.entities import Box
+from minihuman.worlds.first_person.entities import Ball, Box
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.rules import MOVES
 
@@ -158,6 +159,19 @@ def test_the_red_box_is_in_view_when_the_agent_faces_it():
     assert env.visible_entities() == []
 
 
+def test_a_ball_is_shown_in_the_colour_of_the_palette():
+    env = Odd(lambda env: (room(env), env.place_entity(Ball("red"), pos=(3.4, 0, 2)), env.place_agent(pos=(0.6, 0, 2))))
+    env.reset(seed=0)
+    env.agent.dir = 0.0
+    classic, safe = (env.picture(size_px=(40, 30), palette=palette) for palette in ("classic", "colour-safe"))
+    changed = (classic != safe).any(axis=2)
+    assert changed.sum() > 10
+    red, orange = np.median(classic[changed], axis=0), np.median(safe[changed], axis=0)
+    assert red[1] == 0
+    assert 0.3 < orange[1] / orange[0] < 0.7
+    assert orange[2] == 0
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -200,6 +214,12 @@ def room(env, **looks):
     return env.add_rect_room(min_x=0, max_x=4, min_z=0, max_z=4, **looks)
 
 
+def two_rooms(env, *openings, **height):
+    a, b = room(env), env.add_rect_room(min_x=5, max_x=9, min_z=0, max_z=4)
+    for opening in openings:
+        env.connect_rooms(a, b, **dict(zip(("min_z", "max_z", "min_x"), opening, strict=False)), **height)
+
+
 @pytest.mark.parametrize(
     ("build", "said"),
     [
@@ -222,6 +242,13 @@ def room(env, **looks):
             ),
             "runs across x",
         ),
+        (lambda env: two_rooms(env, (1, 3), (2, 3.5)), "from 0.5 to 2 m .* overlaps the one from 1 to 3 m"),
+        (lambda env: two_rooms(env, (1, 3), max_y=3), "portal is 3 m high; it is above 0 and at most .* 2.74 m"),
+        (lambda env: two_rooms(env, (1, 3), max_y=0), "portal is 0 m high"),
+        (lambda env: two_rooms(env, (3, 1.5, 2)), "goes from min_x to max_x or from min_z to max_z"),
+        (lambda env: room(env, wall_height=-1), "walls -1 m high"),
+        (lambda env: env.add_room(((0, 0), (0, 4), (math.nan, 4))), "two finite numbers"),
+        (lambda env: env.add_room(((0, 0), (0, 4), (4, 4), (1, 2))), "turns right"),
         (lambda env: (room(env), env.place_entity(Box("red", 9.0))), "no free place for red box"),
         (lambda env: (room(env), env.place_entity(Box("pink"))), "no colour is called 'pink'"),
         (lambda env: (room(env), env.place_entity(Box("red"), pos=(1, 0, 1)), room(env)), "floor plan is closed"),

@@ -1,17 +1,25 @@
 """Where Minigrid errs by accident and we do not: both behaviours, as the table in docs/grid-worlds.md says them."""
 
+import inspect
+import math
+
 import gymnasium
 import minigrid  # noqa: F401
+import numpy as np
 import pytest
 from minigrid.core.grid import Grid
 from minigrid.core.mission import MissionSpace
+from minigrid.core.world_object import Ball, Wall
 from minigrid.envs import MemoryEnv
 from minigrid.minigrid_env import MiniGridEnv
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
+from minihuman.worlds.grid.cells import BALL, BOX, DOOR, EMPTY
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.items import wall
+from minihuman.worlds.grid.planner import plan
+from minihuman.worlds.grid.tasks import front
 from minihuman.worlds.grid.world import GridWorld
 
 
@@ -96,3 +104,79 @@ def test_the_default_size_of_memory():
         theirs.reset(seed=0)
     with pytest.raises(WorldError, match="the size is odd"):
         GridEnv("memory")
+
+
+def test_no_free_cell_left_to_place_something():
+    theirs = TheirOpen()
+    theirs.reset(seed=0)
+    for x in range(4):
+        for y in range(4):
+            theirs.grid.set(x, y, Wall())
+    assert inspect.signature(theirs.place_obj).parameters["max_tries"].default == math.inf  # it would never return
+    with pytest.raises(RecursionError):
+        theirs.place_obj(Ball(), max_tries=1000)
+    with pytest.raises(WorldError, match="no free place"):
+        GridEnv("fetch", size=3, numObjs=2).reset(seed=0)
+
+
+def both(name, seed=0, **options):
+    theirs, ours = gymnasium.make(name, **options), gymnasium.make(f"minihuman/{name}", **options)
+    theirs.reset(seed=seed)
+    ours.reset(seed=seed)
+    return theirs, ours
+
+
+@pytest.mark.filterwarnings("ignore:.*out of date")
+@pytest.mark.parametrize(("version", "rooms"), [(0, 6), (1, 4)])
+def test_multi_room_n4_s5_has_six_rooms_until_version_1(version, rooms):
+    theirs, ours = both(f"MiniGrid-MultiRoom-N4-S5-v{version}")
+    assert len(theirs.unwrapped.rooms) == rooms
+    assert (ours.unwrapped.state.kinds == DOOR).sum() == rooms - 1
+
+
+@pytest.mark.filterwarnings("ignore:.*out of date")
+@pytest.mark.parametrize(("version", "lost"), [(0, True), (1, False)])
+def test_a_ball_may_be_put_on_the_box_with_the_key_until_version_1(version, lost):
+    name = f"MiniGrid-ObstructedMaze-2Dlhb-v{version}"
+    theirs, ours = gymnasium.make(name), gymnasium.make(f"minihuman/{name}")
+    counted = []
+    for seed in range(100):
+        theirs.reset(seed=seed)
+        ours.reset(seed=seed)
+        boxes = (ours.unwrapped.state.kinds == BOX).sum()
+        assert boxes == (theirs.unwrapped.grid.encode()[..., 0] == BOX).sum()
+        counted.append(boxes)
+    assert (min(counted) < 2) == lost
+
+
+@pytest.mark.parametrize("leaves", [True, False], ids=["one that leaves", "one that comes"])
+def test_only_a_ball_that_was_ahead_before_it_moved_ends_the_episode(leaves):
+    theirs, ours = both("MiniGrid-Dynamic-Obstacles-5x5-v0", max_steps=10**6)
+    chance = np.random.default_rng(0)
+    for _ in range(10_000):
+        x, y = front(ours.unwrapped.state.row)
+        before = ours.unwrapped.state.kinds[x, y]
+        action = 2 if before == (BALL if leaves else EMPTY) else int(chance.integers(2))
+        _, its_reward, its_end, *_ = theirs.step(action)
+        _, reward, end, *_ = ours.step(action)
+        assert (reward, end) == (its_reward, its_end)
+        after = ours.unwrapped.state.kinds[x, y]
+        if action == 2 and (before == BALL) != (after == BALL):
+            assert (reward, end) == ((-1, True) if leaves else (0, False))
+            return
+        if end:
+            theirs.reset()
+            ours.reset()
+    pytest.fail("no ball left or came")
+
+
+def test_picking_up_does_not_end_go_to_object():
+    theirs, ours = both("MiniGrid-GoToObject-6x6-N2-v0")
+    *way, _ = plan(ours.unwrapped.state)  # the last action is "done", beside the object
+    for action in way:
+        theirs.step(action)
+        ours.step(action)
+    for _ in range(4):  # whichever way the object is
+        for action in (3, 0):
+            assert theirs.step(action)[1:4] == ours.step(action)[1:4] == (0, False, False)
+    assert ours.unwrapped.state.carrying != EMPTY

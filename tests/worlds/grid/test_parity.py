@@ -13,12 +13,26 @@ from minihuman.worlds.grid.catalogue import ENTRIES
 from minihuman.worlds.grid.cells import KINDS, kind_of
 from minihuman.worlds.grid.planner import plan
 from minihuman.worlds.grid.rules import ACTION_NAMES
+from minihuman.worlds.grid.state import TASK
 from minihuman.worlds.grid.tasks import DODGE, front
 from tests.counts import count
 
 STEPS = count(120, 1500)  # a world and policy; 76 worlds and two policies make over 200,000 in the full count
 NAMES = [entry.name for entry in ENTRIES if "family" in entry.kwargs]  # the others are ours alone
 RESTLESS = (0.15, 0.15, 0.4, 0.1, 0.07, 0.1, 0.03)  # probabilities of the seven actions
+
+
+@pytest.fixture(scope="module")
+def seen(request):
+    """What actions did in all steps of this module that were compared, printed at its end."""
+    seen = Counter()
+    yield seen
+    with request.config.pluginmanager.get_plugin("capturemanager").global_and_fixture_disabled():
+        print("\nequal to Minigrid's:", in_words(seen))
+
+
+def in_words(seen):
+    return ", ".join(f"{what} x{times}" for what, times in sorted(seen.items()))
 
 
 def assert_same_grid(ours, theirs):
@@ -59,7 +73,13 @@ def play(name, choose, steps, seen):
             ours_step, theirs_step = ours.step(action), theirs.step(action)
             assert_same(ours_step[0], theirs_step[0])
             assert ours_step[1:4] == theirs_step[1:4]
+            seen["any step"] += 1
             seen[effect(ours, action, before)] += 1
+            seen["obstacles move"] += before.row[TASK] == DODGE and bool(
+                (ours.unwrapped.state.cells != before.cells).any()
+            )
+            seen["episode ends"] += ours_step[2] or ours_step[3]
+            seen["episode ends with a prize"] += ours_step[1] > 0
             done += 1
             if ours_step[2] or ours_step[3] or done >= steps:
                 break
@@ -81,7 +101,7 @@ def as_planned(chance):
     """The expert, where it has a plan for this world, and chance where it has none or has slipped."""
 
     def choose(env):
-        if env.unwrapped.state.row[12] != DODGE and env.unwrapped.state.cells.size < 260:
+        if env.unwrapped.state.row[TASK] != DODGE and env.unwrapped.state.cells.size < 260:
             try:
                 for action in plan(env.unwrapped.state, limit=1 << 16) or ():
                     if chance.random() < 0.03:
@@ -97,8 +117,8 @@ def as_planned(chance):
 @pytest.mark.filterwarnings("ignore:.*out of date")
 @pytest.mark.parametrize("policy", [at_random, as_planned])
 @pytest.mark.parametrize("name", NAMES)
-def test_the_same_seed_and_actions_give_the_same_episodes(name, policy):
-    play(name, policy(np.random.default_rng(1)), STEPS, Counter())
+def test_the_same_seed_and_actions_give_the_same_episodes(name, policy, seen):
+    play(name, policy(np.random.default_rng(1)), STEPS, seen)
 
 
 @pytest.mark.filterwarnings("ignore:.*out of date")
@@ -114,7 +134,7 @@ def test_the_long_chains_are_really_played(capsys):
     ):
         play(f"MiniGrid-{name}", as_planned(np.random.default_rng(2)), 400, seen)
     with capsys.disabled():
-        print("\neffects compared:", ", ".join(f"{what} x{times}" for what, times in sorted(seen.items())))
+        print("\neffects compared:", in_words(seen))
     for what in (
         "pickup key",
         "pickup ball",

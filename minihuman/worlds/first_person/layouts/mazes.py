@@ -9,7 +9,8 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.chance import uniform
 from minihuman.worlds.first_person.entities import Box, Position
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
-from minihuman.worlds.first_person.rooms import Point, Room
+from minihuman.worlds.first_person.outline import Point
+from minihuman.worlds.first_person.rooms import Room
 
 _GAP = 0.25  # between the rooms of a maze
 
@@ -102,8 +103,10 @@ class Maze(GoalEnv):
             for row in range(self.num_rows)
             for column in range(self.num_cols)
         }
+        # every room is entered once, and then the order of its ways on is drawn
+        drawn = iter(self.np_random.integers(np.tile((4, 3, 2, 1), len(rooms))).reshape(-1, 4).tolist())
         seen = {(0, 0)}
-        trail = [((0, 0), self._directions())]
+        trail = [((0, 0), _directions(next(drawn)))]
         while trail:
             (column, row), directions = trail[-1]
             if not directions:
@@ -119,14 +122,15 @@ class Maze(GoalEnv):
             else:
                 self.connect_rooms(here, rooms[there], min_z=here.min_z, max_z=here.max_z)
             seen.add(there)
-            trail.append((there, self._directions()))
+            trail.append((there, _directions(next(drawn))))
         self.box = self.place_entity(Box("red"))
         self.place_agent()
 
-    def _directions(self) -> list[tuple[int, int]]:
-        """The four ways on, (columns to the right, rows down), in random order."""
-        left = [(1, 0), (-1, 0), (0, -1), (0, 1)]
-        return [left.pop(self.np_random.integers(len(left))) for _ in range(4)]
+
+def _directions(picks: list[int]) -> list[tuple[int, int]]:
+    """The four ways on, (columns to the right, rows down), in the order of the picks from those that are left."""
+    left = [(1, 0), (-1, 0), (0, -1), (0, 1)]
+    return [left.pop(pick) for pick in picks]
 
 
 def _turned(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:

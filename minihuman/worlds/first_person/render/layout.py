@@ -129,12 +129,12 @@ def _things(looks: Sequence[Look], library: Library) -> tuple[Faces, Things]:
                 tints.append(colour)
                 around = float(np.hypot(size[0], size[2])) / 2
                 reaches.append((around, float(np.hypot(around, size[1]))))
-            case MeshLook(mesh, height_m):
+            case MeshLook(mesh, height_m, tint):
                 ranges.append(library.mesh_faces(mesh))
                 scale, normal_scale = library.mesh_scale(mesh, height_m)
                 scales.append((scale,) * 3)
                 normal_scales.append(normal_scale)
-                tints.append((1.0, 1.0, 1.0))
+                tints.append(tint)
                 around, reach = library.mesh_reach(mesh)
                 reaches.append((around * scale, reach * scale))
             case FrameLook():

@@ -81,6 +81,7 @@ class MeshLook:
 
     mesh: str  # "duckie", "key_red"
     height_m: float
+    tint: Rgb = (1.0, 1.0, 1.0)  # times its own colours
 
 
 @dataclass(frozen=True, slots=True)

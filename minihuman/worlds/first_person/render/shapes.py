@@ -23,6 +23,7 @@ COLOURS: dict[str, Rgb] = {
     "purple": (0.44, 0.15, 0.76),
     "yellow": (1.0, 1.0, 0.0),
     "grey": (0.39, 0.39, 0.39),
+    "white": (1.0, 1.0, 1.0),  # to be tinted
 }
 
 

@@ -75,7 +75,8 @@ def draw_chain(row: Row, words: Words, count: int, largest: int, door_x: int, do
             else:
                 x = integer(words, door_x - width + 2, door_x)
         if fits(row, rooms, placed, x, y, width, height):
-            rooms[placed] = x, y, width, height, door_x, door_y
+            rooms[placed, 0], rooms[placed, 1], rooms[placed, 2], rooms[placed, 3] = x, y, width, height
+            rooms[placed, 4], rooms[placed, 5] = door_x, door_y
             placed += 1
             entry_wall = wall
             tries = 0

@@ -71,7 +71,7 @@ def draw_objects(row: Row, words: Words, objects: int, apart: bool) -> NDArray[n
             if tries > 100_000:
                 row[FAILED] = 1
         put(row, x, y, make(row, kind, colour, 0))
-        drawn[k] = kind, colour, x, y
+        drawn[k, 0], drawn[k, 1], drawn[k, 2], drawn[k, 3] = kind, colour, x, y
         k += 1
     return drawn
 
@@ -121,15 +121,18 @@ def go_to_door(row: Row, words: Words) -> None:
     height = integer(words, 5, row[HEIGHT] + 1)
     wall_rect(row, 0, 0, width, height)
     places = np.empty((4, 2), np.int64)
-    places[0] = integer(words, 2, width - 2), 0
-    places[1] = integer(words, 2, width - 2), height - 1
-    places[2] = 0, integer(words, 2, height - 2)
-    places[3] = width - 1, integer(words, 2, height - 2)
+    places[0, 0], places[0, 1] = integer(words, 2, width - 2), 0
+    places[1, 0], places[1, 1] = integer(words, 2, width - 2), height - 1
+    places[2, 0], places[2, 1] = 0, integer(words, 2, height - 2)
+    places[3, 0], places[3, 1] = width - 1, integer(words, 2, height - 2)
     colours = np.full(4, -1, np.int64)
     k = 0
     while k < 4:
         colour = draw_colour(words)
-        if not (colours == colour).any():
+        known = False
+        for other in range(k):
+            known |= colours[other] == colour
+        if not known:
             colours[k] = colour
             k += 1
     for k in range(4):
@@ -137,7 +140,7 @@ def go_to_door(row: Row, words: Words) -> None:
     place_agent(row, words, 0, 0, width, height)
     k = integer(words, 0, 4)
     row[TASK] = STAND_BY
-    row[TARGET], row[TARGET + 1] = places[k]
+    row[TARGET], row[TARGET + 1] = places[k, 0], places[k, 1]
     row[MISSION] = colours[k]
 
 

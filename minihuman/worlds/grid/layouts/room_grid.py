@@ -30,7 +30,9 @@ AGENT_TRIES = 100_000  # Minigrid never gives up; a room that needs more cannot 
 def rooms(row: Row, words: Words, columns: int, lines: int, size: int) -> Plan:
     """Draw the walls of a room grid and the places of its doors; the agent stands in the middle room for now."""
     plan = np.full((columns * lines, 13), NO_DOOR, np.int64)
-    plan[:, WAY:] = 0
+    for room in range(columns * lines):
+        for k in range(WAY, plan.shape[1]):
+            plan[room, k] = 0
     for j in range(lines):
         for i in range(columns):
             wall_rect(row, i * (size - 1), j * (size - 1), size, size)
@@ -46,17 +48,18 @@ def rooms(row: Row, words: Words, columns: int, lines: int, size: int) -> Plan:
     return plan
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
     """Note the place of the door between two rooms, in both."""
     plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall] = x, y
     plan[other, DOOR_X + wall + 2], plan[other, DOOR_Y + wall + 2] = x, y
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def behind(room: int, wall: int, columns: int) -> int:
     """The room on the other side of a wall."""
-    return room + (1, columns, -1, -columns)[wall]
+    step = 1 if wall % 2 == 0 else columns
+    return room + step if wall < 2 else room - step
 
 
 @njit(cache=True)
