@@ -8,8 +8,10 @@ a whole step of its basic scenario at 160x120 (``make_action`` with frame skip 1
 
 import statistics
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -52,6 +54,7 @@ def vizdoom_step() -> float | None:
     game.load_config(str(vizdoom.scenarios_path) + "/basic.cfg")
     game.set_screen_resolution(vizdoom.ScreenResolution.RES_160X120)
     game.set_window_visible(False)
+    game.set_doom_config_path(str(Path(tempfile.gettempdir()) / "vizdoom.ini"))  # else it lies where one works
     game.init()
     buttons = [False] * game.get_available_buttons_size()
 

@@ -1,6 +1,6 @@
 """What the kernels read and write, as flat arrays. A kernel knows these tables and nothing else.
 
-Everything a kernel computes uses +, -, x, / and comparisons of doubles and integers only: no sine, no fused
+Everything a kernel computes uses +, -, x, /, square roots, rounding, comparisons and bits only: no sine, no fused
 multiply-add, no reordering. That is why a picture is the same on every machine, compiled or not.
 """
 
