@@ -122,7 +122,7 @@ ENTRIES: tuple[Entry, ...] = (
     ),
     Entry(
         "MiniGrid-GoToObj-Transfer-v0",
-        "minihuman.worlds.grid.transfer:GoToObj",
+        "minihuman.worlds.grid.transfer:make",
         summary="go to the {} {}, the 3D one's pair",
     ),
 )

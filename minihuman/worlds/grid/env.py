@@ -1,5 +1,7 @@
 """GridEnv: a world of the catalogue, laid out by its family's compiled layout."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from minihuman.worlds.grid.engine import GridEngine
@@ -45,11 +47,16 @@ class GridEnv(GridEngine):
         self.mission = self.mission_space.sentence(self._row[MISSION:FAILED].tolist())
 
 
-def make(family: str, *, view: str = "grid", **options: Any) -> Any:
+def make(family: str, **options: Any) -> Any:
     """A catalogue world for ``gymnasium.make``; ``view="first_person"`` shows it from inside, in 3D."""
+    return in_view(partial(GridEnv, family), **options)
+
+
+def in_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: Any) -> Any:
+    """A grid world as it is, or seen from inside."""
     if view == "grid":
-        return GridEnv(family, **options)
+        return grid(**options)
     from minihuman.worlds.first_person.grid_view import first_person
 
     picture = {name: options.pop(name) for name in ("obs_width", "obs_height") if name in options}
-    return first_person(GridEnv(family, **options), view, **picture)
+    return first_person(grid(**options), view, **picture)

@@ -4,6 +4,7 @@ from typing import Any
 
 from minihuman.errors import WorldError
 from minihuman.worlds.go_to_obj import COLOURS, KINDS, arrange
+from minihuman.worlds.grid.env import in_view
 from minihuman.worlds.grid.items import Item
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.missions import MissionSpace
@@ -67,3 +68,8 @@ class GoToObj(GridWorld):
         if front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return prize(self._row), True
         return reward, terminated or (self.toggle_ends and action == TOGGLE)
+
+
+def make(**options: Any) -> Any:
+    """The world for ``gymnasium.make``; ``view="first_person"`` shows it from inside, in 3D."""
+    return in_view(GoToObj, **options)

@@ -13,7 +13,7 @@ from minihuman.worlds.grid.catalogue import ENTRIES
 from minihuman.worlds.grid.state import CARRYING, DIRECTION, X, Y
 from tests.counts import count
 
-WORLDS = [entry.id for entry in ENTRIES][:: count(6, 1)]
+WORLDS = [entry.id for entry in ENTRIES][:: -count(6, 1)]  # the last, made in its own way, is always there
 STEPS = count(30, 600)
 
 
