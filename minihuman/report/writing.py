@@ -16,6 +16,7 @@ from minihuman.report.tables import Rows
 
 Kind = Literal["parquet", "csv"]
 _ROWS = 50_000  # held back per table, so that a Parquet file is not one row group a session
+_TABLES = 64  # held back before they are made one: a table of a single row takes as much as one of hundreds
 
 
 _WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {
@@ -48,6 +49,8 @@ class TableWriter:
         """Take one session's rows."""
         for name, table in rows.items():
             self._waiting[name].append(table)
+            if len(self._waiting[name]) >= _TABLES:
+                self._waiting[name] = [pa.concat_tables(self._waiting[name]).combine_chunks()]
             if sum(waiting.num_rows for waiting in self._waiting[name]) >= _ROWS:
                 self._flush(name)
 
