@@ -167,7 +167,8 @@ def _model(model: MixedModel | None) -> str:
     ]
     note = f" {model.note}" if model.note else ""
     caption = (
-        f"Mixed model of {model.measure}: group and episode in the block, a random intercept a participant "
+        f"Mixed model of {model.measure}: group and episode in the block, a random intercept a participant, "
+        f"t with between-within degrees of freedom "
         f"({model.participants} participants, {model.episodes} episodes).{note}"
     )
     return _table(caption, ("term", "estimate", "95 % interval", "p"), rows)

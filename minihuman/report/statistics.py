@@ -41,7 +41,12 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class MixedModel:
-    """A linear model of one measure over episodes, with a random intercept a participant."""
+    """A linear model of one measure over episodes, with a random intercept a participant.
+
+    Intervals and p use Student's t with between-within degrees of freedom: what differs between participants is judged
+    by their number, what differs within them by that of episodes. The normal distribution, which statsmodels uses,
+    makes intervals too short for the few participants that a study has.
+    """
 
     measure: str
     terms: tuple[str, ...]
@@ -101,14 +106,18 @@ def mixed_model(rows: pd.DataFrame, measure: str) -> MixedModel | None:
         except np.linalg.LinAlgError:  # next to no variance: its matrices have no inverse
             return None
     names = [name for name in fit.params.index if name != "Group Var"]
-    bounds = fit.conf_int(1 - LEVEL)
+    participants = int(told["participant"].nunique())
+    within = max(1, len(told) - participants - 1)
+    told_by = [stats.t(within if name == "episode" else participants - len(sizes)) for name in names]
+    estimates, errors = fit.fe_params[names].to_numpy(float), fit.bse_fe[names].to_numpy(float)
+    reach = [float(t.ppf((1 + LEVEL) / 2) * error) for t, error in zip(told_by, errors, strict=True)]
     return MixedModel(
         measure=measure,
         terms=tuple(_term(name) for name in names),
-        estimates=tuple(float(fit.params[name]) for name in names),
-        intervals=tuple((float(bounds.loc[name, 0]), float(bounds.loc[name, 1])) for name in names),
-        p=tuple(float(fit.pvalues[name]) for name in names),
-        participants=int(told["participant"].nunique()),
+        estimates=tuple(map(float, estimates)),
+        intervals=tuple((float(at - by), float(at + by)) for at, by in zip(estimates, reach, strict=True)),
+        p=tuple(float(2 * t.sf(abs(at / error))) for t, at, error in zip(told_by, estimates, errors, strict=True)),
+        participants=participants,
         episodes=len(told),
         note=_note([str(complaint.message) for complaint in complaints], converged=bool(fit.converged)),
     )

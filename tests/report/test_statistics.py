@@ -85,6 +85,15 @@ def test_the_mixed_model_finds_the_effect_and_the_slope_it_was_made_with():
     assert (found.participants, found.episodes, found.note) == (24, 192, "")
 
 
+def test_a_balanced_model_judges_groups_as_a_t_test_of_participants_means_does():
+    rows = episodes_of(effect=0.6, people=8, seed=1)
+    means = rows.groupby(["group", "participant"])["reward"].mean()
+    peer = stats.ttest_ind(means["b"], means["a"])
+    found = mixed_model(rows, "reward")
+    assert found.intervals[1] == pytest.approx(tuple(peer.confidence_interval(0.95)), abs=1e-3)
+    assert found.p[1] == pytest.approx(peer.pvalue, rel=0.01)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_model_of_participants_who_are_alike_says_so_in_a_sentence(seed):
     rows = episodes_of(effect=0, people=8, seed=0)
