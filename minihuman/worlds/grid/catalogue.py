@@ -123,6 +123,6 @@ ENTRIES: tuple[Entry, ...] = (
     Entry(
         "MiniGrid-GoToObj-Transfer-v0",
         "minihuman.worlds.grid.transfer:make",
-        summary="go to the {} {}, the 3D one's pair",
+        summary="go to one of four objects, the 3D one's pair",
     ),
 )
