@@ -1,6 +1,7 @@
 """The loop around a session: wait, receive, write, show. Every effect is here, nothing is decided here."""
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,8 @@ from minihuman.windows.port import Clock, Window
 
 # A toolkit that blocks in C lets no Python signal handler run: come up for air this often.
 SIGNAL_CHECK_NS = 200_000_000
+# Python's threads take turns every 5 ms: the log's could keep a picture waiting for that long.
+THREAD_TURN_S = 0.0002
 _NS_PER_S = 1_000_000_000
 
 
@@ -37,7 +40,7 @@ def run_session(
     """
     loop = _Loop(session, window, recorder, clock)
     try:
-        with _signals(loop):
+        with _signals(loop), _short_turns():
             try:
                 loop.run()
             except Exception as error:
@@ -112,6 +115,17 @@ class _Loop:
         elif not inputs and tick_ns is not None and self._clock() >= tick_ns:
             inputs.append(Tick(self._clock()))
         return inputs
+
+
+@contextmanager
+def _short_turns() -> Iterator[None]:
+    """Let the loop have the interpreter back soon after it asks for it."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(THREAD_TURN_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
 
 
 @contextmanager
