@@ -22,12 +22,13 @@ def read_events(path: Path) -> Iterator[ev.Event]:
     return Reading(path).events()
 
 
-def open_log(path: Path) -> SessionLog:
+def open_log(path: Path | str) -> SessionLog:
     """Read a session: a finished log, a live or cut-off ``.mcap.part``, or a session's folder with every segment in it.
 
     Raises:
         LogError: if there is no session log, it is of another schema version, damaged, or holds no plan.
     """
+    path = Path(path)
     files = _files(path)
     readings = [Reading(file) for file in files]
     gathered = Gathering()

@@ -82,6 +82,10 @@ def test_a_session_folder_reads_as_its_session(log: Path) -> None:
     assert len(open_log(log.parent).episodes) == 3
 
 
+def test_a_path_may_be_text(log: Path) -> None:
+    assert open_log(str(log)).path == open_log(log).path
+
+
 def test_reading_changes_nothing(log: Path) -> None:
     before = (log.read_bytes(), log.stat().st_mtime_ns)
     open_log(log)
