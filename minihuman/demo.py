@@ -12,6 +12,7 @@ from minihuman.log.read import open_log
 from minihuman.log.verify import verify
 from minihuman.shipped import shipped_protocol
 from minihuman.study.protocol import Protocol
+from minihuman.study.rehearse import warm_up
 from minihuman.windows.choose import AUTO, open_window
 from minihuman.windows.machine import SessionClock
 from minihuman.windows.simulate import simulate
@@ -44,6 +45,7 @@ def demonstrate(data: Path, *, window: str, fullscreen: bool, say: Say) -> Itera
 
 
 def _play(protocol: Protocol, data: Path, *, window: str, fullscreen: bool, say: Say) -> Path:
+    warm_up(protocol)
     clock = SessionClock()
     try:
         opened = open_window(window, clock, fullscreen=fullscreen)

@@ -1,7 +1,4 @@
-"""A protocol against its worlds: does each exist, and has it the actions and the steps that the blocks ask for?
-
-Plays nothing.
-"""
+"""A protocol against its worlds: does each exist, and has it the actions and the steps that the blocks ask for?"""
 
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.study.protocol import Block, Protocol
@@ -9,7 +6,7 @@ from minihuman.worlds.adapt import World
 
 
 def rehearse(protocol: Protocol, source: str = "protocol") -> None:
-    """Make every block's world and look its actions up; ``source`` names the file in errors.
+    """Make every block's world and look its actions up, playing nothing; ``source`` names the file in errors.
 
     Raises:
         ProtocolError: at the first block whose world cannot be played as it says.
@@ -33,6 +30,26 @@ def rehearse(protocol: Protocol, source: str = "protocol") -> None:
                 f"after {limit} steps; ask for {limit} or fewer, or give the world more with options = {{ max_steps = "
                 f"{block.max_steps} }} if it has that option"
             )
+
+
+def warm_up(protocol: Protocol, source: str = "protocol") -> None:
+    """Play a step of every block's world, so that nothing is loaded or compiled in front of a participant.
+
+    Raises:
+        ProtocolError: at the first block whose world fails at that.
+    """
+    for number, block in enumerate(protocol.blocks):
+        world = World(block.world, block.options)
+        try:
+            world.reset(seed=0)
+            world.map(), world.pose(), world.state_hash()
+            world.step(world.action_names.index(block.actions[0]))
+            world.frame(block.view, palette=block.palette)
+        except Exception as error:  # whatever somebody's world may raise
+            reason = f"{type(error).__name__}: {error}"
+            raise ProtocolError(f"{source}: $.blocks[{number}].world: {block.world} fails ({reason})") from error
+        finally:
+            world.close()
 
 
 def _missing(block: Block, known: tuple[str, ...]) -> tuple[str, str] | None:
