@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -275,7 +276,10 @@ def test_on_a_french_keyboard_the_keys_keep_their_names_and_tell_the_layouts(rea
 
 
 def test_what_is_on_the_display_is_what_was_composed(real_desk: RealDesk) -> None:
-    for screen in SCREENS:
+    played = SCREENS[3]
+    assert isinstance(played, PlayScreen)
+    steps = [replace(played, picture=np.full((56, 56, 3), shade, np.uint8)) for shade in (30, 60, 90)]
+    for screen in (*SCREENS, *steps, replace(steps[0], progress="episode 2 of 2"), SCREENS[0]):
         real_desk.window.show(screen)
         assert np.array_equal(real_desk.typist.picture(TITLE), compose(screen, SIZE_PX))
 
