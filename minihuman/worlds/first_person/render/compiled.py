@@ -9,8 +9,8 @@ Decorator = Callable[[Callable[..., Any]], Any]
 
 # A division by zero is infinite, as in NumPy: nothing is raised in a kernel.
 _KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-# A part makes no arrays, so it need not count who holds those it is given; and it is put where it is called. Else a small
-# one spends most of its time on counting, and on handing over arrays number by number.
+# A part makes no arrays, so it need not count who holds those it is given; and it is put where it is called. Otherwise
+# a small one spends most of its time on counting, and on handing over arrays number by number.
 _PART = _KERNEL | {"no_cpython_wrapper": True, "_nrt": False, "forceinline": True}
 
 
