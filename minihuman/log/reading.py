@@ -98,9 +98,9 @@ def segment_starts(path: Path) -> dict[int, str]:
     """Read which segments a file holds, and the wall clock at which each started.
 
     Raises:
-        LogError: as ``Reading.messages``.
+        LogError: as ``Reading.chunks``.
     """
     reading = Reading(path)
-    for _ in reading.messages():
+    for _ in reading.chunks():
         pass
     return {int(facts["segment"]): facts["started_unix_ns"] for facts in reading.starts}

@@ -47,9 +47,8 @@ def turns_in_place(episode: Episode) -> NDArray[np.void]:
     """
     still = strides(episode) < _STILL
     turned = np.where(still, np.abs(turned_rad(episode)), 0.0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    runs = [
-        (end, float(turned[start:end].sum()), int((turned[start:end] > _STILL).sum()))
-        for start, end in edges.reshape(-1, 2)
-    ]
-    return np.array([run for run in runs if run[2]], dtype=TURN)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
+    before = np.concatenate([[0], np.cumsum(turned > _STILL)])  # steps that turned, up to each row
+    turning = before[edges[:, 1]] - before[edges[:, 0]]
+    runs = zip(edges[turning > 0].tolist(), turning[turning > 0].tolist(), strict=True)
+    return np.array([(end, turned[start:end].sum(), steps) for (start, end), steps in runs], dtype=TURN)
