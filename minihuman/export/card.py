@@ -16,6 +16,7 @@ class Card:
 
     format: str
     filters: str
+    stored_frames: bool = False  # observations were taken from the logs
     counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     skipped: list[str] = field(default_factory=list)  # "path: reason"
 
@@ -31,12 +32,13 @@ class Card:
         return path
 
     def _text(self, out: Path, written: Written) -> str:
+        source = "stored in the logs" if self.stored_frames else "played again from seed and actions"
         lines = [
             f"# {self.format} export",
             "",
             f"{written.episodes} episodes, {written.steps} steps, written by minihuman {__version__}.",
-            "Observations, where the format holds them, were replayed from seed and actions, and each equals the hash",
-            "taken when it was played.",
+            f"Observations, where the format holds them, were {source}, and each has the hash",
+            "that was taken when it was made.",
             "",
             f"Filters: {self.filters or 'none'}.",
             "",

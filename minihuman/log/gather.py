@@ -3,6 +3,7 @@
 No object is made of a step, a key press or a picture shown: that is what makes a study quick to read.
 """
 
+from bisect import bisect
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.columns import EventColumns, frames, presses
 from minihuman.log.episode import Episode, pose_row
+from minihuman.log.observations import Observations
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.reading import Reading
 from minihuman.log.scan import OfTopic
@@ -61,6 +63,7 @@ class Gathering:
         self.notes: list[ev.Noted | ev.Paused | ev.Resumed] = []
         self._chunks: list[bytes] = []  # that hold messages of the topics that have thousands
         self._found: dict[str, list[OfTopic]] = defaultdict(list)  # among those chunks' bytes
+        self._observed: tuple[list[int], list[bytes]] = ([], [])  # places and messages, not looked at yet
         self._spans: list[_Span] = []
         self._count = 0  # of messages, so far
         self._size = 0  # of those chunks, so far
@@ -79,8 +82,15 @@ class Gathering:
                     self._found[topic].append(OfTopic(topic, places + self._count, begins + size, ends + size))
                     self._size = size + len(chunk.data)
                 elif topic not in _FOR_VIEWERS:
-                    spans = zip(places.tolist(), begins.tolist(), ends.tolist(), strict=True)
-                    others += ((self._count + place, topic, chunk.data[begin:end]) for place, begin, end in spans)
+                    numbers = (self._count + places).tolist()
+                    payloads = [
+                        chunk.data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
+                    ]
+                    if topic == topics.OBSERVATION:
+                        self._observed[0].extend(numbers)
+                        self._observed[1].extend(payloads)
+                    else:
+                        others += ((number, topic, data) for number, data in zip(numbers, payloads, strict=True))
             if self._size > size:
                 self._chunks.append(chunk.data)
             for place, topic, data in sorted(others, key=itemgetter(0)):
@@ -116,10 +126,17 @@ class Gathering:
                     keys=keys[downs.within(span)],
                     frames=shown[pictures.within(span)],
                     outcome=span.outcome,
+                    observations=self._observations(span, its.stop - its.start),
                     segment=segments[span.segment],
                 )
             )
         return keys, tuple(episodes)
+
+    def _observations(self, span: _Span, steps: int) -> Observations | None:
+        """What was observed in an episode; a log may break off between an observation and its step."""
+        places, messages = self._observed
+        its = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
+        return Observations(span.start.plan.episode, its[: steps + 1]) if len(its) > steps else None
 
     def _rows(self, topic: str, data: bytes) -> _Rows:
         found = self._found[topic]
