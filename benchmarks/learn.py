@@ -2,11 +2,13 @@
 
     xvfb-run -a python -m benchmarks.learn [--steps 8192] [--threads 1]
 
-Prints, for grid and 3D: steps per second with the learning in it, without it, and of the world alone; and the ratios.
+Prints, for grid and 3D: steps per CPU-second and per second end to end, per second without the learning and of the
+world alone; the ratios; and where an end-to-end step's time goes.
 """
 
 import argparse
 import platform
+import time
 from dataclasses import dataclass
 
 import gymnasium
@@ -27,16 +29,26 @@ class Side:
     world: TrainingWorld
     eyes: Eyes
     history: History
+    cpu_s: float
 
     @property
-    def rates(self) -> tuple[float, float, float]:
-        """Steps per second: end to end, without learning, the world alone."""
+    def rates(self) -> tuple[float, float, float, float]:
+        """Steps per CPU-second end to end; per second end to end, without learning, of the world alone."""
         steps, spent = self.history.points[-1].steps, self.history
         return (
+            steps / self.cpu_s,
             steps / (spent.world_s + spent.acting_s + spent.learning_s),
             steps / (spent.world_s + spent.acting_s),
             steps / spent.world_s,
         )
+
+    @property
+    def shares(self) -> str:
+        """What a step's time goes to."""
+        spent = self.history
+        parts = {"world": spent.world_s, "acting": spent.acting_s, "learning": spent.learning_s}
+        whole = sum(parts.values())
+        return ", ".join(f"{name} {value / whole:.0%}" for name, value in parts.items())
 
 
 def measure(name: str, world_id: str, eyes: Eyes, steps: int) -> Side:
@@ -44,7 +56,9 @@ def measure(name: str, world_id: str, eyes: Eyes, steps: int) -> Side:
     agent = new_ppo(world, settings=Ppo(), eyes=eyes, seed=1, device="cpu")
     world.reset()
     world.step(0)  # compiled before the clock starts
-    return Side(name, world, eyes, train(agent, world, steps=steps))
+    started_s = time.process_time()
+    history = train(agent, world, steps=steps)
+    return Side(name, world, eyes, history, time.process_time() - started_s)
 
 
 def main() -> None:
@@ -63,11 +77,11 @@ def main() -> None:
     for eyes, ours_id, theirs_id in pairs:
         ours = measure("ours", ours_id, eyes, arguments.steps)
         theirs = measure("upstream", theirs_id, eyes, arguments.steps)
-        print(f"\n{'grid' if eyes == 'grid' else '3D'}: steps/s  end to end   without learning   world alone")
+        print(f"\n{'grid' if eyes == 'grid' else '3D'}: steps a  CPU-second     second, without learning, world alone")
         for side in (ours, theirs):
-            print(f"{side.name:>14}  {side.rates[0]:10.0f}  {side.rates[1]:17.0f}  {side.rates[2]:12.0f}")
+            print(f"{side.name:>14}" + "".join(f"{rate:12.0f}" for rate in side.rates) + f"   {side.shares}")
         ratios = [a / b for a, b in zip(ours.rates, theirs.rates, strict=True)]
-        print(f"{'ratio':>14}  {ratios[0]:10.2f}  {ratios[1]:17.2f}  {ratios[2]:12.2f}")
+        print(f"{'ratio':>14}" + "".join(f"{ratio:12.2f}" for ratio in ratios), flush=True)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ STUDY = "study.json"
 
 
 def open_folder(study: Study, out: Path) -> None:
-    """Make the folder the study's own, or see that it is already.
+    """Make the folder the study's own, or see that it is already; a study may come back with more runs.
 
     Raises:
         LearnError: if the folder holds another study, or anything else; nothing is touched then.
@@ -20,9 +20,13 @@ def open_folder(study: Study, out: Path) -> None:
     wanted = json.loads(json.dumps(study.as_dict()))
     if path.exists():
         held = json.loads(path.read_text())
-        if held == wanted:
+        changed = [name for name in {**held, **wanted} if held.get(name) != wanted.get(name)]
+        if changed == ["runs"] and wanted["runs"] > held["runs"]:  # a run's seeds do not depend on how many there are
+            write_atomically(json.dumps(wanted, indent=1), path)
             return
-        name = next(name for name in {**held, **wanted} if held.get(name) != wanted.get(name))
+        if not changed:
+            return
+        name = changed[0]
         raise LearnError(
             f"{out} holds another study ({name} is {held.get(name)!r} there and {wanted.get(name)!r} here); "
             "choose another --out"

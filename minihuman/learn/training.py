@@ -15,6 +15,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from minihuman.errors import LearnError
 from minihuman.learn.cells import Ppo
 from minihuman.learn.network import Eyes, Policy, policy_settings
 from minihuman.learn.training_world import TrainingWorld
@@ -73,10 +74,13 @@ def train(
 
     A run that is killed and started again ends with the same weights and the same curve, to the bit, as one that was
     not (on the CPU, with the same number of threads). ``told`` hears the number of steps after every update.
+
+    Raises:
+        LearnError: if the checkpoint was written by another version; it is left as it is.
     """
     history = History()
     if checkpoint is not None and checkpoint.exists():
-        history = _resume(ppo, world, checkpoint)
+        history = _resume(ppo, world, _read(checkpoint))
     fresh = ppo.num_timesteps == 0
     if ppo.num_timesteps < steps:
         ledger = _Ledger(world, history, checkpoint, told)
@@ -159,8 +163,18 @@ def _snapshot(ppo: PPO, world: TrainingWorld, history: History) -> dict[str, Any
     }
 
 
-def _resume(ppo: PPO, world: TrainingWorld, checkpoint: Path) -> History:
-    saved = torch.load(checkpoint, weights_only=False, map_location="cpu")
+def _read(checkpoint: Path) -> dict[str, Any]:
+    try:
+        saved: dict[str, Any] = torch.load(checkpoint, weights_only=False, map_location="cpu")
+    except Exception as error:  # unpickling raises whatever it likes
+        raise LearnError(
+            f"{checkpoint} cannot be read by this version ({type(error).__name__}: {error}); "
+            "go on with the version that wrote it, or move it away and the job starts anew"
+        ) from error
+    return saved
+
+
+def _resume(ppo: PPO, world: TrainingWorld, saved: dict[str, Any]) -> History:
     ppo.policy.load_state_dict(saved["policy"])
     ppo.policy.optimizer.load_state_dict(saved["optimiser"])
     parameters = dict(ppo.policy.named_parameters())

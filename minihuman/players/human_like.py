@@ -4,6 +4,7 @@ Not a model of anyone: its parameters are known, so that a study's whole analysi
 known before the first participant comes.
 """
 
+import math
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -41,9 +42,9 @@ class Person:
             if not 0 <= getattr(self, name) <= 1:
                 raise PlayerError(f"{name} is {getattr(self, name)}; a chance is 0 to 1")
         for name in ("mu_ms", "sigma_ms", "tau_ms", "practice"):
-            if getattr(self, name) < 0:
+            if not 0 <= getattr(self, name) < math.inf:
                 raise PlayerError(f"{name} is {getattr(self, name)}; use 0 or more")
-        if self.detour_steps < 1:
+        if not 1 <= self.detour_steps < math.inf:
             raise PlayerError(f"detour_steps is {self.detour_steps}; a detour has 1 step or more")
 
     @classmethod

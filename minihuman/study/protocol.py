@@ -195,8 +195,8 @@ def _study_complaints(study: Study) -> list[tuple[str, str]]:
         found.append(("$.study.seed", f"is {study.seed}; a seed is 0 or more"))
     if not 1 <= study.participants <= 100_000:
         found.append(("$.study.participants", f"is {study.participants}; use 1 to 100000"))
-    if study.break_s < 0:
-        found.append(("$.study.break_s", f"is {study.break_s}; a break is 0 s or longer"))
+    if not 0 <= study.break_s <= 86_400:
+        found.append(("$.study.break_s", f"is {study.break_s}; a break is 0 to 86400 s"))
     return found
 
 

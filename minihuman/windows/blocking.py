@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from minihuman.study.inputs import FocusChanged, Input, Shown
 from minihuman.study.screens import Screen
-from minihuman.windows.compose import Size, compose, picture_size_px
+from minihuman.windows.compose import Box, Size, picture_size_px, repaint
 from minihuman.windows.held import HeldKeys
 from minihuman.windows.port import Clock, Window
 
@@ -22,6 +22,8 @@ class BlockingWindow(Window):
         self._clock = clock
         self._held = HeldKeys()
         self._focused = False
+        self._shown: Screen | None = None
+        self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
 
     @property
     @abc.abstractmethod
@@ -29,8 +31,11 @@ class BlockingWindow(Window):
         """Width and height of what is drawn."""
 
     @abc.abstractmethod
-    def _flip(self, frame: NDArray[np.uint8]) -> None:
-        """Bring uint8[H, W, 3] of the window's size to the display; return when it is there."""
+    def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
+        """Bring uint8[H, W, 3] of the window's size to the display; return when it is there.
+
+        Outside the box ``changed`` the frame is as it was at the last call.
+        """
 
     @abc.abstractmethod
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
@@ -47,9 +52,13 @@ class BlockingWindow(Window):
 
     def show(self, screen: Screen) -> Shown:
         """Draw a screen, flip, and say when it was submitted and when the flip returned."""
-        frame = compose(screen, self.size_px)
+        width, height = self.size_px
+        if self._frame.shape[:2] != (height, width):
+            self._shown, self._frame = None, np.empty((height, width, 3), np.uint8)
+        changed = repaint(self._frame, self._shown, screen)
+        self._shown = screen
         submit_ns = self._clock()
-        self._flip(frame)
+        self._flip(self._frame, changed)
         flip_ns = self._clock()
         return Shown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
 

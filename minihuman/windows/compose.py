@@ -15,6 +15,7 @@ from minihuman.windows import theme
 from minihuman.windows.keycaps import arrange, draw_cap, label
 
 Size = tuple[int, int]  # width, height
+Box = tuple[int, int, int, int]  # left, top, width, height
 
 _MARGIN = 0.03  # of the height, and so are all lengths below
 _TOP = 0.10  # the mission's band
@@ -34,6 +35,21 @@ def compose(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
             return np.array(_text(screen, size_px))
 
 
+def repaint(frame: NDArray[np.uint8], shown: Screen | None, screen: Screen) -> Box:
+    """Make a frame that shows one screen show the next one; the box is what changed, so only that need travel.
+
+    Args:
+        frame: uint8[H, W, 3], written to.
+        shown: what it shows; None if nothing of use.
+        screen: what it is to show.
+    """
+    height, width = frame.shape[:2]
+    if isinstance(shown, PlayScreen) and isinstance(screen, PlayScreen) and _around(shown) == _around(screen):
+        return _paint(frame, screen.picture)
+    frame[:] = compose(screen, (width, height))
+    return 0, 0, width, height
+
+
 def picture_size_px(size_px: Size) -> Size:
     """The room for a world's picture in a window: the largest width and height it may have to be shown as it is.
 
@@ -47,13 +63,25 @@ def picture_size_px(size_px: Size) -> Size:
 
 def _play(screen: PlayScreen, size_px: Size) -> NDArray[np.uint8]:
     frame = _surroundings(screen.mission, screen.progress, screen.legend, size_px).copy()
-    picture = _fit(screen.picture, *picture_size_px(size_px))
+    _paint(frame, screen.picture)
+    return frame
+
+
+def _around(screen: PlayScreen) -> tuple[object, ...]:
+    """What of a play screen stays while an episode is played."""
+    return screen.mission, screen.progress, screen.legend, screen.picture.shape
+
+
+def _paint(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
+    """Put a world's picture into its place."""
+    size_px = frame.shape[1], frame.shape[0]
+    picture = _fit(picture, *picture_size_px(size_px))
     height, width = picture.shape[:2]
     top, bottom = round(size_px[1] * _TOP), size_px[1] - round(size_px[1] * _BOTTOM)
     top += (bottom - top - height) // 2
     left = (size_px[0] - width) // 2
     frame[top : top + height, left : left + width] = picture
-    return frame
+    return left, top, width, height
 
 
 def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArray[np.uint8]:

@@ -6,6 +6,8 @@ import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import minihuman
+
 _PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
 
 
@@ -33,13 +35,18 @@ def machine_facts() -> dict[str, str]:
             facts[f"version_{package}"] = version(package)
         except PackageNotFoundError:
             continue
-    if commit := _git_commit(Path(__file__).parent):
+    if commit := _git_commit(Path(minihuman.__file__).parents[1]):
         facts["git_commit"] = commit
     return facts
 
 
 def _git_commit(folder: Path) -> str:
-    """The commit that a checkout is at, with "+" where files were changed; "" where there is no checkout."""
+    """The commit that a checkout is at, with "+" where files were changed; "" where the folder is none.
+
+    A folder inside somebody else's checkout is none: an environment often lies in the repository of a lab's study.
+    """
+    if not (folder / ".git").exists():
+        return ""
     command = ("git", "-C", str(folder), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WindowError
 from minihuman.study.inputs import Input, Stop
 from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
-from minihuman.windows.compose import Size
+from minihuman.windows.compose import Box, Size
 from minihuman.windows.keys import from_scancode, to_scancode
 from minihuman.windows.port import Clock
 
@@ -85,9 +85,9 @@ class PygameWindow(BlockingWindow):
         """Width and height of what is drawn."""
         return self._surface.get_size()
 
-    def _flip(self, frame: NDArray[np.uint8]) -> None:
-        self._surface.blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), (0, 0))
-        pygame.display.flip()
+    def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
+        self._surface.blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
+        pygame.display.update(changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
         events = []

@@ -12,7 +12,7 @@ import pyglet.window
 from numpy.typing import NDArray
 from pyglet import gl
 
-from minihuman.windows.compose import Size
+from minihuman.windows.compose import Box, Size
 from minihuman.windows.keys import from_symbol, from_xkb
 from minihuman.windows.xkb import positions
 
@@ -91,8 +91,8 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
 
     # Pictures
 
-    def present(self, frame: NDArray[np.uint8]) -> None:
-        """Show uint8[H, W, 3] of the framebuffer's size; return when the display has it.
+    def present(self, frame: NDArray[np.uint8], changed: Box) -> None:
+        """Show uint8[H, W, 3] of the framebuffer's size, new only in the box; return when the display has it.
 
         A copy between framebuffers needs no shader and turns the picture the right way up, in either major's OpenGL.
         """
@@ -100,8 +100,9 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
         self.switch_to()
         if self._frame_size != (width, height):
             self._make_frame(width, height)
-        pixels = np.ascontiguousarray(frame).ctypes.data_as(ctypes.c_void_p)
-        gl.glTexSubImage2D(gl.GL_TEXTURE_2D, 0, 0, 0, width, height, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, pixels)
+        left, top, wide, high = changed
+        pixels = np.ascontiguousarray(frame[top : top + high, left : left + wide]).ctypes.data_as(ctypes.c_void_p)
+        gl.glTexSubImage2D(gl.GL_TEXTURE_2D, 0, left, top, wide, high, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, pixels)
         self.present_again()
 
     def present_again(self) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WindowError
 from minihuman.study.inputs import Input, Stop
 from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
-from minihuman.windows.compose import Size
+from minihuman.windows.compose import Box, Size
 from minihuman.windows.port import Clock
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ class PygletWindow(BlockingWindow):
         width, height = self._window.get_framebuffer_size()
         return int(width), int(height)
 
-    def _flip(self, frame: NDArray[np.uint8]) -> None:
-        self._window.present(frame)
+    def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
+        self._window.present(frame, changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
         import pyglet

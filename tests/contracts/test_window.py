@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,8 @@ from minihuman.windows.port import Window
 from minihuman.windows.scripted import ScriptedWindow, VirtualClock
 from tests.window_host import HostedWindow
 from tests.xserver import Typist, xvfb
+
+pytestmark = pytest.mark.program
 
 SIZE_PX = (640, 360)
 OTHER_PYGLET = "MINIHUMAN_OTHER_PYGLET"  # a folder made by `pip install --target FOLDER "pyglet>=2,<3"`
@@ -275,7 +278,10 @@ def test_on_a_french_keyboard_the_keys_keep_their_names_and_tell_the_layouts(rea
 
 
 def test_what_is_on_the_display_is_what_was_composed(real_desk: RealDesk) -> None:
-    for screen in SCREENS:
+    played = SCREENS[3]
+    assert isinstance(played, PlayScreen)
+    steps = [replace(played, picture=np.full((56, 56, 3), shade, np.uint8)) for shade in (30, 60, 90)]
+    for screen in (*SCREENS, *steps, replace(steps[0], progress="episode 2 of 2"), SCREENS[0]):
         real_desk.window.show(screen)
         assert np.array_equal(real_desk.typist.picture(TITLE), compose(screen, SIZE_PX))
 

@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 
 import pandas as pd
@@ -11,8 +12,10 @@ from minihuman.learn.engines import LocalPool, RayCluster, open_engine
 from minihuman.learn.job import Result
 from minihuman.learn.report import Run, read_published, speed, table, write_report
 from minihuman.learn.run_study import run_study
-from minihuman.learn.study_folder import open_folder
+from minihuman.learn.study_folder import open_folder, read_results
 from minihuman.learn.training import Point
+
+pytestmark = pytest.mark.program
 
 TINY = Study(runs=1, steps=128, source_steps=128, transfers=("M",), ppo=Ppo(n_steps=64, batch_size=32, n_epochs=1))
 QUIET = Console(quiet=True)
@@ -122,6 +125,19 @@ def test_a_folder_of_another_study_is_refused_and_left_alone(local):
     with pytest.raises(LearnError, match="holds another study \\(seed is 1 there and 2 here\\)"):
         open_folder(replace(TINY, seed=2), out)
     assert (out / "study.json").read_text() == before
+
+
+def test_a_study_comes_back_with_more_runs_and_keeps_those_it_has(local, tmp_path):
+    out, results = local
+    folder = tmp_path / "study"
+    shutil.copytree(out, folder)
+    more = replace(TINY, runs=TINY.runs + 1)
+    open_folder(more, folder)
+    assert {job.name: result for job, result in read_results(more, folder).items()} == {
+        job.name: result for job, result in results.items()
+    }
+    with pytest.raises(LearnError, match="runs is"):
+        open_folder(TINY, folder)
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path):

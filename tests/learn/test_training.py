@@ -13,9 +13,11 @@ import torch
 
 from minihuman.errors import LearnError
 from minihuman.learn.cells import SOURCE, Cell, Job, Ppo, Study
-from minihuman.learn.job import LOCK, POLICY, RESULT, prepare, read_result, run_job, steps_so_far
+from minihuman.learn.job import CHECKPOINT, LOCK, POLICY, RESULT, prepare, read_result, run_job, steps_so_far
 from minihuman.learn.policy_file import load_weights
 from minihuman.learn.training import train
+
+pytestmark = pytest.mark.program
 
 SMALL = Ppo(n_steps=128, batch_size=64, n_epochs=2)
 
@@ -86,6 +88,16 @@ def test_a_result_of_another_version_is_named(finished, tmp_path):
     result.write_text(result.read_text().replace('"success"', '"wins"'))
     with pytest.raises(LearnError, match=r"result\.json is not a result of this version"):
         read_result(job, tmp_path / "old")
+
+
+def test_a_checkpoint_of_another_version_is_named_and_left(finished, tmp_path):
+    job, _, _ = finished
+    checkpoint = tmp_path / job.name / CHECKPOINT
+    checkpoint.parent.mkdir(parents=True)
+    checkpoint.write_bytes(b"cminihuman.worlds\nNoSuchWorld\n.")
+    with pytest.raises(LearnError, match=r"checkpoint\.pt cannot be read by this version .*the job starts anew"):
+        run_job(job, tmp_path, "cpu")
+    assert checkpoint.read_bytes() == b"cminihuman.worlds\nNoSuchWorld\n."
 
 
 class StoppedError(Exception):

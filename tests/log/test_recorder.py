@@ -250,6 +250,7 @@ def test_a_live_session_is_neither_recorded_over_nor_recovered(tmp_path: Path) -
     assert list(read_events(log)) == EVENTS
 
 
+@pytest.mark.program
 def test_of_many_stations_that_start_at_once_one_records(tmp_path: Path) -> None:
     stations_count = 8
     context = stations()

@@ -167,6 +167,7 @@ def test_a_person_searches_for_keys_again_only_where_they_are_new(key_map, searc
         ("human-like:lapse=often", "lapse is 'often'; give a number"),
         ("human-like:lapse=2", "a chance is 0 to 1"),
         ("human-like:tau_ms=-1", "use 0 or more"),
+        ("human-like:tau_ms=inf", "use 0 or more"),
         ("human-like:detour_steps=0", "1 step or more"),
     ],
 )

@@ -55,6 +55,8 @@ def test_the_papers_study_is_two_groups_of_ten_episodes_a_block_on_keys_one_to_n
         ("episodes = 2", 'episodes = 2\npace = "real_time"', "demo.toml: $.blocks[0].step_period_ms is 0.0"),
         ("episodes = 2", 'episodes = 2\npace = "slow"', "demo.toml: $.blocks[0].pace: invalid enum value 'slow'"),
         ("{steps}", "{stepps}", "demo.toml: $.blocks[0].feedback has a bad placeholder"),
+        ("seed = 7", "seed = 7\nbreak_s = inf", "demo.toml: $.study.break_s is inf; a break is 0 to 86400 s"),
+        ("seed = 7", "seed = 7\nbreak_s = nan", "demo.toml: $.study.break_s is nan; a break is 0 to 86400 s"),
         ("[study]", "toml = 1\n[study]", "demo.toml: $.toml is not a field"),
         ("[study]", "[study", "demo.toml: not TOML"),
     ],

@@ -42,6 +42,7 @@ def test_a_world_that_fails_at_its_first_step_is_named_before_anybody_sits_down(
     )
 
 
+@pytest.mark.program
 def test_after_warming_up_an_episode_compiles_nothing(tmp_path):
     """In a fresh process: a freeze in front of a participant would be the worst moment for it."""
     script = f"""

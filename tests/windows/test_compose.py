@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from minihuman.study.keys import KEY_NAMES
-from minihuman.study.screens import PlayScreen, TextScreen
+from minihuman.study.screens import PlayScreen, Screen, TextScreen
 from minihuman.windows import theme
-from minihuman.windows.compose import compose, picture_size_px
+from minihuman.windows.compose import compose, picture_size_px, repaint
 from minihuman.windows.keycaps import arrange, caption, label
 
 SIZES = ((1280, 720), (1024, 768), (1920, 1080), (640, 360))
@@ -44,6 +44,31 @@ def test_the_same_screen_gives_the_same_picture_and_the_callers_may_draw_on_it()
     words = TextScreen("Title", "Body", "Prompt")
     compose(words, HD)[:] = 0
     assert compose(words, HD).any()
+
+
+def test_from_step_to_step_only_the_worlds_picture_is_painted() -> None:
+    dark, light = (PlayScreen(np.full((7, 9, 3), shade, np.uint8), "mission", "1 of 2") for shade in (10, 200))
+    frame = compose(dark, HD)
+    left, top, width, height = repaint(frame, dark, light)
+    assert np.array_equal(frame, compose(light, HD))
+    assert (width, height) < picture_size_px(HD)
+    assert (frame[top : top + height, left : left + width] == 200).all()
+
+
+@pytest.mark.parametrize(
+    "next_screen",
+    [
+        TextScreen("Rest", "", ""),
+        PlayScreen(np.zeros((7, 9, 3), np.uint8), "mission", "2 of 2"),
+        PlayScreen(np.zeros((9, 7, 3), np.uint8), "mission", "1 of 2"),
+        PlayScreen(np.zeros((7, 9, 3), np.uint8), "mission", "1 of 2", (("1", "left"),)),
+    ],
+)
+def test_whatever_else_changes_the_whole_frame_is_painted(next_screen: Screen) -> None:
+    shown = PlayScreen(np.full((7, 9, 3), 90, np.uint8), "mission", "1 of 2")
+    frame = compose(shown, HD)
+    assert repaint(frame, shown, next_screen) == (0, 0, *HD)
+    assert np.array_equal(frame, compose(next_screen, HD))
 
 
 def test_a_small_picture_is_enlarged_by_a_whole_number_and_centred() -> None:

@@ -5,6 +5,7 @@ env.observation_space["image"])``, repeated actions are ``StickyAction``. Each w
 observations lie in. What they compute is what Minigrid's of the same purpose compute, drawings apart.
 """
 
+import abc
 import math
 from collections import Counter
 from typing import Any, Literal
@@ -37,7 +38,7 @@ def grid_of(env: Env) -> GridEngine:
     return env.unwrapped
 
 
-class NewImage(gymnasium.ObservationWrapper[Observation, int, Observation]):
+class NewImage(gymnasium.ObservationWrapper[Observation, int, Observation], abc.ABC):
     """Base of wrappers that put another image into the observation."""
 
     def __init__(self, env: Env, space: spaces.Box) -> None:
@@ -45,9 +46,9 @@ class NewImage(gymnasium.ObservationWrapper[Observation, int, Observation]):
         self.grid = grid_of(env)
         self.observation_space = spaces.Dict({**_parts(env), "image": space})
 
+    @abc.abstractmethod
     def image(self, observation: Observation) -> NDArray[Any]:
         """The other image."""
-        raise NotImplementedError
 
     def observation(self, observation: Observation) -> Observation:
         """The observation with the other image."""
@@ -226,7 +227,7 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
         return int(self.np_random.integers(self.action_space.n)) if self.random_action is None else self.random_action
 
 
-class Bonus(gymnasium.Wrapper[Any, int, Any, int]):
+class Bonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
     """Base of wrappers that add ``scale / sqrt(n)`` to the reward the n-th time something happens, in any episode."""
 
     def __init__(self, env: Env, scale: float = 1.0) -> None:
@@ -234,9 +235,9 @@ class Bonus(gymnasium.Wrapper[Any, int, Any, int]):
         self.grid, self.scale = grid_of(env), scale
         self.counts: Counter[tuple[Any, ...]] = Counter()
 
+    @abc.abstractmethod
     def happened(self, action: int) -> tuple[Any, ...]:
         """What is counted, after the step."""
-        raise NotImplementedError
 
     def step(self, action: int) -> Step:
         """Act, and add the bonus."""
