@@ -11,7 +11,6 @@ from typing import Any, overload
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from minihuman.errors import LogError
 from minihuman.log.proto import minihuman_v1_pb2 as v1
@@ -80,6 +79,8 @@ def pack(observation: Any) -> dict[str, bytes]:
     """
     if not is_picture(observation):
         return {"msgpack": msgspec.msgpack.encode(observation, enc_hook=_extension)}
+    from PIL import Image  # few logs hold pictures
+
     file = io.BytesIO()
     Image.fromarray(observation).save(file, "png", compress_level=1)
     return {"png": file.getvalue()}
@@ -92,6 +93,8 @@ def unpack(message: v1.Observation) -> Any:
         Exception: whatever PIL, msgspec or numpy say of bytes that are no observation.
     """
     if message.WhichOneof("observation") == "png":
+        from PIL import Image
+
         return np.array(Image.open(io.BytesIO(message.png)))
     return _with_tuples(msgspec.msgpack.decode(message.msgpack, ext_hook=_array))
 

@@ -14,6 +14,10 @@ from minihuman.log.proto import minihuman_v1_pb2 as v1
 SCHEMA_VERSION = 1  # of the messages; goes up when an older reader would misread a newer log
 PROFILE = "minihuman"
 
+SEGMENT_METADATA = "minihuman.segment"  # at a segment's start
+FACTS_METADATA = "minihuman.facts"
+END_METADATA = "minihuman.end"  # added when the segment is finished
+
 PLAN = "/session/plan"
 NOTE = "/session/note"
 PAUSE = "/session/pause"
