@@ -4,7 +4,7 @@ A step has a visible effect if the observation after it differs from the one bef
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import compress, groupby
 
@@ -80,8 +80,7 @@ def key_uses(tallies: Sequence[Tally]) -> tuple[KeyUse, ...]:
     for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
         under = list(run)
         presses, refused, steps, in_vain = (
-            sum((getattr(tally, name) for tally in under), Counter[str]())
-            for name in ("presses", "refused", "steps", "in_vain")
+            _total(getattr(tally, name) for tally in under) for name in ("presses", "refused", "steps", "in_vain")
         )
         found = _found(under)
         others = {*key_map.spare_keys, *presses, *steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
@@ -102,6 +101,13 @@ def key_uses(tallies: Sequence[Tally]) -> tuple[KeyUse, ...]:
                 )
             )
     return tuple(rows)
+
+
+def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
+    total: Counter[str] = Counter()
+    for count in counts:
+        total.update(count)
+    return total
 
 
 def _found(under: Sequence[Tally]) -> dict[str, tuple[float, int]]:
