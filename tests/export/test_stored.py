@@ -5,9 +5,12 @@ import io
 import datasets
 import numpy as np
 import pytest
+import typer
 from PIL import Image
 from rerun.chunk import RrdReader
+from typer.testing import CliRunner
 
+from minihuman.cli import export as cli
 from minihuman.errors import ExportError, LogError
 from minihuman.export.choose import Filters
 from minihuman.export.run import export
@@ -74,6 +77,11 @@ def test_a_changed_world_is_refused_and_then_exported_from_what_the_log_holds(tm
         exported(source, tmp_path / "refused")
     assert not (tmp_path / "refused").exists()
     assert exported(source, tmp_path / "after", stored_frames=True) == before
+    app = typer.Typer()
+    cli.add_to(app)
+    typed = CliRunner().invoke(app, ["parquet", str(source), str(tmp_path / "typed"), "--stored-frames"])
+    assert (typed.exit_code, typed.output.splitlines()[-1][:20]) == (0, "2 episodes, 20 steps")
+    assert "stored in the logs" in (tmp_path / "typed" / "README.md").read_text()
 
 
 def test_a_log_that_holds_none_cannot_give_them(tmp_path, monkeypatch):
