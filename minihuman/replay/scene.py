@@ -194,7 +194,10 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moment
 def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
     """Readable lines: episodes, key presses, pauses and notes, in order of time."""
     lines = [line for episode in log.episodes for line in _episode_lines(episode)]
-    lines += [(press.t_ns, "INFO" if press.action is not None else "WARN", _press_line(press)) for press in _downs(log)]
+    lines += [
+        (press.t_ns, "INFO" if press.verdict in ("accepted", "queued") else "WARN", _press_line(press))
+        for press in _downs(log)
+    ]
     for note in log.notes:
         match note:
             case Paused():
