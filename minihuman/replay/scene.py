@@ -128,9 +128,11 @@ def _send_lines(
         stride = -(-(end - begin) // _PATH_ROWS)
         path += [(begin, row + 1) for row in range(begin, end, stride)]
         trail += [(max(begin, row - max(_TRAIL_MOVES, stride)), row + 1) for row in range(begin, end)]
-    for name, windows, colour in (("path", path, PATH), ("trail", trail, TRAIL)):
+    for order, (name, windows, colour) in enumerate((("path", path, PATH), ("trail", trail, TRAIL)), 20):
         columns = rr.LineStrips2D.columns(
-            strips=_strips(places, windows), colors=np.full(len(windows), colour, np.uint32)
+            strips=_strips(places, windows),
+            colors=np.full(len(windows), colour, np.uint32),
+            draw_order=np.full(len(windows), order, np.float32),  # the trail lies on the path
         )
         rows = moments.columns(times[[end - 1 for _, end in windows]])
         recording.send_columns(f"{root}/map/{name}", rows, columns)
