@@ -77,7 +77,7 @@ def claim(drawn: Drawn, face: int, first: int, last: int) -> int:
         if taken < 0:
             for x in range(begin, end):
                 owner[index(row), index(x)] = face
-            claimed += end - begin
+            claimed += max(end - begin, 0)  # corners are rounded: a sliver may be crossed
             continue
         rival = -1
         rival_a = there = 0.0
