@@ -22,6 +22,7 @@ from minihuman.worlds.grid.cells import (
     WALL,
     pack,
 )
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y
 from minihuman.worlds.grid.tiles import agent, in_hand, tile, unseen
 from minihuman.worlds.grid.view import see
@@ -103,7 +104,7 @@ def draw(
     return out
 
 
-@njit("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])", cache=True)
+@part("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])")
 def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
     """Blend a figure with transparency into a picture."""
     for v in range(figures.shape[1]):
@@ -117,7 +118,7 @@ def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> 
                     out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
 
 
-@njit(cache=True)
+@kernel()
 def draw_cells(
     row: Row,
     image: NDArray[np.uint8],
@@ -164,7 +165,7 @@ def draw_cells(
     put_agent(row, agents, direction, carried, number, x * px, y * px, out)
 
 
-@njit(cache=True, forceinline=True)
+@part(into_caller=True)
 def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
     """Copy a tile into a picture, to a column and row of cells."""
     height, width = tiles.shape[2], tiles.shape[3]
