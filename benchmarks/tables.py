@@ -19,9 +19,6 @@ from pathlib import Path
 
 from minihuman.export.choose import Filters
 from minihuman.export.run import export
-from minihuman.log.protocol_file import read_protocol
-from minihuman.windows.simulate import simulate
-from tests.builders import session, write_log
 
 PROTOCOL = Path(__file__).parents[1] / "protocols" / "fourrooms-transfer.toml"
 DIFFERENT = 4
@@ -44,6 +41,10 @@ def processors_s() -> float:
 
 def speed(sessions: int) -> None:
     """Time the exports of one study, Parquet and CSV apart."""
+    # here, as a process that reads starts with this module's imports, and needs no world: so it is on a command line
+    from minihuman.log.protocol_file import read_protocol
+    from minihuman.windows.simulate import simulate
+
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         played = simulate(
@@ -61,6 +62,8 @@ def speed(sessions: int) -> None:
 
 def memory(sessions: int) -> None:
     """Export one study and print the highest memory; in a process of its own, as memory is not given back."""
+    from tests.builders import session, write_log
+
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log = write_log(session(blocks=("grid",), episodes=1), folder / "played")

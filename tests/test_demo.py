@@ -3,9 +3,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from minihuman.log.protocol_file import read_protocol
 from minihuman.log.read import open_log
 from minihuman.shipped import shipped_protocol
+
+pytestmark = pytest.mark.program
 
 
 def test_without_a_display_a_simulated_participant_plays_and_everything_made_is_named(tmp_path: Path) -> None:

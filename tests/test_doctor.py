@@ -6,6 +6,8 @@ import pytest
 
 from minihuman.doctor import Finding, examine, verdict
 
+pytestmark = pytest.mark.program
+
 
 def look(data: Path, environment: dict[str, str], window: str = "auto") -> subprocess.CompletedProcess[str]:
     """In a process of its own: window toolkits keep the display they saw first."""

@@ -20,8 +20,11 @@ def export(
     participant: Annotated[list[str], typer.Option(help="Only this participant; may be repeated.")] = [],  # noqa: B006
     tag: Annotated[list[str], typer.Option(help="Only episodes marked so; may be repeated.")] = [],  # noqa: B006
     without_tag: Annotated[list[str], typer.Option(help="No episode marked so; may be repeated.")] = [],  # noqa: B006
+    stored_frames: Annotated[
+        bool, typer.Option("--stored-frames", help="Take the observations that the logs hold; do not play them again.")
+    ] = False,
 ) -> None:
-    """Write demonstrations for other libraries, every observation replayed and checked.
+    """Write demonstrations for other libraries, every observation played again, or stored, and checked.
 
     Example: minihuman export minari sessions/fourrooms-transfer demos --outcome goal --without-tag exclude
     """
@@ -32,7 +35,9 @@ def export(
 
     filters = Filters(*(tuple(values) for values in (outcome, block, participant, tag, without_tag)))
     with Console(stderr=True).status("exporting") as status:
-        written, card = run(format_name, source, out, filters, progress=lambda log: status.update(str(log)))
+        written, card = run(
+            format_name, source, out, filters, stored_frames=stored_frames, progress=lambda log: status.update(str(log))
+        )
     for line in card.skipped:
         print(f"left out: {line}")
     print(f"{written.episodes} episodes, {written.steps} steps in {out}; see {out / 'README.md'}")

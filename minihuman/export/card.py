@@ -1,6 +1,6 @@
 """The card: a README that says what an export holds, where it came from and what was left out."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,13 +16,14 @@ class Card:
 
     format: str
     filters: str
-    counts: dict[str, Counter[str]] = field(default_factory=dict)
+    stored_frames: bool = False  # observations were taken from the logs
+    counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     skipped: list[str] = field(default_factory=list)  # "path: reason"
 
     def count(self, facts: Mapping[str, Any]) -> None:
         """Take an episode into the counts."""
         for name in ("study", "participant", "group", "player", "block", "world", "outcome", "protocol_sha256"):
-            self.counts.setdefault(name, Counter())[str(facts[name])] += 1
+            self.counts[name][str(facts[name])] += 1
 
     def write(self, out: Path, written: Written) -> Path:
         """Write the card into the export's folder."""
@@ -31,12 +32,13 @@ class Card:
         return path
 
     def _text(self, out: Path, written: Written) -> str:
+        source = "stored in the logs" if self.stored_frames else "played again from seed and actions"
         lines = [
             f"# {self.format} export",
             "",
             f"{written.episodes} episodes, {written.steps} steps, written by minihuman {__version__}.",
-            "Observations, where the format holds them, were replayed from seed and actions, and each equals the hash",
-            "taken when it was played.",
+            f"Observations, where the format holds them, were {source}, and each has the hash",
+            "that was taken when it was made.",
             "",
             f"Filters: {self.filters or 'none'}.",
             "",

@@ -40,7 +40,9 @@ class Filters:
         )
 
 
-def chosen(source: Path, filters: Filters, skipped: Callable[[str], None]) -> Iterator[Chosen]:
+def chosen(
+    source: Path, filters: Filters, skipped: Callable[[str], None], *, stored_frames: bool = False
+) -> Iterator[Chosen]:
     """Every episode of a log, or of all logs below a folder, that passes; one session in memory at a time.
 
     ``skipped`` is told about each log below a folder that cannot be read, and why.
@@ -53,7 +55,7 @@ def chosen(source: Path, filters: Filters, skipped: Callable[[str], None]) -> It
             _skip(found, source, skipped)
         else:
             session = _filtered(found, filters)
-            yield from (Chosen(session, episode) for episode in session.episodes)
+            yield from (Chosen(session, episode, stored_frames) for episode in session.episodes)
 
 
 class SelectionOf(Selection):
@@ -64,6 +66,7 @@ class SelectionOf(Selection):
         filters: what passes.
         skipped: is told of each log below a folder that cannot be read, and why.
         taken: is told of each episode's log and facts as it is taken.
+        stored_frames: whether observations are those that the logs hold.
     """
 
     def __init__(
@@ -73,11 +76,13 @@ class SelectionOf(Selection):
         *,
         skipped: Callable[[str], None],
         taken: Callable[[Path, Mapping[str, Any]], None],
+        stored_frames: bool = False,
     ) -> None:
         self._source = source
         self._filters = filters
         self._skipped = skipped
         self._taken = taken
+        self._stored_frames = stored_frames
 
     def __iter__(self) -> Iterator[Chosen]:
         """As the port says.
@@ -85,7 +90,7 @@ class SelectionOf(Selection):
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
         """
-        for item in chosen(self._source, self._filters, self._skipped):
+        for item in chosen(self._source, self._filters, self._skipped, stored_frames=self._stored_frames):
             self._taken(item.log.path, item.facts)
             yield item
 

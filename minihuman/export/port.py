@@ -20,6 +20,7 @@ class Chosen:
 
     log: SessionLog
     episode: Episode
+    stored_frames: bool = False  # take the observations that the log holds, do not play them again
 
     @property
     def facts(self) -> dict[str, Any]:

@@ -1,14 +1,16 @@
-"""Observations from a log that holds none: play it again from seed and actions, checking every hash."""
+"""What was observed in an episode: played again from seed and actions, or as the log holds it; each hash is checked."""
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
 
 from minihuman import __version__
-from minihuman.errors import ExportError, WorldError
+from minihuman.errors import ExportError, LogError, WorldError
 from minihuman.export.port import Chosen
 from minihuman.log.episode import Episode
+from minihuman.log.observations import checked
 from minihuman.worlds.adapt import World
 
 
@@ -23,27 +25,22 @@ class Demonstration:
 
 
 class Resimulator:
-    """Replays episodes, keeping the world of the last one for the next."""
+    """Gives episodes their observations, keeping the world of the last one for the next."""
 
     def __init__(self) -> None:
         self._world: World | None = None
         self._made_from: tuple[str, dict[str, Any]] | None = None
 
     def __call__(self, chosen: Chosen) -> Demonstration:
-        """Play an episode again.
+        """Play an episode again, or take what its log holds if that was chosen. Spaces are the world's as it is here.
 
         Raises:
-            ExportError: if the world cannot be made here or answers differently than when it was played.
+            ExportError: if the world cannot be made here or answers differently than when it was played; or if the
+                log holds no observations, or others than were made.
         """
-        episode = chosen.episode
-        world = self._world_of(episode, chosen)
-        observed = world.reset(episode.plan.seed)
-        self._check(observed.observation_hash, 0, chosen)
-        observations = [world.observation]
-        for step, action in enumerate(episode.actions, 1):
-            self._check(world.step(int(action)).observation_hash, step, chosen)
-            observations.append(world.observation)
-        return Demonstration(episode, tuple(observations), world.observation_space, world.action_space)
+        world = self._world_of(chosen.episode, chosen)
+        observations = _stored(chosen) if chosen.stored_frames else _played(chosen, world)
+        return Demonstration(chosen.episode, observations, world.observation_space, world.action_space)
 
     def _world_of(self, episode: Episode, chosen: Chosen) -> World:
         made_from = (episode.plan.world, episode.plan.options)
@@ -54,10 +51,35 @@ class Resimulator:
                 raise ExportError(f"{chosen.log.path}: episode {episode.plan.episode}: {error}") from error
         return self._world
 
-    def _check(self, observation_hash: int, step: int, chosen: Chosen) -> None:
-        if observation_hash != int(chosen.episode.observation_hashes[step]):
-            played = chosen.log.facts.get("minihuman", "an unknown version")
-            raise ExportError(
-                f"{chosen.log.path}: episode {chosen.episode.plan.episode} step {step}: the observation differs from "
-                f"the one played under minihuman {played} (this is {__version__}); export with that version"
-            )
+
+def _played(chosen: Chosen, world: World) -> tuple[Any, ...]:
+    episode = chosen.episode
+    _check(world.reset(episode.plan.seed).observation_hash, 0, chosen)
+    observations = [copy.deepcopy(world.observation)]  # as a world may use its arrays again
+    for step, action in enumerate(episode.actions, 1):
+        _check(world.step(int(action)).observation_hash, step, chosen)
+        observations.append(copy.deepcopy(world.observation))
+    return tuple(observations)
+
+
+def _check(observation_hash: int, step: int, chosen: Chosen) -> None:
+    if observation_hash != int(chosen.episode.observation_hashes[step]):
+        played = chosen.log.facts.get("minihuman", "an unknown version")
+        instead = "" if chosen.episode.observations is None else ", or take those in the log: --stored-frames"
+        raise ExportError(
+            f"{chosen.log.path}: episode {chosen.episode.plan.episode} step {step}: the observation differs from "
+            f"the one played under minihuman {played} (this is {__version__}); export with that version{instead}"
+        )
+
+
+def _stored(chosen: Chosen) -> tuple[Any, ...]:
+    episode, number = chosen.episode, chosen.episode.plan.episode
+    if episode.observations is None:
+        raise ExportError(
+            f"{chosen.log.path}: episode {number} has no stored observations (its block did not say "
+            "record_observations = true); export without --stored-frames"
+        )
+    try:
+        return tuple(checked(episode.observations, episode.observation_hashes, number))
+    except LogError as error:
+        raise ExportError(f"{chosen.log.path}: {error}") from error

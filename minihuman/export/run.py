@@ -17,19 +17,22 @@ def export(
     out: Path,
     filters: Filters,
     *,
+    stored_frames: bool = False,
     progress: Callable[[Path], None] = lambda _: None,
 ) -> tuple[Written, Card]:
     """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each one's log.
 
+    Observations are played again, or with ``stored_frames`` those that the logs hold; each is checked against its hash.
+
     Raises:
         ExportError: if the format is unknown, ``out`` has something in it, nothing passes the filters,
-            or an episode does not replay.
+            or an episode does not replay or holds no observations.
         LogError: if the source cannot be read.
     """
     exporter = find_exporter(format_name)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportError(f"{out} already exists; choose another folder or move it")
-    card = Card(format_name, str(filters))
+    card = Card(format_name, str(filters), stored_frames=stored_frames)
 
     def taken(log: Path, facts: Mapping[str, Any]) -> None:
         card.count(facts)
@@ -40,7 +43,8 @@ def export(
         raise ExportError(f"{unfinished} is another export's, running or broken off; remove it to go on")
     unfinished.mkdir(parents=True)
     try:
-        written = exporter(SelectionOf(source, filters, skipped=card.skipped.append, taken=taken), unfinished)
+        selection = SelectionOf(source, filters, skipped=card.skipped.append, taken=taken, stored_frames=stored_frames)
+        written = exporter(selection, unfinished)
         if not written.episodes:
             raise ExportError(f"no episode in {source} passes the filters ({filters or 'none'}); nothing was written")
         card.write(unfinished, written)

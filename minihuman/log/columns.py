@@ -3,12 +3,12 @@
 A session has thousands of key presses, and most readers want two or three columns of them.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Generic, TypeVar, get_args, overload
 
 from minihuman.log.plan_messages import one_of
-from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.log.wire import Column
 from minihuman.study.events import FrameShown, KeyPressed, Verdict
 
 E = TypeVar("E", KeyPressed, FrameShown)
@@ -51,29 +51,30 @@ class EventColumns(Sequence[E], Generic[E]):
         return EventColumns(self._kind, parts) if isinstance(place, slice) else self._kind(*parts)
 
 
-def presses(messages: Sequence[v1.KeyEvent]) -> EventColumns[KeyPressed]:
-    """Key presses and releases from their messages.
+def presses(columns: Mapping[str, Column]) -> EventColumns[KeyPressed]:
+    """Key presses and releases from the columns of their messages.
 
     Raises:
         LogError: if a verdict is outside its vocabulary.
     """
-    verdicts = [message.verdict for message in messages]
-    for word in set(verdicts):
+    for word in set(columns["verdict"].values):
         one_of(_VERDICTS, word)
+    action = columns["action"]
+    asked = zip(action.values.tolist(), action.there.tolist(), strict=True)
     return EventColumns(
         KeyPressed,
         (
-            [message.t_ns for message in messages],
-            [message.key for message in messages],
-            [message.symbol for message in messages],
-            [message.down for message in messages],
-            [message.action if message.HasField("action") else None for message in messages],
-            verdicts,
-            [message.phase for message in messages],
+            columns["t_ns"].values.tolist(),
+            columns["key"].values,
+            columns["symbol"].values,
+            columns["down"].values.tolist(),
+            [number if there else None for number, there in asked],
+            columns["verdict"].values,
+            columns["phase"].values,
         ),
     )
 
 
-def frames(messages: Sequence[v1.FrameShown]) -> EventColumns[FrameShown]:
-    """Pictures shown from their messages."""
-    return EventColumns(FrameShown, [[getattr(message, name) for message in messages] for name in _PLACES[FrameShown]])
+def frames(columns: Mapping[str, Column]) -> EventColumns[FrameShown]:
+    """Pictures shown from the columns of their messages."""
+    return EventColumns(FrameShown, [columns[name].values.tolist() for name in _PLACES[FrameShown]])

@@ -5,6 +5,7 @@ from typing import Any, get_args
 
 from minihuman.log import plan_messages as plans
 from minihuman.log import topics
+from minihuman.log.observations import unpack
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.study import events as ev
 
@@ -95,6 +96,11 @@ def _step(data: bytes) -> ev.Stepped:
     )
 
 
+def _observation(data: bytes) -> ev.ObservationStored:
+    message = v1.Observation.FromString(data)
+    return ev.ObservationStored(message.t_ns, message.episode, message.step, unpack(message))
+
+
 def _frame(data: bytes) -> ev.FrameShown:
     message = v1.FrameShown.FromString(data)
     return ev.FrameShown(message.t_ns, message.episode, message.step, message.submit_ns, message.flip_ns)
@@ -127,6 +133,7 @@ _READERS: dict[str, Callable[[bytes], Any]] = {
     topics.EPISODE_START: _episode_start,
     topics.KEY: _key,
     topics.STEP: _step,
+    topics.OBSERVATION: _observation,
     topics.FRAME: _frame,
     topics.EPISODE_END: _episode_end,
     topics.SESSION_END: _session_end,

@@ -19,6 +19,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from minihuman.log import plan_messages as plans
 from minihuman.log import topics
 from minihuman.log.floor_plan import floor_plan_png
+from minihuman.log.observations import is_picture, pack
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.study import events as ev
 from minihuman.worlds.pose import Pose
@@ -48,6 +49,10 @@ def truth(event: ev.Event) -> tuple[str, Message]:
             )
         case ev.Stepped():
             return topics.STEP, _step(event)
+        case ev.ObservationStored():
+            return topics.OBSERVATION, v1.Observation(
+                t_ns=event.t_ns, episode=event.episode, step=event.step, **pack(event.observation)
+            )
         case ev.FrameShown():
             return topics.FRAME, v1.FrameShown(
                 t_ns=event.t_ns,
@@ -89,6 +94,9 @@ def for_viewers(event: ev.Event, *, started_ns: int) -> Iterator[tuple[str, Mess
     if isinstance(event, ev.EpisodeStarted) and event.map is not None:
         image = floor_plan_png(event.map, event.pose)
         yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
+    if isinstance(event, ev.ObservationStored) and is_picture(event.observation):
+        image = pack(event.observation)["png"]
+        yield topics.OBSERVATION_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
     line = _line(event)
     if line is not None:
         level, name, text = line

@@ -1,5 +1,6 @@
 """The read side: a session log as values. Everything that looks at data looks at these."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,7 @@ class Episode:
     keys: EventColumns[KeyPressed]  # every press and release while it ran
     frames: EventColumns[FrameShown]
     outcome: Outcome | None  # None: the log was cut off inside this episode
+    observations: Sequence[Any] | None = None  # (n + 1,) read when looked at; None where the log holds none
     segment: int = 1  # of the session: one more after each resume; t_ns starts again at 0
 
     def __post_init__(self) -> None:

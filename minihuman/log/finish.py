@@ -19,7 +19,7 @@ from minihuman.log import topics
 from minihuman.log.claim import is_live, sync_folder, taken
 from minihuman.log.decode import decode
 from minihuman.log.episode import CUT_OFF
-from minihuman.log.live import END_METADATA, LIBRARY
+from minihuman.log.live import LIBRARY
 from minihuman.log.paths import PART_SUFFIX, SegmentPath
 from minihuman.log.reading import segment_starts
 from minihuman.log.scan import LogMessage, Scan
@@ -111,7 +111,7 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -
         facts = {"segment": where.segment, "reason": end_reason, "clean": clean, "steps": copy.counts[topics.STEP]}
         facts |= {"stopped": part.stopped}
         writer.flush()
-        writer.add_metadata(END_METADATA, {name: str(value).lower() for name, value in facts.items()})
+        writer.add_metadata(topics.END_METADATA, {name: str(value).lower() for name, value in facts.items()})
         writer.finish()
         file.flush()
         os.fsync(file.fileno())

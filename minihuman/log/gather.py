@@ -1,13 +1,14 @@
 """A session gathered from its messages: each kind in a row, then all of a kind made into columns at once.
 
-No event is made of a step, a key press or a picture shown: that is what makes a study quick to read.
+No object is made of a step, a key press or a picture shown: that is what makes a study quick to read.
 """
 
 from bisect import bisect
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from operator import itemgetter
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from google.protobuf.message import Message
@@ -17,13 +18,15 @@ from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.columns import EventColumns, frames, presses
 from minihuman.log.episode import Episode, pose_row
+from minihuman.log.observations import Observations
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.reading import Reading
+from minihuman.log.scan import OfTopic
+from minihuman.log.wire import Column, read_columns
 from minihuman.study import events as ev
 
-M = TypeVar("M", bound=Message)
 _AXES = ("x", "y", "z", "yaw_rad")
-_NOWHERE = v1.Pose(**dict.fromkeys(_AXES, np.nan))
+_THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
 
 
@@ -38,30 +41,17 @@ class _Span:
     outcome: ev.Outcome | None = None
 
 
-@dataclass(slots=True)
-class _Kind(Generic[M]):
-    """All messages of a topic that has thousands: their places among all of the session's, and their bytes."""
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """All of a session's messages on one topic: their places among all messages, and their fields."""
 
-    topic: str
-    message: type[M]
-    places: list[int] = field(default_factory=list)
-    payloads: list[bytes] = field(default_factory=list)
-
-    def parsed(self) -> list[M]:
-        """The messages themselves.
-
-        Raises:
-            LogError: if one cannot be read.
-        """
-        try:
-            return [self.message.FromString(data) for data in self.payloads]
-        except Exception as error:  # a foreign or newer message can make protobuf raise anything
-            raise LogError(f"a message on {self.topic} cannot be read: {error}") from error
+    places: NDArray[np.int64]
+    columns: Mapping[str, Column]
 
     def within(self, span: _Span) -> slice:
         """Which of them belong to an episode."""
-        end = len(self.places) if span.end is None else bisect(self.places, span.end)
-        return slice(bisect(self.places, span.begin), end)
+        begin = int(np.searchsorted(self.places, span.begin))
+        return slice(begin, len(self.places) if span.end is None else int(np.searchsorted(self.places, span.end)))
 
 
 class Gathering:
@@ -71,11 +61,12 @@ class Gathering:
         self.started: list[ev.SessionStarted] = []  # one a segment
         self.ended: ev.SessionEnded | None = None  # the last segment's, if it said so
         self.notes: list[ev.Noted | ev.Paused | ev.Resumed] = []
-        self._steps = _Kind(topics.STEP, v1.Step)
-        self._keys = _Kind(topics.KEY, v1.KeyEvent)
-        self._frames = _Kind(topics.FRAME, v1.FrameShown)
+        self._chunks: list[bytes] = []  # that hold messages of the topics that have thousands
+        self._found: dict[str, list[OfTopic]] = defaultdict(list)  # among those chunks' bytes
+        self._observed: tuple[list[int], list[bytes]] = ([], [])  # places and messages, not looked at yet
         self._spans: list[_Span] = []
         self._count = 0  # of messages, so far
+        self._size = 0  # of those chunks, so far
 
     def read(self, reading: Reading) -> None:
         """Take a file's messages.
@@ -83,51 +74,80 @@ class Gathering:
         Raises:
             LogError: as ``Reading.events``, but for steps, keys and pictures.
         """
-        kinds: dict[str, _Kind[Any]] = {kind.topic: kind for kind in (self._steps, self._keys, self._frames)}
         for chunk in reading.chunks():
             others: list[tuple[int, str, bytes]] = []
-            for topic, (places, payloads) in chunk.by_topic().items():
-                if topic in kinds:
-                    kinds[topic].places += [self._count + place for place in places]
-                    kinds[topic].payloads += payloads
+            size = self._size
+            for topic, places, begins, ends in chunk.by_topic():
+                if topic in _THOUSANDS:
+                    self._found[topic].append(OfTopic(topic, places + self._count, begins + size, ends + size))
+                    self._size = size + len(chunk.data)
                 elif topic not in _FOR_VIEWERS:
-                    others += ((self._count + place, topic, data) for place, data in zip(places, payloads, strict=True))
+                    numbers = (self._count + places).tolist()
+                    payloads = [
+                        chunk.data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
+                    ]
+                    if topic == topics.OBSERVATION:
+                        self._observed[0].extend(numbers)
+                        self._observed[1].extend(payloads)
+                    else:
+                        others += ((number, topic, data) for number, data in zip(numbers, payloads, strict=True))
+            if self._size > size:
+                self._chunks.append(chunk.data)
             for place, topic, data in sorted(others, key=itemgetter(0)):
                 self._take(place, reading.event(topic, data))
             self._count += len(chunk)
 
-    def keys(self) -> EventColumns[ev.KeyPressed]:
-        """Every key press and release of the session.
+    def keys_and_episodes(self, segments: Sequence[int]) -> tuple[EventColumns[ev.KeyPressed], tuple[Episode, ...]]:
+        """Every key press and release of the session, and every episode in the order played.
+
+        ``segments`` are the numbers of those that were read.
 
         Raises:
-            LogError: if one cannot be read.
+            LogError: if a step, a key or a picture cannot be read, or a step is missing.
         """
-        return presses(self._keys.parsed())
-
-    def episodes(self, keys: EventColumns[ev.KeyPressed], segments: Sequence[int]) -> Iterator[Episode]:
-        """Every episode, in the order played; ``segments`` are the numbers of those that were read.
-
-        Raises:
-            LogError: if a step or a picture cannot be read, or a step is missing.
-        """
-        shown, messages = frames(self._frames.parsed()), self._steps.parsed()
-        of_steps = [self._steps.within(span) for span in self._spans]
-        steps = _steps(messages)
-        moments = _moments([span.start for span in self._spans], [its.start for its in of_steps], messages)
-        step_keys = tuple(message.key for message in messages)
+        data = b"".join(self._chunks)
+        steps, downs, pictures = (self._rows(topic, data) for topic in (topics.STEP, topics.KEY, topics.FRAME))
+        keys, shown = presses(downs.columns), frames(pictures.columns)
+        of_steps = [steps.within(span) for span in self._spans]
+        moments = _moments([span.start for span in self._spans], [its.start for its in of_steps], steps.columns)
+        by_step = _by_step(steps.columns)
+        numbers = [steps.columns[name].values for name in ("episode", "step")]
+        step_keys = tuple(steps.columns["key"].values)
+        episodes = []
         for number, (span, its) in enumerate(zip(self._spans, of_steps, strict=True)):
-            _check(span.start.plan.episode, messages[its])
+            _check(span.start.plan.episode, *(column[its] for column in numbers))
             with_reset = slice(its.start + number, its.stop + number + 1)  # every episode before has a reset too
-            yield Episode(
-                start=span.start,
-                **{name: column[with_reset] for name, column in moments.items()},
-                **{name: column[its] for name, column in steps.items()},
-                step_keys=step_keys[its],
-                keys=keys[self._keys.within(span)],
-                frames=shown[self._frames.within(span)],
-                outcome=span.outcome,
-                segment=segments[span.segment],
+            episodes.append(
+                Episode(
+                    start=span.start,
+                    **{name: column[with_reset] for name, column in moments.items()},
+                    **{name: column[its] for name, column in by_step.items()},
+                    step_keys=step_keys[its],
+                    keys=keys[downs.within(span)],
+                    frames=shown[pictures.within(span)],
+                    outcome=span.outcome,
+                    observations=self._observations(span, its.stop - its.start),
+                    segment=segments[span.segment],
+                )
             )
+        return keys, tuple(episodes)
+
+    def _observations(self, span: _Span, steps: int) -> Observations | None:
+        """What was observed in an episode; a log may break off between an observation and its step."""
+        places, messages = self._observed
+        its = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
+        return Observations(span.start.plan.episode, its[: steps + 1]) if len(its) > steps else None
+
+    def _rows(self, topic: str, data: bytes) -> _Rows:
+        found = self._found[topic]
+        places, begins, ends = (
+            np.concatenate([np.zeros(0, np.int64), *(getattr(of_topic, name) for of_topic in found)])
+            for name in ("places", "begins", "ends")
+        )
+        try:
+            return _Rows(places, read_columns(_THOUSANDS[topic], data, begins, ends))
+        except ValueError as error:
+            raise LogError(f"a message on {topic} cannot be read: {error}") from error
 
     def _take(self, place: int, event: ev.Event | None) -> None:
         match event:
@@ -151,42 +171,43 @@ class Gathering:
             self._spans[-1].end, self._spans[-1].outcome = place, outcome
 
 
-def _check(episode: int, steps: Sequence[v1.Step]) -> None:
+def _check(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
     """Refuse an episode in which a step is missing, or another's is."""
-    for number, step in enumerate(steps, 1):
-        if (step.episode, step.step) != (episode, number):
-            raise LogError(
-                f"episode {step.episode} step {step.step} follows episode {episode} step {number - 1}; "
-                "something between them is missing"
-            )
+    wrong = np.flatnonzero((episodes != episode) | (steps != np.arange(1, len(steps) + 1)))
+    if wrong.size:
+        first = wrong[0]
+        raise LogError(
+            f"episode {episodes[first]} step {steps[first]} follows episode {episode} step {first}; "
+            "something between them is missing"
+        )
 
 
-def _steps(messages: Sequence[v1.Step]) -> dict[str, NDArray[Any]]:
+def _by_step(columns: Mapping[str, Column]) -> dict[str, NDArray[Any]]:
     """The columns of ``Episode`` that have a row for each step."""
-    rt_ms = [message.rt_ms if message.HasField("rt_ms") else np.nan for message in messages]
+    rt_ms = columns["rt_ms"]
     return {
-        "actions": np.array([message.action for message in messages], np.int64),
-        "key_t_ns": np.array([message.key_t_ns for message in messages], np.int64),
-        "rewards": np.array([message.reward for message in messages], np.float64),
-        "terminated": np.array([message.terminated for message in messages], np.bool_),
-        "truncated": np.array([message.truncated for message in messages], np.bool_),
-        "rt_ms": np.array(rt_ms, np.float64),
+        "actions": columns["action"].values,
+        "key_t_ns": columns["key_t_ns"].values,
+        "rewards": columns["reward"].values,
+        "terminated": columns["terminated"].values,
+        "truncated": columns["truncated"].values,
+        "rt_ms": np.where(rt_ms.there, rt_ms.values, np.nan),
     }
 
 
 def _moments(
-    starts: Sequence[ev.EpisodeStarted], resets: Sequence[int], messages: Sequence[v1.Step]
+    starts: Sequence[ev.EpisodeStarted], resets: Sequence[int], columns: Mapping[str, Column]
 ) -> dict[str, NDArray[Any]]:
     """The columns of ``Episode`` that have a row for its reset and one for each step, put before its first."""
-    poses = [message.pose if message.HasField("pose") else _NOWHERE for message in messages]
-    after = np.stack([np.array([getattr(pose, axis) for pose in poses], np.float64) for axis in _AXES], axis=1)
+    pose = columns["pose"]
+    after = np.stack([np.where(pose.there, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
     first = np.array([pose_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
-    columns: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
+    moments: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
     for column, name, dtype in (
         ("t_ns", "t_ns", np.int64),
         ("state_hashes", "state_hash", np.uint64),
         ("observation_hashes", "observation_hash", np.uint64),
     ):
-        after = np.array([getattr(message, name) for message in messages], dtype)
-        columns[column] = np.insert(after, resets, np.array([getattr(start, name) for start in starts], dtype))
-    return columns
+        first = np.array([getattr(start, name) for start in starts], dtype)
+        moments[column] = np.insert(columns[name].values, resets, first)
+    return moments

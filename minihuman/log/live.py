@@ -14,14 +14,19 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, IndexType, Writer
 import minihuman
 from minihuman.log.encode import caused_ns, for_viewers, truth
 from minihuman.log.space import require_space
-from minihuman.log.topics import BY_NAME, PROFILE, SCHEMA_VERSION, TOPICS, schema_bytes
+from minihuman.log.topics import (
+    BY_NAME,
+    FACTS_METADATA,
+    PROFILE,
+    SCHEMA_VERSION,
+    SEGMENT_METADATA,
+    TOPICS,
+    schema_bytes,
+)
 from minihuman.study.events import EpisodeStarted, Event, SessionStarted, Stepped
 from minihuman.study.plan import SessionPlan
 
 LIBRARY = f"minihuman/{minihuman.__version__} {LIBRARY_IDENTIFIER}"
-SEGMENT_METADATA = "minihuman.segment"  # at a segment's start
-FACTS_METADATA = "minihuman.facts"
-END_METADATA = "minihuman.end"  # added when the segment is finished
 
 
 class LiveLog:

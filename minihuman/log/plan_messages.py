@@ -112,6 +112,7 @@ def read_episode_plan(message: v1.EpisodePlan) -> EpisodePlan:
         max_steps=message.max_steps,
         view=one_of(("partial", "full"), message.view),
         palette=one_of(("classic", "colour-safe"), message.palette),
+        record_observations=message.record_observations,
     )
 
 

@@ -56,7 +56,7 @@ def _session(path: Path, gathered: Gathering, readings: list[Reading]) -> Sessio
     first = gathered.started[0]
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
-    keys = gathered.keys()
+    keys, episodes = gathered.keys_and_episodes([int(facts["segment"]) for facts in starts])
     return SessionLog(
         path=path,
         plan=first.plan,
@@ -65,7 +65,7 @@ def _session(path: Path, gathered: Gathering, readings: list[Reading]) -> Sessio
         clean=all_clean(starts, ends),
         end_reason=CUT_OFF if gathered.ended is None else gathered.ended.reason,
         facts=first.facts,
-        episodes=tuple(gathered.episodes(keys, [int(facts["segment"]) for facts in starts])),
+        episodes=episodes,
         notes=tuple(gathered.notes),
         keys=keys,
         metadata={"segments": starts, "ends": ends},

@@ -7,10 +7,9 @@ from mcap.records import Metadata
 
 from minihuman.errors import LogError
 from minihuman.log.decode import decode
-from minihuman.log.live import END_METADATA, SEGMENT_METADATA
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.scan import LogMessage, Messages, Scan
-from minihuman.log.topics import PLAN, SCHEMA_VERSION
+from minihuman.log.topics import END_METADATA, PLAN, SCHEMA_VERSION, SEGMENT_METADATA
 from minihuman.study.events import Event
 
 
@@ -98,9 +97,9 @@ def segment_starts(path: Path) -> dict[int, str]:
     """Read which segments a file holds, and the wall clock at which each started.
 
     Raises:
-        LogError: as ``Reading.messages``.
+        LogError: as ``Reading.chunks``.
     """
     reading = Reading(path)
-    for _ in reading.messages():
+    for _ in reading.chunks():
         pass
     return {int(facts["segment"]): facts["started_unix_ns"] for facts in reading.starts}

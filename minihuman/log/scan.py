@@ -13,18 +13,29 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC as MAGIC
+from numpy.typing import NDArray
 
 from minihuman.errors import LogError
 
 _HEAD = struct.Struct("<BQ")  # opcode, length
+_LENGTH = struct.Struct("<Q")
 _CRC = struct.Struct("<I")
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-_Head = tuple[int, int, int, int, int, int]
+_MESSAGE = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
 _NOT_NEEDED = frozenset({Opcode.HEADER, Opcode.MESSAGE_INDEX})
 
 
@@ -38,12 +49,24 @@ class LogMessage(NamedTuple):
     data: bytes
 
 
+class OfTopic(NamedTuple):
+    """A chunk's messages on one topic, each (n,)."""
+
+    topic: str
+    places: NDArray[np.int64]  # among the chunk's messages
+    begins: NDArray[np.int64]  # of the payloads, in the chunk's bytes
+    ends: NDArray[np.int64]
+
+
 class Messages:
     """The messages of one chunk, in file order: cut apart, and read when they are looked at."""
 
-    def __init__(self, data: bytes, starts: list[int], heads: list[_Head], channels: dict[int, Channel]) -> None:
-        self._data = data
-        self._starts = starts
+    def __init__(
+        self, data: bytes, starts: NDArray[np.int64], heads: NDArray[np.void], channels: dict[int, Channel]
+    ) -> None:
+        self.data = data  # the chunk
+        self._begins = starts + _MESSAGE.itemsize  # of the payloads
+        self._ends = starts + _HEAD.size + heads["length"].astype(np.int64)
         self._heads = heads
         self._channels = channels
 
@@ -51,26 +74,23 @@ class Messages:
         return len(self._heads)
 
     def __iter__(self) -> Iterator[LogMessage]:
-        for start, (_, length, channel, sequence, log_time, publish_time) in zip(
-            self._starts, self._heads, strict=True
+        heads = self._heads[["channel", "sequence", "log_time", "publish_time"]].tolist()
+        for begin, end, (channel, sequence, log_time, publish_time) in zip(
+            self._begins.tolist(), self._ends.tolist(), heads, strict=True
         ):
-            payload = self._data[start + _MESSAGE.size : start + _HEAD.size + length]
-            yield LogMessage(self._channels[channel], sequence, log_time, publish_time, payload)
+            yield LogMessage(self._channels[channel], sequence, log_time, publish_time, self.data[begin:end])
 
     def count(self, topic: str) -> int:
         """How many messages are of a topic."""
-        its = {channel.id for channel in self._channels.values() if channel.topic == topic}
-        return sum(head[2] in its for head in self._heads)
+        its = [number for number, channel in self._channels.items() if channel.topic == topic]
+        return int(np.isin(self._heads["channel"], its).sum())
 
-    def by_topic(self) -> dict[str, tuple[list[int], list[bytes]]]:
-        """The messages of each topic: their places in this chunk, and their bytes."""
-        found: dict[int, tuple[list[int], list[bytes]]] = {channel: ([], []) for channel in self._channels}
-        data, payload, record = self._data, _MESSAGE.size, _HEAD.size
-        for place, (start, head) in enumerate(zip(self._starts, self._heads, strict=True)):
-            places, payloads = found[head[2]]
-            places.append(place)
-            payloads.append(data[start + payload : start + record + head[1]])
-        return {self._channels[channel].topic: group for channel, group in found.items() if group[0]}
+    def by_topic(self) -> Iterator[OfTopic]:
+        """Yield the messages of each topic that has any."""
+        numbers = self._heads["channel"]
+        for number in np.unique(numbers).tolist():
+            places = np.flatnonzero(numbers == number)
+            yield OfTopic(self._channels[number].topic, places, self._begins[places], self._ends[places])
 
 
 class Scan:
@@ -160,36 +180,43 @@ class Scan:
 
     def _messages(self, data: bytes) -> Messages:
         """Cut a chunk's messages apart: a session has thousands, so this loop does no more than it must."""
-        starts: list[int] = []
-        heads: list[_Head] = []
-        a_message, last = int(Opcode.MESSAGE), self._sequence
-        at, size = 0, len(data)
+        found: list[int] = []
+        at, size, length, head = 0, len(data), _LENGTH.unpack_from, _HEAD.size
         while at < size:
-            if data[at] == a_message:
-                head = _MESSAGE.unpack_from(data, at)
-                if head[3] != last + 1 and last and head[3] != 1:  # 1: the next segment
-                    raise ValueError(f"message {head[3]} follows message {last}")
-                last = head[3]
-                starts.append(at)
-                heads.append(head)
-                at += _HEAD.size + head[1]
-            else:
-                at = self._declared(data, at)
-        self._sequence = last
+            found.append(at)
+            at += head + length(data, at + 1)[0]
+        if at > size:
+            raise ValueError("a record runs past its chunk's end")
+        starts, buffer = np.array(found, np.int64), np.frombuffer(data, np.uint8)
+        is_message = buffer[starts] == Opcode.MESSAGE
+        for start in starts[~is_message].tolist():
+            self._declared(data, start)
+        starts = starts[is_message]
+        heads = buffer[starts[:, np.newaxis] + np.arange(_MESSAGE.itemsize)].view(_MESSAGE)[:, 0]
+        if unknown := set(heads["channel"].tolist()) - self.channels.keys():
+            raise ValueError(f"no channel {min(unknown)} was declared")
+        self._check_sequence(heads["sequence"])
         return Messages(data, starts, heads, self.channels)
 
-    def _declared(self, data: bytes, at: int) -> int:
-        """Take the schema or channel at a byte of a chunk; give where the next record starts."""
+    def _check_sequence(self, sequences: NDArray[np.uint32]) -> None:
+        """Refuse a chunk before which, or in which, a message is missing."""
+        before = np.concatenate([np.array([self._sequence], np.uint32), sequences])
+        follows = (sequences == before[:-1] + 1) | (before[:-1] == 0) | (sequences == 1)  # 1: the next segment
+        if not follows.all():
+            wrong = int(np.argmin(follows))
+            raise ValueError(f"message {sequences[wrong]} follows message {before[wrong]}")
+        self._sequence = int(before[-1])
+
+    def _declared(self, data: bytes, at: int) -> None:
+        """Take the schema or channel at a byte of a chunk."""
         opcode, length = _HEAD.unpack_from(data, at)
-        end: int = at + _HEAD.size + length
-        content = data[at + _HEAD.size : end]
+        content = data[at + _HEAD.size : at + _HEAD.size + length]
         if opcode == Opcode.CHANNEL:
             channel = Channel.read(_stream(content))
             self.channels[channel.id] = channel
         elif opcode == Opcode.SCHEMA:
             schema = Schema.read(_stream(content))
             self.schemas[schema.id] = schema
-        return end
 
 
 def _chunk_bytes(chunk: Chunk) -> bytes:

@@ -14,6 +14,10 @@ from minihuman.log.proto import minihuman_v1_pb2 as v1
 SCHEMA_VERSION = 1  # of the messages; goes up when an older reader would misread a newer log
 PROFILE = "minihuman"
 
+SEGMENT_METADATA = "minihuman.segment"  # at a segment's start
+FACTS_METADATA = "minihuman.facts"
+END_METADATA = "minihuman.end"  # added when the segment is finished
+
 PLAN = "/session/plan"
 NOTE = "/session/note"
 PAUSE = "/session/pause"
@@ -24,9 +28,11 @@ EPISODE_END = "/episode/end"
 KEY = "/input/key"
 STEP = "/step"
 FRAME = "/frame"
+OBSERVATION = "/obs"
 
 POSE = "/pose"
 MAP_IMAGE = "/map/image"
+OBSERVATION_IMAGE = "/obs/image"
 LOG = "/log"
 
 
@@ -47,12 +53,14 @@ TOPICS = (
     Topic(KEY_MAP, v1.KeyMapDrawn, "the key map that comes into force"),
     Topic(EPISODE_START, v1.EpisodeStart, "what is played, map, first pose and hashes"),
     Topic(KEY, v1.KeyEvent, "every press and release, mapped or not"),
+    Topic(OBSERVATION, v1.Observation, "what was observed, where the protocol asks for it; before its step"),
     Topic(STEP, v1.Step, "one step of the world; the last message of its step"),
     Topic(FRAME, v1.FrameShown, "when a picture was handed over and when it was on the display"),
     Topic(EPISODE_END, v1.EpisodeEnd, "outcome, steps, return, last state hash"),
     Topic(SESSION_END, v1.SessionEnd, "why the segment ended; its last message"),
     Topic(POSE, PoseInFrame, "the pose after a reset or step", for_viewers=True),
     Topic(MAP_IMAGE, CompressedImage, "the floor plan of an episode, PNG", for_viewers=True),
+    Topic(OBSERVATION_IMAGE, CompressedImage, "an observation that is a picture, PNG", for_viewers=True),
     Topic(LOG, Log, "a readable line for starts, ends, pauses and notes", for_viewers=True),
 )
 BY_NAME = {topic.name: topic for topic in TOPICS}

@@ -4,8 +4,8 @@ A step has a visible effect if the observation after it differs from the one bef
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import compress, groupby
 
 import numpy as np
@@ -40,25 +40,62 @@ def visible_effect(episode: Episode) -> NDArray[np.bool_]:
     return np.not_equal(episode.observation_hashes[1:], episode.observation_hashes[:-1])
 
 
-def key_uses(episodes: Sequence[Episode]) -> tuple[KeyUse, ...]:
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """One episode's presses and steps by key, auto-repeats left out, and where each key's action first showed."""
+
+    episode: Episode
+    presses: Counter[str]
+    refused: Counter[str]
+    steps: Counter[str]
+    in_vain: Counter[str]
+    first_shown: dict[str, int]  # the first step with a visible effect, from 0
+
+    @classmethod
+    def of(cls, episode: Episode) -> "Tally":
+        """Count an episode's."""
+        presses: Counter[str] = Counter()
+        refused: Counter[str] = Counter()
+        events = zip(*(episode.keys.column(name) for name in ("key", "down", "verdict")), strict=True)
+        for (key, down, verdict), times in Counter(events).items():
+            if down and verdict != "repeat":
+                presses[key] += times
+                refused[key] += 0 if verdict in _TAKEN else times
+        shows = visible_effect(episode)
+        causes = episode.step_keys
+        return cls(
+            episode,
+            presses,
+            refused,
+            steps=Counter(causes),
+            in_vain=Counter(compress(causes, (~shows).tolist())),
+            # the earliest step comes last, and stays
+            first_shown={causes[step]: step for step in reversed(np.flatnonzero(shows).tolist())},
+        )
+
+
+def key_uses(tallies: Sequence[Tally]) -> tuple[KeyUse, ...]:
     """How every key was used, one row for each key of each key map, and for each other key that was tried."""
     rows: list[KeyUse] = []
-    for key_map, run in groupby(episodes, key=lambda episode: episode.plan.key_map):
+    for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
         under = list(run)
-        tally = _tally(under)
-        others = {*key_map.spare_keys, *tally.presses, *tally.steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
+        presses, refused, steps, in_vain = (
+            _total(getattr(tally, name) for tally in under) for name in ("presses", "refused", "steps", "in_vain")
+        )
+        found = _found(under)
+        others = {*key_map.spare_keys, *presses, *steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
         for key in (*sorted(key_map.keys), *sorted(others)):
             action = key_map.keys.get(key)
-            found_s, found_steps = tally.found.get(key, (None, None)) if action is not None else (None, None)
+            found_s, found_steps = found.get(key, (None, None)) if action is not None else (None, None)
             rows.append(
                 KeyUse(
                     key=key,
                     action=action,
-                    first_episode=under[0].plan.episode,
-                    presses=tally.presses[key],
-                    steps=tally.steps[key],
-                    in_vain=tally.in_vain[key],
-                    refused=tally.refused[key],
+                    first_episode=under[0].episode.plan.episode,
+                    presses=presses[key],
+                    steps=steps[key],
+                    in_vain=in_vain[key],
+                    refused=refused[key],
                     found_s=found_s,
                     found_steps=found_steps,
                 )
@@ -66,45 +103,23 @@ def key_uses(episodes: Sequence[Episode]) -> tuple[KeyUse, ...]:
     return tuple(rows)
 
 
-def refused_presses(episode: Episode) -> int:
-    """How many presses in an episode had no action, or came while none was taken; auto-repeats left out."""
-    return sum(verdict not in _TAKEN for _, verdict in _presses(episode))
+def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
+    total: Counter[str] = Counter()
+    for count in counts:
+        total.update(count)
+    return total
 
 
-def _presses(episode: Episode) -> Iterator[tuple[str, str]]:
-    """Key and verdict of everything that went down, auto-repeats left out."""
-    columns = (episode.keys.column(name) for name in ("key", "down", "verdict"))
-    return ((key, verdict) for key, down, verdict in zip(*columns, strict=True) if down and verdict != "repeat")
-
-
-@dataclass(slots=True)
-class _Tally:
-    """Counts by key under one key map, and playing time and steps until each key's action first showed."""
-
-    presses: Counter[str] = field(default_factory=Counter)
-    refused: Counter[str] = field(default_factory=Counter)
-    steps: Counter[str] = field(default_factory=Counter)
-    in_vain: Counter[str] = field(default_factory=Counter)
-    found: dict[str, tuple[float, int]] = field(default_factory=dict)
-
-
-def _tally(under: Sequence[Episode]) -> _Tally:
-    tally = _Tally()
+def _found(under: Sequence[Tally]) -> dict[str, tuple[float, int]]:
+    """Playing time, s, and steps under one key map until each key's action first showed."""
+    found: dict[str, tuple[float, int]] = {}
     done = played_ns = 0
-    for episode in under:
-        down = list(_presses(episode))
-        tally.presses.update(key for key, _ in down)
-        tally.refused.update(key for key, verdict in down if verdict not in _TAKEN)
-        shows = visible_effect(episode)
-        causes = episode.step_keys
-        tally.steps.update(causes)
-        tally.in_vain.update(compress(causes, (~shows).tolist()))
-        # the earliest step comes last, and stays
-        first = {causes[step]: step for step in reversed(np.flatnonzero(shows).tolist())}
-        for key, step in first.items():
-            if key not in tally.found:
+    for tally in under:
+        episode = tally.episode
+        for key, step in tally.first_shown.items():
+            if key not in found:
                 since_ns = played_ns + int(episode.key_t_ns[step] - episode.t_ns[0])
-                tally.found[key] = (since_ns / 1e9, done + step + 1)
+                found[key] = (since_ns / 1e9, done + step + 1)
         done += len(episode.actions)
         played_ns += int(episode.t_ns[-1] - episode.t_ns[0])
-    return tally
+    return found

@@ -13,13 +13,14 @@ _STILL = 1e-9  # floating-point noise, in the map's unit
 
 def strides(episode: Episode) -> NDArray[np.float64]:
     """Distance covered on the ground by each step, (n,), in the map's unit; NaN where the world tells no pose."""
-    moved = np.diff(episode.poses[:, [0, 2]], axis=0)
-    return np.asarray(np.hypot(moved[:, 0], moved[:, 1]))
+    moved = episode.poses[1:] - episode.poses[:-1]
+    return np.asarray(np.hypot(moved[:, 0], moved[:, 2]))
 
 
 def turned_rad(episode: Episode) -> NDArray[np.float64]:
     """Angle turned by each step, (n,), in [-pi, pi], counter-clockwise positive seen from above."""
-    change: NDArray[np.float64] = np.diff(episode.poses[:, 3])
+    yaw_rad = episode.poses[:, 3]
+    change: NDArray[np.float64] = yaw_rad[1:] - yaw_rad[:-1]
     return (change + math.pi) % (2 * math.pi) - math.pi
 
 
@@ -47,9 +48,9 @@ def turns_in_place(episode: Episode) -> NDArray[np.void]:
     """
     still = strides(episode) < _STILL
     turned = np.where(still, np.abs(turned_rad(episode)), 0.0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    runs = [
-        (end, float(turned[start:end].sum()), int((turned[start:end] > _STILL).sum()))
-        for start, end in edges.reshape(-1, 2)
-    ]
-    return np.array([run for run in runs if run[2]], dtype=TURN)
+    between = np.concatenate([[False], still, [False]])
+    edges = np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
+    before = np.concatenate([[0], np.cumsum(turned > _STILL)])  # steps that turned, up to each row
+    turning = before[edges[:, 1]] - before[edges[:, 0]]
+    runs = zip(edges[turning > 0].tolist(), turning[turning > 0].tolist(), strict=True)
+    return np.array([(end, turned[start:end].sum(), steps) for (start, end), steps in runs], dtype=TURN)

@@ -3,13 +3,12 @@
 import json
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 from minihuman.study.plan import EpisodePlan
-from minihuman.worlds.adapt import World
-from minihuman.worlds.first_person import planner as first_person_planner
-from minihuman.worlds.first_person.layouts.goal import GoalEnv
-from minihuman.worlds.grid import planner as grid_planner
-from minihuman.worlds.grid.engine import GridEngine
+
+if TYPE_CHECKING:
+    from minihuman.worlds.adapt import World
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +36,12 @@ def shortest(plan: EpisodePlan) -> Shortest:
 
 @lru_cache(maxsize=100_000)
 def _of_layout(world_id: str, options: str, seed: int) -> Shortest:
+    # here, as the worlds' kernels take a second to load and most tables are made without them
+    from minihuman.worlds.first_person import planner as first_person_planner
+    from minihuman.worlds.first_person.layouts.goal import GoalEnv
+    from minihuman.worlds.grid import planner as grid_planner
+    from minihuman.worlds.grid.engine import GridEngine
+
     world = _world(world_id, options)
     env = world.unwrapped
     if isinstance(env, GridEngine):
@@ -51,5 +56,7 @@ def _of_layout(world_id: str, options: str, seed: int) -> Shortest:
 
 
 @lru_cache(maxsize=16)
-def _world(world_id: str, options: str) -> World:
+def _world(world_id: str, options: str) -> "World":
+    from minihuman.worlds.adapt import World
+
     return World(world_id, json.loads(options))

@@ -1,6 +1,7 @@
 """Time: how long an episode was played, pauses left out, and how fast keys were answered."""
 
 import math
+import statistics
 from collections.abc import Iterable
 
 import numpy as np
@@ -36,4 +37,6 @@ def playing_s(episode: Episode, paused: Pauses = ()) -> float:
 def reaction_ms(episode: Episode) -> tuple[float, float]:
     """Mean and median reaction time, ms: key press minus the flip of the picture it answers; NaN without any."""
     answered = episode.rt_ms[~np.isnan(episode.rt_ms)]
-    return (float(answered.mean()), float(np.median(answered))) if answered.size else (math.nan, math.nan)
+    if not answered.size:
+        return (math.nan, math.nan)
+    return (float(answered.mean()), statistics.median(answered.tolist()))

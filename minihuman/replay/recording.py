@@ -18,11 +18,12 @@ APPLICATION = "minihuman"
 def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = False) -> Path:
     """Write sessions into one ``.rrd``; several share a timeline on which their n-th episodes begin together.
 
-    ``with_view`` adds what the participant saw, drawn again by the worlds and checked against the log.
+    ``with_view`` adds what the participant saw, drawn again by the worlds, or stored, and checked against the log.
 
     Raises:
-        LogError: if there is no session, or one session twice, or a world shows something else than was seen.
-        WorldError: if a world cannot be run here.
+        LogError: if there is no session, or one session twice; or if a world shows something else than was seen, and
+            the log holds no pictures.
+        WorldError: if a world cannot be run here, and the log holds no pictures.
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):

@@ -17,9 +17,8 @@ from PIL import Image
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.replay.facts import facts_page
 from minihuman.replay.moments import Moments
-from minihuman.replay.views import redraw
+from minihuman.replay.views import pictures
 from minihuman.study.events import KeyPressed, Paused, Resumed
-from minihuman.worlds.adapt import World
 
 WALL, PATH, TRAIL, AGENT = 0xC8C8C8FF, 0x0072B2FF, 0xE69F00FF, 0xD55E00FF
 _POINT = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
@@ -54,17 +53,15 @@ def send_session(recording: rr.RecordingStream, log: SessionLog, moments: Moment
 
 
 def send_views(recording: rr.RecordingStream, log: SessionLog, moments: Moments) -> None:
-    """Send the participant's view of every episode, drawn again and checked against the log.
+    """Send the participant's view of every episode, checked against the log: drawn again, else as the log holds it.
 
     Raises:
-        LogError: if what a world shows now is not what was seen.
-        WorldError: if a world cannot be run here.
+        LogError: if what a world shows now is not what was seen, and the log holds no pictures.
+        WorldError: if a world cannot be run here, and the log holds no pictures.
     """
     for episode in log.episodes:
-        world = World(episode.plan.world, episode.plan.options)
-        pictures = [_png(picture) for picture in redraw(episode, world)]
-        world.close()
-        columns = rr.EncodedImage.columns(blob=pictures, media_type=["image/png"] * len(pictures))
+        blobs = [_png(picture) for picture in pictures(episode)]
+        columns = rr.EncodedImage.columns(blob=blobs, media_type=["image/png"] * len(blobs))
         recording.send_columns(f"{session_root(log)}/view", moments.columns(episode.t_ns), columns)
 
 
@@ -131,9 +128,11 @@ def _send_lines(
         stride = -(-(end - begin) // _PATH_ROWS)
         path += [(begin, row + 1) for row in range(begin, end, stride)]
         trail += [(max(begin, row - max(_TRAIL_MOVES, stride)), row + 1) for row in range(begin, end)]
-    for name, windows, colour in (("path", path, PATH), ("trail", trail, TRAIL)):
+    for order, (name, windows, colour) in enumerate((("path", path, PATH), ("trail", trail, TRAIL)), 20):
         columns = rr.LineStrips2D.columns(
-            strips=_strips(places, windows), colors=np.full(len(windows), colour, np.uint32)
+            strips=_strips(places, windows),
+            colors=np.full(len(windows), colour, np.uint32),
+            draw_order=np.full(len(windows), order, np.float32),  # the trail lies on the path
         )
         rows = moments.columns(times[[end - 1 for _, end in windows]])
         recording.send_columns(f"{root}/map/{name}", rows, columns)
@@ -197,7 +196,10 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moment
 def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
     """Readable lines: episodes, key presses, pauses and notes, in order of time."""
     lines = [line for episode in log.episodes for line in _episode_lines(episode)]
-    lines += [(press.t_ns, "INFO" if press.action is not None else "WARN", _press_line(press)) for press in _downs(log)]
+    lines += [
+        (press.t_ns, "INFO" if press.verdict in ("accepted", "queued") else "WARN", _press_line(press))
+        for press in _downs(log)
+    ]
     for note in log.notes:
         match note:
             case Paused():

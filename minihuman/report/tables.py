@@ -3,7 +3,7 @@
 import math
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import chain, repeat
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import pyarrow as pa
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.marks import tags_of
 from minihuman.measures.adaptation import slope_per_episode
-from minihuman.measures.keys import KeyUse, key_uses, refused_presses, visible_effect
+from minihuman.measures.keys import KeyUse, Tally, key_uses, visible_effect
 from minihuman.measures.path import path_efficiency, path_length, turns_in_place
 from minihuman.measures.shortest import Shortest
 from minihuman.measures.timing import Pauses, pauses, playing_s, reaction_ms
@@ -40,19 +40,23 @@ def session_tables(
         "session": log.plan.session,
     }
     attempts, paused = _attempts(log.episodes), pauses(log.notes)
+    tallies = [Tally.of(episode) for episode in log.episodes]
     episodes = [
-        who | _episode(episode, attempt, paused, tags_of(episode, dict(tags)), shortest(episode.plan))
-        for episode, attempt in zip(log.episodes, attempts, strict=True)
+        who | _episode(tally, attempt, paused, tags_of(tally.episode, dict(tags)), shortest(tally.episode.plan))
+        for tally, attempt in zip(tallies, attempts, strict=True)
     ]
     for row in episodes:
         row["left_out"] = rules.episode(row)
-    counted = [episode for episode, row in zip(log.episodes, episodes, strict=True) if not row["left_out"]]
+    counted = [tally for tally, row in zip(tallies, episodes, strict=True) if not row["left_out"]]
     kept = [row for row in episodes if not row["left_out"]]
     names = list(dict.fromkeys(episode.plan.block_name for episode in log.episodes))
     blocks = [
         who
         | {"block": name}
-        | _over([row for row in kept if row["block"] == name], [e for e in counted if e.plan.block_name == name])
+        | _over(
+            [row for row in kept if row["block"] == name],
+            [tally for tally in counted if tally.episode.plan.block_name == name],
+        )
         for name in names
     ]
     session: _Columns = {
@@ -70,7 +74,7 @@ def session_tables(
     return {
         "steps": _joined("steps", [_steps(e, a) for e, a in zip(log.episodes, attempts, strict=True)], who),
         "presses": _joined("presses", [_presses(e, a) for e, a in zip(log.episodes, attempts, strict=True)], who),
-        "keys": pa.Table.from_pylist([who | row for row in _keys(log.episodes)], schema=schema("keys")),
+        "keys": pa.Table.from_pylist([who | row for row in _keys(tallies)], schema=schema("keys")),
         "episodes": pa.Table.from_pylist(episodes, schema=schema("episodes")),
         "blocks": pa.Table.from_pylist(blocks, schema=schema("blocks")),
         "participants": pa.Table.from_pylist([participant], schema=schema("participants")),
@@ -103,10 +107,9 @@ def _column(parts: Sequence[Any], lengths: Sequence[int], kind: pa.DataType) -> 
     """One column of the parts' values: arrays, lists, or one value for a whole part. NaN becomes empty."""
     if parts and isinstance(parts[0], np.ndarray):
         return pa.array(np.concatenate(parts), kind, from_pandas=True)
-    values = (
-        part if isinstance(part, list) else repeat(part, length) for part, length in zip(parts, lengths, strict=True)
-    )
-    return pa.array(list(chain.from_iterable(values)), kind)
+    if parts and isinstance(parts[0], list):
+        return pa.array(list(chain.from_iterable(parts)), kind)
+    return pa.array(parts, kind).take(np.repeat(np.arange(len(parts)), lengths))
 
 
 def _place(episode: Episode, attempt: int) -> _Columns:
@@ -144,8 +147,9 @@ def _presses(episode: Episode, attempt: int) -> _Columns:
     }
 
 
-def _keys(episodes: Sequence[Episode]) -> list[_Columns]:
-    blocks = {episode.plan.episode: episode.plan.block_name for episode in episodes}
+def _keys(tallies: Sequence[Tally]) -> list[_Columns]:
+    plans = [tally.episode.plan for tally in tallies]
+    blocks = {plan.episode: plan.block_name for plan in plans}
     return [
         {
             "block": blocks[use.first_episode],
@@ -159,11 +163,12 @@ def _keys(episodes: Sequence[Episode]) -> list[_Columns]:
             "found_s": use.found_s,
             "found_steps": use.found_steps,
         }
-        for use in key_uses(episodes)
+        for use in key_uses(tallies)
     ]
 
 
-def _episode(episode: Episode, attempt: int, paused: Pauses, tags: frozenset[str], least: Shortest) -> _Columns:
+def _episode(tally: Tally, attempt: int, paused: Pauses, tags: frozenset[str], least: Shortest) -> _Columns:
+    episode = tally.episode
     plan, steps = episode.plan, len(episode.actions)
     success = episode.outcome == "goal"
     mean_ms, median_ms = reaction_ms(episode)
@@ -185,19 +190,19 @@ def _episode(episode: Episode, attempt: int, paused: Pauses, tags: frozenset[str
         "path_length": _told(path_length(episode)),
         "path_efficiency": _told(path_efficiency(episode)),
         "turns_in_place": len(turns_in_place(episode)),
-        "in_vain": int((~visible_effect(episode)).sum()),
-        "refused": refused_presses(episode),
+        "in_vain": tally.in_vain.total(),
+        "refused": tally.refused.total(),
         "tags": " ".join(sorted(tags)),
     }
 
 
-def _over(rows: Sequence[_Columns], episodes: Sequence[Episode]) -> _Columns:
+def _over(rows: Sequence[_Columns], tallies: Sequence[Tally]) -> _Columns:
     """What a block's or a session's episodes that count amount to; None where nothing tells."""
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
-    times = np.concatenate([episode.rt_ms for episode in episodes]) if episodes else np.zeros(0)
+    times = np.concatenate([np.zeros(0), *(tally.episode.rt_ms for tally in tallies)])
     times = times[~np.isnan(times)]
-    uses = [use for use in key_uses(episodes) if use.action is not None]
+    uses = [use for use in key_uses(tallies) if use.action is not None]
     return {
         "episodes": len(rows),
         "success": _mean([row["success"] for row in rows]),

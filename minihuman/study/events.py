@@ -4,9 +4,10 @@ Times are integer ns on the monotonic clock since the session (segment) started.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from minihuman.study.plan import EpisodePlan, KeyMap, SessionPlan
+from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
 
 Outcome = Literal["goal", "timeout", "failure", "abandoned"]
@@ -90,6 +91,26 @@ class Stepped:
     observation_hash: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ObservationStored:
+    """What the world gave to observe, where the protocol asks for it: after an episode's start, or before its step."""
+
+    t_ns: int
+    episode: int
+    step: int  # that it follows, 0 for the reset
+    observation: Any  # the world's own: an array, a text, a number, or a dict or tuple of them
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the same was observed; arrays have no plain answer to that."""
+        return isinstance(other, ObservationStored) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[int, int, int, int]:
+        return (self.t_ns, self.episode, self.step, hash64(self.observation))
+
+
 @dataclass(frozen=True, slots=True)
 class FrameShown:
     """A picture of the world reached the display."""
@@ -153,6 +174,7 @@ Event = (
     | EpisodeStarted
     | KeyPressed
     | Stepped
+    | ObservationStored
     | FrameShown
     | EpisodeEnded
     | Paused

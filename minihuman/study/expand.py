@@ -158,6 +158,7 @@ def _episodes(
             max_steps=block.max_steps,
             view=block.view,
             palette=block.palette,
+            record_observations=block.record_observations,
         )
         for place, layout in enumerate(_layouts(protocol, block, number, participant, session))
     ]

@@ -49,6 +49,7 @@ class EpisodePlan(msgspec.Struct, frozen=True):
     max_steps: int
     view: View
     palette: Palette
+    record_observations: bool = False  # the log holds what was observed, beside its hash
 
 
 class BlockText(msgspec.Struct, frozen=True):

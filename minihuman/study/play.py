@@ -1,5 +1,6 @@
 """One episode while it is played: what a key means, what a step gives, when the next tick is due. No phases."""
 
+import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.study.events import EpisodeEnded, EpisodeStarted, FrameShown, Outcome, Stepped
+from minihuman.study.events import EpisodeEnded, EpisodeStarted, FrameShown, ObservationStored, Outcome, Stepped
 from minihuman.study.inputs import Shown
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt import World
@@ -165,6 +166,14 @@ class Play:
             state_hash=self._state_hash,
             observation_hash=transition.observation_hash,
         )
+
+    def stored(self, t_ns: int) -> list[ObservationStored]:
+        """What is to be observed now, where the log is to hold it: one, else none."""
+        if not self.plan.record_observations:
+            return []
+        with world_calls():  # a copy, as a world may use its arrays again
+            observation = copy.deepcopy(self.world.observation)
+        return [ObservationStored(t_ns, self.plan.episode, self.steps, observation)]
 
     def end(self, t_ns: int) -> EpisodeEnded:
         """Say how it ended; without an outcome it was abandoned."""

@@ -65,6 +65,7 @@ class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     auto_repeat: bool = False  # on_key: holding a key steps again
     view: View = "partial"
     palette: Palette = "classic"
+    record_observations: bool = False  # the log holds what was observed, beside its hash
     instruction: str = ""
     feedback: str = ""  # after each episode; {outcome} {reward} {steps} {episode} {episodes}
     rest: str = ""  # after the block, when another follows

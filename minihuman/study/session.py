@@ -346,11 +346,11 @@ class Session:
         if self._key_map != play.plan.key_map:
             self._key_map = play.plan.key_map
             self._say(KeyMapDrawn(self._now_ns, play.plan.episode, self._key_map))
-        self._say(play.start(self._now_ns))
+        self._events += [play.start(self._now_ns), *play.stored(self._now_ns)]
 
     def _stepped(self, stepped: Stepped) -> None:
-        self._say(stepped)
         play = self._current
+        self._events += [*play.stored(self._now_ns), stepped]
         if play.outcome is None:
             self._draw()
             return

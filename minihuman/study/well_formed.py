@@ -9,6 +9,7 @@ from minihuman.study.events import (
     FrameShown,
     KeyMapDrawn,
     Noted,
+    ObservationStored,
     Paused,
     Resumed,
     SessionEnded,
@@ -38,6 +39,7 @@ class _Reader:
         self._playing: EpisodeStarted | None = None
         self._last_step: Stepped | None = None
         self._steps = 0
+        self._observations = 0  # stored of the episode
         self._return = 0.0
         self._paused = False
         self._ended = False
@@ -60,6 +62,8 @@ class _Reader:
                 self._episode_started(event)
             case Stepped():
                 self._stepped(event)
+            case ObservationStored():
+                self._observed(event)
             case FrameShown():
                 inside = self._playing is not None and event.episode == self._playing.plan.episode
                 self._rule(inside and event.step <= self._steps, "a frame shows a step of the running episode")
@@ -84,6 +88,13 @@ class _Reader:
         self._rule(event.plan.episode == self._next, f"episode {self._next} is next, not {event.plan.episode}")
         self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
         self._playing, self._last_step, self._steps, self._return, self._paused = event, None, 0, 0.0, False
+        self._observations = 0
+
+    def _observed(self, event: ObservationStored) -> None:
+        asked = self._playing is not None and self._playing.plan.record_observations
+        self._rule(asked and event.episode == self._next, "observations are stored where the plan asks for them")
+        self._rule(event.step == self._observations, f"the observation of step {self._observations} is next")
+        self._observations += 1
 
     def _stepped(self, event: Stepped) -> None:
         playing = self._playing
@@ -94,6 +105,8 @@ class _Reader:
         self._return += event.reward
         self._rule(not self._paused, "nothing steps in a pause")
         self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
+        asked = playing.plan.record_observations
+        self._rule(self._observations == asked * (self._steps + 1), "a step's observation comes before it")
         self._rule(event.return_ == self._return, f"rewards sum to {self._return}, not {event.return_}")
         self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
         self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")

@@ -9,6 +9,8 @@ import pytest
 
 from tests.builders import WORLDS, session, write_log
 
+pytestmark = pytest.mark.program
+
 SCRIPTS = Path(__file__).parents[2] / "analysis"
 
 

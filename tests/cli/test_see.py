@@ -14,6 +14,8 @@ from minihuman.errors import LogError
 from minihuman.marks import read_marks
 from tests.builders import session, write_log
 
+pytestmark = pytest.mark.program
+
 
 @pytest.fixture(scope="module")
 def app():

@@ -17,6 +17,8 @@ from minihuman.study.expand import enrol, expand
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import decode
 
+pytestmark = pytest.mark.program
+
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 TRANSFER = PROTOCOLS / "fourrooms-transfer.toml"
 

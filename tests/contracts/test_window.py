@@ -28,6 +28,8 @@ from minihuman.windows.scripted import ScriptedWindow, VirtualClock
 from tests.window_host import HostedWindow
 from tests.xserver import Typist, xvfb
 
+pytestmark = pytest.mark.program
+
 SIZE_PX = (640, 360)
 OTHER_PYGLET = "MINIHUMAN_OTHER_PYGLET"  # a folder made by `pip install --target FOLDER "pyglet>=2,<3"`
 MS = 1_000_000

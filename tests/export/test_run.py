@@ -67,6 +67,7 @@ def test_a_rule_by_what_takes_the_world_leaves_the_same_out_as_in_the_report(tmp
     assert left_out.tolist() == ["wandered"] * 4
 
 
+@pytest.mark.program
 def test_sessions_read_side_by_side_are_written_in_order_and_alike(study, tmp_path):
     """Enough sessions for a second process: the same tables as one process writes, session by session."""
     many = tmp_path / "many"

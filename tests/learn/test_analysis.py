@@ -5,10 +5,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 from minihuman.learn.job import RESULT
 from minihuman.learn.study_folder import open_folder
 from tests.learn.test_study import TINY, result_of
+
+pytestmark = pytest.mark.program
 
 ROOT = Path(__file__).parents[2]
 

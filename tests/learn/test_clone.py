@@ -16,6 +16,8 @@ from minihuman.log.protocol_file import read_protocol
 from minihuman.log.read import open_log
 from minihuman.windows.simulate import simulate
 
+pytestmark = pytest.mark.program
+
 FOUR_ROOMS = "minihuman/MiniGrid-FourRooms-v0"
 PROTOCOL = f"""
 [study]

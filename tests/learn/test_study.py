@@ -15,6 +15,8 @@ from minihuman.learn.run_study import run_study
 from minihuman.learn.study_folder import open_folder, read_results
 from minihuman.learn.training import Point
 
+pytestmark = pytest.mark.program
+
 TINY = Study(runs=1, steps=128, source_steps=128, transfers=("M",), ppo=Ppo(n_steps=64, batch_size=32, n_epochs=1))
 QUIET = Console(quiet=True)
 

@@ -17,6 +17,8 @@ from minihuman.learn.job import CHECKPOINT, LOCK, POLICY, RESULT, prepare, read_
 from minihuman.learn.policy_file import load_weights
 from minihuman.learn.training import train
 
+pytestmark = pytest.mark.program
+
 SMALL = Ppo(n_steps=128, batch_size=64, n_epochs=2)
 
 

@@ -31,14 +31,15 @@ def played_events(plan: SessionPlan, *, steps: int, seed: int = 0) -> list[Event
     for episode in plan.episodes[plan.first_episode :]:
         play = Play(episode, world, picture_px=None)
         t_ns += 1_000_000_000
-        events += [KeyMapDrawn(t_ns, episode.episode, episode.key_map), play.start(t_ns)]
+        events += [KeyMapDrawn(t_ns, episode.episode, episode.key_map), play.start(t_ns), *play.stored(t_ns)]
         while play.outcome is None and play.steps < steps:
             t_ns += 250_000_000
             key = KEYS[rng.integers(len(KEYS))]
             action = play.action_of(key)
             assert action is not None
             events.append(KeyPressed(t_ns, key, key, True, action, "accepted", "playing"))
-            events.append(play.step(t_ns, action, key=key, key_t_ns=t_ns))
+            stepped = play.step(t_ns, action, key=key, key_t_ns=t_ns)
+            events += [*play.stored(t_ns), stepped]
             events.append(
                 FrameShown(t_ns + 16_000_000, episode.episode, play.steps, t_ns + 1_000_000, t_ns + 16_000_000)
             )

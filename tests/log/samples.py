@@ -2,7 +2,10 @@
 
 from typing import get_args
 
+import numpy as np
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from numpy.typing import NDArray
 
 from minihuman.study import events as ev
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
@@ -17,7 +20,9 @@ FLOOR = Map(
 )
 
 
-def session_plan(*, episodes: int = 3, session: int = 1, segment: int = 1, participant: str = "sub-07") -> SessionPlan:
+def session_plan(
+    *, episodes: int = 3, session: int = 1, segment: int = 1, participant: str = "sub-07", record: bool = False
+) -> SessionPlan:
     key_map = KeyMap(keys={"3": "left", "1": "right", "7": "forward"}, spare_keys=("2", "9"), spare="ignore", seed=77)
     return SessionPlan(
         study="fourrooms",
@@ -55,6 +60,7 @@ def session_plan(*, episodes: int = 3, session: int = 1, segment: int = 1, parti
                 max_steps=100,
                 view="partial",
                 palette="classic",
+                record_observations=record,
             )
             for number in range(episodes)
         ),
@@ -78,9 +84,13 @@ def session_events(plan: SessionPlan, *, steps: int = 20) -> list[ev.Event]:
                 t_ns, episode, ("left", "right", "forward"), "get to the goal", FLOOR, Pose(1, 0, 1, 0.0), 11, 12
             )
         )
+        if episode.record_observations:
+            events.append(ev.ObservationStored(t_ns, episode.episode, 0, _picture(0)))
         for step in range(1, steps + 1):
             t_ns += 300_000_000
             events.append(ev.KeyPressed(t_ns, "7", "è", True, 2, "accepted", "playing"))
+            if episode.record_observations:
+                events.append(ev.ObservationStored(t_ns, episode.episode, step, _picture(step)))
             events.append(_step(t_ns, episode.episode, step, last=step == steps))
             events.append(ev.FrameShown(t_ns + 9_000_000, episode.episode, step, t_ns + 1_000_000, t_ns + 9_000_000))
             events.append(ev.KeyPressed(t_ns + 80_000_000, "7", "è", False, None, "release", "playing"))
@@ -89,6 +99,10 @@ def session_events(plan: SessionPlan, *, steps: int = 20) -> list[ev.Event]:
         events += [ev.Paused(t_ns + 1, "participant"), ev.Resumed(t_ns + 2)]
     events.append(ev.SessionEnded(t_ns + 3, "complete", "", len(plan.episodes)))
     return events
+
+
+def _picture(step: int) -> NDArray[np.uint8]:
+    return np.full((6, 8, 3), step, np.uint8)
 
 
 def _step(t_ns: int, episode: int, step: int, *, last: bool) -> ev.Stepped:
@@ -156,6 +170,7 @@ EPISODE_PLANS = st.builds(
     max_steps=COUNTS,
     view=st.sampled_from(["partial", "full"]),
     palette=st.sampled_from(["classic", "colour-safe"]),
+    record_observations=st.booleans(),
 )
 PLANS = st.builds(
     SessionPlan,
@@ -177,6 +192,18 @@ PLANS = st.builds(
     episodes=st.lists(EPISODE_PLANS, max_size=2).map(tuple),
     first_episode=COUNTS,
     segment=st.just(1),
+)
+ARRAYS = npst.arrays(
+    st.sampled_from(["<i2", ">i8", "u1", "<u4", "<f4", ">f8", "?"]).map(np.dtype),
+    npst.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4),
+    elements={"allow_nan": False},
+)
+PICTURES = npst.arrays(np.uint8, st.tuples(st.integers(1, 6), st.integers(1, 6), st.just(3)))
+SCALARS = ARRAYS.filter(lambda array: array.ndim == 0).map(lambda array: array[()])
+OBSERVATIONS = st.recursive(
+    PICTURES | ARRAYS | TEXTS | st.integers(-(2**63), 2**64 - 1) | st.booleans() | FLOATS | st.none() | SCALARS,
+    lambda inner: st.dictionaries(TEXTS, inner, max_size=3) | st.lists(inner, max_size=3).map(tuple),
+    max_leaves=4,
 )
 STARTS = st.builds(ev.SessionStarted, TIMES, PLANS, st.dictionaries(TEXTS, TEXTS, max_size=3))
 EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
@@ -220,6 +247,7 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
         state_hash=SEEDS,
         observation_hash=SEEDS,
     ),
+    ev.ObservationStored: st.builds(ev.ObservationStored, TIMES, COUNTS, COUNTS, OBSERVATIONS),
     ev.FrameShown: st.builds(ev.FrameShown, TIMES, COUNTS, COUNTS, TIMES, TIMES),
     ev.EpisodeEnded: st.builds(
         ev.EpisodeEnded, TIMES, COUNTS, st.sampled_from(get_args(ev.Outcome)), COUNTS, FLOATS, SEEDS

@@ -8,9 +8,9 @@ from mcap.reader import make_reader
 
 from minihuman.errors import LogError
 from minihuman.log.finish import CHUNK_BYTES, leftovers, recover
-from minihuman.log.live import END_METADATA
 from minihuman.log.read import open_log, read_events
 from minihuman.log.recorder import McapRecorder
+from minihuman.log.topics import END_METADATA
 from minihuman.study.events import Event, SessionEnded
 from minihuman.study.plan import SessionPlan
 from tests.log.samples import STARTED_NS, session_events, session_plan

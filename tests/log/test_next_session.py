@@ -121,6 +121,7 @@ def _station(data: Path, told) -> None:
     told.put(next_session(PROTOCOL, data).participant.id)
 
 
+@pytest.mark.program
 def test_stations_that_start_at_once_never_share_a_participant(tmp_path):
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])

@@ -13,9 +13,9 @@ from mcap.writer import Writer
 
 from minihuman.errors import LogError
 from minihuman.log.episode import pose_row
-from minihuman.log.live import SEGMENT_METADATA
 from minihuman.log.read import open_log, read_events
 from minihuman.log.recorder import McapRecorder
+from minihuman.log.topics import SEGMENT_METADATA
 from minihuman.study.events import (
     EpisodeEnded,
     EpisodeStarted,

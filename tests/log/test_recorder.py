@@ -158,7 +158,7 @@ def test_a_session_that_was_closed_without_its_end_is_not_clean(tmp_path: Path) 
 
 
 def test_a_full_disk_stops_the_recorder_and_keeps_what_was_written(tmp_path: Path) -> None:
-    said, durable = _until_full(tmp_path, file_bytes=40_000)
+    said, durable = _until_full(tmp_path, file_bytes=50_000)
     assert len(said) == 2
     assert all("File too large" in line and "minihuman recover" in line for line in said), said
     _check_kept(tmp_path, durable)
@@ -250,6 +250,7 @@ def test_a_live_session_is_neither_recorded_over_nor_recovered(tmp_path: Path) -
     assert list(read_events(log)) == EVENTS
 
 
+@pytest.mark.program
 def test_of_many_stations_that_start_at_once_one_records(tmp_path: Path) -> None:
     stations_count = 8
     context = stations()

@@ -31,6 +31,7 @@ def test_slots_follow_the_list(tmp_path):
     assert [line.participant for line in read_register(tmp_path)] == ["sub-01", "sub-02", "sub-03", "sub-04"]
 
 
+@pytest.mark.program
 def test_many_stations_at_once_never_share_a_slot(tmp_path):
     stations = [
         subprocess.Popen(

@@ -17,9 +17,9 @@ from tests.log.samples import STARTED_NS, session_events, session_plan
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of two segments."""
     data = tmp_path_factory.mktemp("data")
-    first, second = session_plan(), session_plan(segment=2)
+    first, second = session_plan(record=True), session_plan(segment=2, record=True)
     events = session_events(first)
-    record(data, first, [*events[:100], SessionEnded(events[99].t_ns + 1, "quit", "", 1)])
+    record(data, first, [*events[:120], SessionEnded(events[119].t_ns + 1, "quit", "", 1)])
     return record(data, second, session_events(second), started_ns=STARTED_NS + 3_600_000_000_000)
 
 
@@ -41,5 +41,6 @@ def test_reruns_reader_sees_text_images_poses_and_steps(log: Path) -> None:
     assert steps > 60
     assert rows["/log", "TextLog:text"] > 10
     assert rows["/map/image", "EncodedImage:blob"] == 5
+    assert rows["/obs", "minihuman.v1.Observation:message"] == rows["/obs/image", "EncodedImage:blob"] > steps
     assert rows["/pose", "InstancePoses3D:translations"] == steps + 5
     assert rows["/session/plan", "minihuman.v1.SessionPlan:message"] == 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from minihuman.measures.adaptation import slope_per_episode
-from minihuman.measures.keys import key_uses, visible_effect
+from minihuman.measures.keys import Tally, key_uses, visible_effect
 from minihuman.measures.path import net_displacement, path_efficiency, path_length, turned_rad, turns_in_place
 from minihuman.measures.timing import pauses, playing_s, reaction_ms
 from minihuman.study.events import KeyPressed, Paused, Resumed
@@ -69,7 +69,7 @@ def test_a_key_is_found_at_the_first_press_that_changed_the_picture():
     poses = [(1.0, 0.0, 1.0, 0.0)] * 3 + [(2.0, 0.0, 1.0, 0.0)]
     first = made(plan(0), poses, [2, 2, 2], None)  # two bumps, then a stride
     second = round_a_corner(1, start_ns=int(first.t_ns[-1]) + 5 * SECOND)
-    uses = {use.key: use for use in key_uses([first, second])}
+    uses = {use.key: use for use in key_uses([Tally.of(first), Tally.of(second)])}
     forward, right, left = uses["1"], uses["2"], uses["3"]
     assert visible_effect(first).tolist() == [False, False, True]
     assert (forward.action, forward.steps, forward.in_vain, forward.found_steps) == ("forward", 10, 2, 3)
@@ -89,7 +89,7 @@ def test_presses_without_an_action_are_counted_by_key():
         KeyPressed(7, "x", "x", True, None, "repeat", "playing"),
         KeyPressed(8, "x", "x", False, None, "release", "playing"),
     ]
-    uses = {use.key: use for use in key_uses([round_a_corner(extra_keys=strays)])}
+    uses = {use.key: use for use in key_uses([Tally.of(round_a_corner(extra_keys=strays))])}
     assert (uses["4"].action, uses["4"].presses, uses["4"].refused) == (None, 1, 1)
     assert (uses["x"].presses, uses["x"].refused) == (1, 1)
     assert (uses["5"].presses, uses["1"].presses, uses["1"].refused) == (0, 7, 0)
@@ -97,7 +97,7 @@ def test_presses_without_an_action_are_counted_by_key():
 
 def test_a_new_key_map_starts_its_own_discovery():
     other = dataclasses.replace(episode(kind="room"))
-    uses = key_uses([round_a_corner(0), round_a_corner(1), other])
+    uses = key_uses([Tally.of(played) for played in (round_a_corner(0), round_a_corner(1), other)])
     assert [use.first_episode for use in uses if use.key == "2"] == [0, other.plan.episode]
 
 

@@ -8,6 +8,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from minihuman.errors import LogError
+from minihuman.log.columns import EventColumns
 from minihuman.replay.facts import facts_page
 from minihuman.replay.moments import ALIGNED, EPISODE, SESSION_TIME, STEP
 from minihuman.replay.recording import save_recording
@@ -120,6 +121,16 @@ def test_pauses_notes_and_presses_read_as_lines_in_order(tmp_path):
     assert lines[:2] == ["consent: given", "paused: focus_lost"]
     assert lines[2].startswith("episode 1 begins: minihuman/MiniGrid-FourRooms-v0, seed 100")
     assert lines[-1].startswith("episode 1 ends: goal")
+
+
+def test_only_a_press_that_nothing_came_of_is_a_warning(tmp_path):
+    presses = [
+        KeyPressed(1, "enter", "enter", True, None, "accepted", "ready"),
+        KeyPressed(2, "8", "8", True, None, "spare", "playing"),
+    ]
+    made_of = dataclasses.replace(session_of([]), keys=EventColumns.of(KeyPressed, presses))
+    found = rows(save_recording([made_of], tmp_path / "presses.rrd"), "sub-01_ses-01/events")
+    assert column(found, "TextLog:level") == [["INFO"], ["WARN"]]
 
 
 def test_the_facts_say_who_what_and_how_it_ended(log):

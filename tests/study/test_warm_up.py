@@ -44,6 +44,7 @@ def test_a_world_that_fails_at_its_first_step_is_named_before_anybody_sits_down(
     )
 
 
+@pytest.mark.program
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled then")
 @pytest.mark.skipif(os.cpu_count() == 1, reason="there is no core for a second process")
 def test_where_something_is_compiled_a_second_process_takes_the_other_worlds(tmp_path):
@@ -64,6 +65,7 @@ def test_where_something_is_compiled_a_second_process_takes_the_other_worlds(tmp
     assert elsewhere() == []  # all is compiled in this process now
 
 
+@pytest.mark.program
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled then")
 def test_after_warming_up_an_episode_compiles_nothing(tmp_path):
     """In a fresh process: a freeze in front of a participant would be the worst moment for it."""

@@ -1,21 +1,34 @@
 import dataclasses
 
+import msgspec
 import pytest
 
-from minihuman.study.events import EpisodeEnded, KeyMapDrawn, Resumed, SessionEnded, Stepped
+from minihuman.study.events import EpisodeEnded, KeyMapDrawn, ObservationStored, Resumed, SessionEnded, Stepped
 from minihuman.study.well_formed import complaints
+from minihuman.worlds.hashing import hash64
 from tests.study.sessions import Desk, corridor_plan
 
 
-@pytest.fixture(scope="module")
-def events():
-    desk = Desk(corridor_plan(episodes=2))
+def played(*, record_observations):
+    plan = corridor_plan(episodes=2)
+    episodes = [msgspec.structs.replace(its, record_observations=record_observations) for its in plan.episodes]
+    desk = Desk(msgspec.structs.replace(plan, episodes=tuple(episodes)))
     for _ in range(2):
         desk.press("enter")
         desk.show()
         desk.act("forward", "forward", "forward")
     assert desk.session.over
     return list(desk.events)
+
+
+@pytest.fixture(scope="module")
+def events():
+    return played(record_observations=False)
+
+
+@pytest.fixture(scope="module")
+def with_observations():
+    return played(record_observations=True)
 
 
 def place(events, kind, number=0) -> int:
@@ -30,6 +43,26 @@ def changed(events, kind, number=0, **values):
 def without(events, kind, number=0):
     index = place(events, kind, number)
     return [*events[:index], *events[index + 1 :]]
+
+
+def test_asked_for_a_sessions_observations_come_before_their_steps(with_observations):
+    assert complaints(with_observations) == []
+    assert all(complaints(with_observations[:length]) == [] for length in range(len(with_observations)))
+    first = [event for event in with_observations if isinstance(event, ObservationStored) and event.episode == 0]
+    assert [event.step for event in first] == [0, 1, 2, 3]
+    assert hash64(first[2].observation) == with_observations[place(with_observations, Stepped, 1)].observation_hash
+
+
+@pytest.mark.parametrize(
+    ("breakage", "said"),
+    [
+        (lambda e: without(e, ObservationStored, 1), "a step's observation comes before it"),
+        (lambda e: changed(e, ObservationStored, 1, step=2), "the observation of step 1 is next"),
+        (lambda e: changed(e, ObservationStored, 1, episode=1), "where the plan asks for them"),
+    ],
+)
+def test_a_stream_whose_observations_are_wrong_is_told(with_observations, breakage, said):
+    assert any(said in complaint for complaint in complaints(breakage(with_observations)))
 
 
 def test_a_played_session_breaks_no_rule_nor_does_one_cut_short(events):

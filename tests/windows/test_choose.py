@@ -8,6 +8,8 @@ import pytest
 from minihuman.errors import WindowError
 from minihuman.windows.choose import open_window, window_names
 
+pytestmark = pytest.mark.program
+
 
 def test_both_toolkits_are_installed_pygame_first() -> None:
     assert window_names()[:2] == ("pygame", "pyglet")

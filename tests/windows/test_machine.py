@@ -4,7 +4,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import minihuman
+
+pytestmark = pytest.mark.program
 
 PACKAGE = Path(minihuman.__file__).parent
 

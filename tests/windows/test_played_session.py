@@ -16,6 +16,8 @@ from minihuman.windows.blocking import TITLE
 from tests.windows.session_typist import type_session
 from tests.xserver import Typist, xvfb
 
+pytestmark = pytest.mark.program
+
 SMALL_SCREEN_PX = (640, 480)  # the window shrinks to it; a first-person picture costs by the pixel
 PATIENCE_S = 300
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"

@@ -17,6 +17,8 @@ from minihuman.windows.scripted import ScriptedWindow, VirtualClock
 from minihuman.worlds.adapt import World
 from tests.study.sessions import MS, corridor_plan, key_of
 
+pytestmark = pytest.mark.program
+
 ROOT = Path(__file__).parents[2]
 
 

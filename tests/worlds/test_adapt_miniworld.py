@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 _COMPARE = """
 import pyglet
 pyglet.options["headless"] = True
@@ -28,6 +30,7 @@ os._exit(0)  # pyglet's own shutdown wants its contexts back in an order we do n
 """
 
 
+@pytest.mark.program
 def test_what_is_read_off_a_miniworld_world_is_what_ours_says_of_itself():
     root = Path(__file__).parents[2]
     done = subprocess.run([sys.executable, "-c", _COMPARE], cwd=root, capture_output=True, text=True, timeout=300)

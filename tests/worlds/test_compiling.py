@@ -8,6 +8,8 @@ import pytest
 
 from minihuman.worlds.compiling import LINE
 
+pytestmark = pytest.mark.program
+
 CODE = "from minihuman.worlds.grid.cells import kind_of, lets_pass; kind_of(5), lets_pass(5)"
 
 

@@ -36,7 +36,7 @@ class KeyMap(_message.Message):
     def __init__(self, keys: _Optional[_Iterable[_Union[Binding, _Mapping]]] = ..., spare_keys: _Optional[_Iterable[str]] = ..., spare: _Optional[str] = ..., seed: _Optional[int] = ...) -> None: ...
 
 class EpisodePlan(_message.Message):
-    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette")
+    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations")
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     BLOCK_FIELD_NUMBER: _ClassVar[int]
     BLOCK_NAME_FIELD_NUMBER: _ClassVar[int]
@@ -55,6 +55,7 @@ class EpisodePlan(_message.Message):
     MAX_STEPS_FIELD_NUMBER: _ClassVar[int]
     VIEW_FIELD_NUMBER: _ClassVar[int]
     PALETTE_FIELD_NUMBER: _ClassVar[int]
+    RECORD_OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
     episode: int
     block: int
     block_name: str
@@ -73,7 +74,8 @@ class EpisodePlan(_message.Message):
     max_steps: int
     view: str
     palette: str
-    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ...) -> None: ...
+    record_observations: bool
+    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ...) -> None: ...
 
 class BlockText(_message.Message):
     __slots__ = ("instruction", "feedback", "rest", "rest_s")
@@ -300,6 +302,20 @@ class Step(_message.Message):
     state_hash: int
     observation_hash: int
     def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ...) -> None: ...
+
+class Observation(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "png", "msgpack")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    PNG_FIELD_NUMBER: _ClassVar[int]
+    MSGPACK_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    png: bytes
+    msgpack: bytes
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., png: _Optional[bytes] = ..., msgpack: _Optional[bytes] = ...) -> None: ...
 
 class FrameShown(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "submit_ns", "flip_ns")

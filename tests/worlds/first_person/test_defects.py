@@ -31,6 +31,7 @@ def begun(name: str, **options) -> FirstPersonEnv:
     return env
 
 
+@pytest.mark.program
 def test_drawing_needs_neither_a_display_nor_a_graphics_library():
     environment = {"PATH": "", "HOME": "/nonexistent"}
     run = subprocess.run(

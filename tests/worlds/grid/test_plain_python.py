@@ -7,6 +7,7 @@ import sys
 
 import gymnasium
 import numpy as np
+import pytest
 
 import minihuman  # noqa: F401
 
@@ -40,6 +41,7 @@ def digest():
     return hashed.hexdigest()
 
 
+@pytest.mark.program
 def test_without_compilation_the_same_worlds_come_out():
     code = "from tests.worlds.grid.test_plain_python import digest; print(digest())"
     plain = subprocess.run(

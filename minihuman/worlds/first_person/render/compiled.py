@@ -9,7 +9,9 @@ Decorator = Callable[[Callable[..., Any]], Any]
 
 # A division by zero is infinite, as in NumPy: nothing is raised in a kernel.
 _KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-_PART = _KERNEL | {"no_cpython_wrapper": True}
+# A part makes no arrays, so it need not count who holds those it is given; and it is put where it is called. Otherwise
+# a small one spends most of its time on counting, and on handing over arrays number by number.
+_PART = _KERNEL | {"no_cpython_wrapper": True, "_nrt": False, "forceinline": True}
 
 
 def kernel(**types: Any) -> Decorator:
@@ -19,6 +21,6 @@ def kernel(**types: Any) -> Decorator:
 
 
 def part(**types: Any) -> Decorator:
-    """Compile what only kernels call: without a way in from Python, which would have to be compiled too."""
+    """Compile what only kernels call and what makes no arrays: without a way in from Python, to compile less."""
     decorator: Decorator = njit(**(_PART | {"locals": types}))
     return decorator

@@ -28,8 +28,8 @@ from minihuman.worlds.first_person.render.project import (
     turn_to,
 )
 from minihuman.worlds.first_person.render.raster import SAMPLE_X
-from minihuman.worlds.first_person.render.tables import F64, I32, I64, Drawn, Faces, Rooms, Things
-from minihuman.worlds.first_person.render.visit import visit
+from minihuman.worlds.first_person.render.tables import F64, I64, Drawn, Faces, Rooms, Things
+from minihuman.worlds.first_person.render.visit import VISITS_A_ROOM, Sight, visit
 
 
 @part()
@@ -38,8 +38,7 @@ def window_of(
     z: float,
     reach: float,
     rooms: Rooms,
-    windows: F64,
-    order: I32,
+    sight: Sight,
     seen: int,
     everything: bool,
     out: F64,
@@ -47,15 +46,15 @@ def window_of(
     """The windows of all rooms that a thing stands in or reaches into, as one; False if none of them is in sight."""
     if everything:
         for k in range(4):
-            out[k] = windows[order[0], k]
+            out[k] = sight.windows[0, k]
         return True
     out[0] = out[1] = 1e9
     out[2] = out[3] = -1e9
     for i in range(seen):
-        room = order[i]
+        room = sight.order[i]
         bounds = rooms.bounds[room]
         if bounds[0] - reach <= x <= bounds[2] + reach and bounds[1] - reach <= z <= bounds[3] + reach:
-            window = windows[room]
+            window = sight.windows[room]
             out[0], out[1] = min(out[0], window[0]), min(out[1], window[1])
             out[2], out[3] = max(out[2], window[2]), max(out[3], window[3])
     return bool(out[0] < out[2] and out[1] < out[3])
@@ -93,7 +92,60 @@ def place_thing(things: Things, thing: int, places: F64, placement: F64) -> None
     placement[NORMAL_SCALE] = things.normal_scale[thing]
 
 
-@kernel(number=int64)
+@part(number=int64)
+def cover(
+    faces: Faces,
+    rooms: Rooms,
+    library: Faces,
+    things: Things,
+    places: F64,
+    view: F64,
+    light: F64,
+    drawn: Drawn,
+    claimed: I64,
+    sight: Sight,
+    window: F64,
+    placement: F64,
+) -> None:
+    """What ``draw`` does, in arrays that it has made."""
+    drawn.owner[:] = -1
+    claimed[:] = 0
+    window[0] = window[1] = 0.0
+    window[2], window[3] = drawn.owner.shape[1], drawn.owner.shape[0] // 4
+    seen, everything = visit(rooms, view, drawn.corners, window, sight)
+    placement[:] = 0.0
+    placement[COS] = 1.0
+    placement[SCALE:OWN_EYE] = 1.0
+    number = 0
+    for i in range(seen + places.shape[0]):
+        table, thing = faces, i - seen
+        if thing < 0:
+            room = sight.order[i]
+            first, last = rooms.first_face[room], rooms.first_face[room + 1]
+            for k in range(4):
+                window[k] = sight.windows[room, k]
+        else:
+            table = library
+            first, last = things.faces[thing, 0], things.faces[thing, 1]
+            x, y, z = places[thing, 0], places[thing, 1], places[thing, 2]
+            if not np.isfinite(x):
+                continue
+            if not window_of(x, z, things.reach[thing, 0], rooms, sight, seen, everything, window):
+                continue
+            if view[PARALLEL] == 0.0 and outside(x, y, z, things.reach[thing, 1], view, window):
+                continue
+            place_thing(things, thing, places, placement)
+        if thing >= 0 or i == 0:
+            turn_to(view, light, placement)
+        for face in range(first, last):
+            samples = draw_face(table, face, view, placement, light, window, drawn, number)
+            if samples > 0:
+                number += 1
+                if thing >= 0:
+                    claimed[thing] += samples
+
+
+@kernel()
 def draw(
     faces: Faces,
     rooms: Rooms,
@@ -110,44 +162,17 @@ def draw(
     ``places`` rows are x, y, z, cos yaw, sin yaw. ``claimed`` takes how many samples each thing got when it was drawn,
     behind walls and the things before it.
     """
-    drawn.owner[:] = -1
-    claimed[:] = 0
     count = rooms.first_face.shape[0] - 1
-    windows = np.empty((count, 4))
-    order = np.empty(count, np.int32)
-    window = np.zeros(4)
-    window[2], window[3] = drawn.owner.shape[1], drawn.owner.shape[0] // 4
-    seen, everything = visit(rooms, view, drawn.corners, window, windows, order)
-    placement = np.zeros(PLACEMENT_SIZE)
-    placement[COS] = 1.0
-    placement[SCALE:OWN_EYE] = 1.0
-    number = 0
-    for i in range(seen + places.shape[0]):
-        table, thing = faces, i - seen
-        if thing < 0:
-            room = order[i]
-            first, last = rooms.first_face[room], rooms.first_face[room + 1]
-            for k in range(4):
-                window[k] = windows[room, k]
-        else:
-            table = library
-            first, last = things.faces[thing, 0], things.faces[thing, 1]
-            x, y, z = places[thing, 0], places[thing, 1], places[thing, 2]
-            if not np.isfinite(x):
-                continue
-            if not window_of(x, z, things.reach[thing, 0], rooms, windows, order, seen, everything, window):
-                continue
-            if view[PARALLEL] == 0.0 and outside(x, y, z, things.reach[thing, 1], view, window):
-                continue
-            place_thing(things, thing, places, placement)
-        if thing >= 0 or i == 0:
-            turn_to(view, light, placement)
-        for face in range(first, last):
-            samples = draw_face(table, face, view, placement, light, window, drawn, number)
-            if samples > 0:
-                number += 1
-                if thing >= 0:
-                    claimed[thing] += samples
+    most = VISITS_A_ROOM * count
+    sight = Sight(
+        np.empty(count, np.int32),
+        np.empty((count, 4)),
+        np.empty(count, np.int32),
+        np.empty(most, np.int32),
+        np.empty((most, 4)),
+    )
+    window, placement = np.empty(4), np.empty(PLACEMENT_SIZE)
+    cover(faces, rooms, library, things, places, view, light, drawn, claimed, sight, window, placement)
 
 
 @kernel()

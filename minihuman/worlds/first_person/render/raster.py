@@ -70,9 +70,18 @@ def claim(drawn: Drawn, face: int, first: int, last: int) -> int:
         y = (ROW_STEP * row + 32.0) / 256.0
         shift = SAMPLE_X[row & 3] / 256.0
         here = b * y + c
+        begin, end = left[row], right[row]
+        taken = np.int32(-1)
+        for x in range(begin, end):
+            taken = max(taken, owner[index(row), index(x)])
+        if taken < 0:
+            for x in range(begin, end):
+                owner[index(row), index(x)] = face
+            claimed += end - begin
+            continue
         rival = -1
         rival_a = there = 0.0
-        for x in range(left[row], right[row]):
+        for x in range(begin, end):
             other = owner[index(row), index(x)]
             if other >= 0:
                 if other != rival:

@@ -167,8 +167,8 @@ def paint(
                 line[at, 2] = np.uint8(blue * b + 0.5)
 
 
-@kernel(slots=int64, stretch_count=int64, done=int64)
-def resolve(
+@part(slots=int64, stretch_count=int64, done=int64)
+def colour(
     owner: I32,
     planes: F64,
     kind: I32,
@@ -177,15 +177,15 @@ def resolve(
     level_count: I64,
     sky: F64,
     least: float,
+    strip: U32,
+    scratch: F64,
+    bits: I64,
+    stretches: I64,
+    samples: I32,
     picture: NDArray[np.uint8],
 ) -> None:
-    """Colour every pixel. Where one face covers a pixel whole, so it often does its neighbours: they go together."""
+    """What ``resolve`` does, in arrays that it has made; ``bits`` are those of the last third of ``scratch``."""
     width = picture.shape[1]
-    strip = np.zeros(STRIP_ROWS * STRIP, np.uint32)
-    scratch = np.empty(3 * STRIP)
-    bits = scratch[2 * STRIP :].view(np.int64)
-    stretches = np.empty((MOST_STRETCHES, 5), np.int64)
-    samples = np.empty(4, np.int32)
     for y in range(picture.shape[0]):
         row0, row1, row2, row3 = owner[4 * y], owner[4 * y + 1], owner[4 * y + 2], owner[4 * y + 3]
         line = picture[y]
@@ -227,3 +227,37 @@ def resolve(
                 blend(strip, (slots + 7) & -8)
                 paint(stretches, stretch_count, strip, planes, kind, sky, y, least, line)
                 stretch_count = slots = 0
+
+
+@kernel()
+def resolve(
+    owner: I32,
+    planes: F64,
+    kind: I32,
+    texels: U32,
+    sizes: I64,
+    level_count: I64,
+    sky: F64,
+    least: float,
+    picture: NDArray[np.uint8],
+) -> None:
+    """Colour every pixel. Where one face covers a pixel whole, so it often does its neighbours: they go together."""
+    strip, scratch = np.zeros(STRIP_ROWS * STRIP, np.uint32), np.empty(3 * STRIP)
+    bits = scratch[2 * STRIP :].view(np.int64)
+    stretches, samples = np.empty((MOST_STRETCHES, 5), np.int64), np.empty(4, np.int32)
+    colour(
+        owner,
+        planes,
+        kind,
+        texels,
+        sizes,
+        level_count,
+        sky,
+        least,
+        strip,
+        scratch,
+        bits,
+        stretches,
+        samples,
+        picture,
+    )

@@ -1,5 +1,7 @@
 """Which rooms can be seen, and in which part of the picture: from the camera's room through opening after opening."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import int64
 
@@ -19,7 +21,17 @@ from minihuman.worlds.first_person.render.project import (
 from minihuman.worlds.first_person.render.tables import F64, I32, Rooms
 
 DOORSTEP_M = 0.06  # a camera this close to an opening may see through all of it
-_VISITS_A_ROOM = 16
+VISITS_A_ROOM = 16
+
+
+class Sight(NamedTuple):
+    """Which rooms are in sight, and through which part of the picture: x0, y0, x1, y1 in whole pixels."""
+
+    order: I32  # (rooms,) nearest first
+    windows: F64  # (rooms, 4)
+    visits: I32  # (rooms,)
+    pending: I32  # (VISITS_A_ROOM * rooms,) rooms to visit
+    pending_windows: F64  # (VISITS_A_ROOM * rooms, 4) by which each is visited
 
 
 @part()
@@ -72,37 +84,35 @@ def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, re
 
 
 @part()
-def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, order: I32) -> tuple[int, bool]:
-    """List the rooms to draw, nearest first, in ``order``; the window of each goes into ``windows``.
+def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, sight: Sight) -> tuple[int, bool]:
+    """List the rooms to draw, nearest first, and the window of each.
 
     ``picture`` is the window of the whole picture. A window may be larger than needed, never smaller. From above, from
     outside every room, and where a room without a roof is in sight, all rooms are listed.
 
     Returns how many are listed, and whether all are.
     """
-    count = rooms.first_face.shape[0] - 1
+    order, windows, visits, pending = sight.order, sight.windows, sight.visits, sight.pending
+    count = order.shape[0]
     seen = 0
     everything = view[PARALLEL] == 1.0
     windows[:, :2] = 1e9
     windows[:, 2:] = -1e9
-    visits = np.zeros(count, np.int32)
-    pending = np.empty(count * _VISITS_A_ROOM, np.int32)
-    pending_window = np.empty((count * _VISITS_A_ROOM, 4))
+    visits[:] = 0
     waiting = 0
     if not everything:
         for room in range(count):
             if contains(rooms, room, view[EYE], view[EYE + 2]):
                 pending[waiting] = room
                 for side in range(4):
-                    pending_window[waiting, side] = picture[side]
+                    sight.pending_windows[waiting, side] = picture[side]
                 visits[room] = 1
                 waiting += 1
         everything = waiting == 0
     done = 0
-    part = np.empty(4)
     while done < waiting and not everything:
         room = pending[done]
-        window = pending_window[done]
+        window = sight.pending_windows[done]
         done += 1
         everything = not rooms.roofed[room]
         known = windows[room]
@@ -115,12 +125,16 @@ def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, windows: F64, ord
         known[2], known[3] = max(known[2], window[2]), max(known[3], window[3])
         for opening in range(rooms.first_opening[room], rooms.first_opening[room + 1]):
             into = rooms.opening_into[opening]
-            if visits[into] == _VISITS_A_ROOM or not through(rooms, opening, view, corners, window, part):
+            if visits[into] == VISITS_A_ROOM:
+                continue
+            beyond = sight.pending_windows[waiting]
+            if not through(rooms, opening, view, corners, window, beyond):
                 continue
             visits[into] += 1
             pending[waiting] = into
-            for side in range(4):
-                pending_window[waiting, side] = picture[side] if visits[into] == _VISITS_A_ROOM else part[side]
+            if visits[into] == VISITS_A_ROOM:
+                for side in range(4):
+                    beyond[side] = picture[side]
             waiting += 1
     if everything:
         for room in range(count):

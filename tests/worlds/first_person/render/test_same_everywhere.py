@@ -10,6 +10,8 @@ import pytest
 from tests.counts import count
 from tests.worlds.first_person.render.stages import digest, threaded_digests
 
+pytestmark = pytest.mark.program
+
 
 def elsewhere(width: int, height: int, **settings: str) -> str:
     run = subprocess.run(

@@ -1,0 +1,121 @@
+"""Observations in a log: exactly what the world gave, as PNG where it is a picture, else as MessagePack.
+
+What comes out hashes like what went in: arrays keep type and shape, numpy's scalars stay numpy's. Lists come out as
+tuples, the only sequence that Gymnasium's spaces know.
+"""
+
+import io
+from collections.abc import Iterator, Sequence
+from typing import Any, overload
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import LogError
+from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.worlds.hashing import hash64
+
+_ARRAY, _SCALAR = 1, 2  # MessagePack extensions
+
+
+class Observations(Sequence[Any]):
+    """The ``n + 1`` observations of an episode of ``n`` steps, each read when it is looked at.
+
+    Raises:
+        LogError: when one is looked at that cannot be read, or is another step's.
+    """
+
+    def __init__(self, episode: int, messages: Sequence[bytes]) -> None:
+        self._episode = episode
+        self._messages = messages
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    @overload
+    def __getitem__(self, place: int) -> Any: ...
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[Any]: ...
+    def __getitem__(self, place: int | slice) -> Any:
+        steps = range(len(self))[place]
+        return self._read(steps) if isinstance(steps, int) else [self._read(step) for step in steps]
+
+    def _read(self, step: int) -> Any:
+        where = f"episode {self._episode} step {step}"
+        try:
+            message = v1.Observation.FromString(self._messages[step])
+            observation = unpack(message)
+        except Exception as error:  # a foreign or newer message can make protobuf, PIL or numpy raise anything
+            raise LogError(f"{where}: its stored observation cannot be read: {error}") from error
+        if (message.episode, message.step) != (self._episode, step):
+            raise LogError(f"{where}: in its place is the observation of episode {message.episode} step {message.step}")
+        return observation
+
+
+def checked(observations: Sequence[Any], hashes: NDArray[np.uint64], episode: int) -> Iterator[Any]:
+    """Yield stored observations, each proved to be the one whose hash was taken when it was made.
+
+    Raises:
+        LogError: at the first that is another, or cannot be read.
+    """
+    for step, (observation, expected) in enumerate(zip(observations, hashes.tolist(), strict=True)):
+        if hash64(observation) != expected:
+            raise LogError(f"episode {episode} step {step}: the stored observation is not the one that was made")
+        yield observation
+
+
+def is_picture(observation: Any) -> bool:
+    """Whether it is a picture uint8[H, W, 3], which PNG holds exactly."""
+    is_array = isinstance(observation, np.ndarray) and observation.dtype == np.uint8 and observation.ndim == 3
+    return is_array and observation.shape[2] == 3 and observation.size > 0
+
+
+def pack(observation: Any) -> dict[str, bytes]:
+    """The field of the message that holds an observation, and its bytes.
+
+    Raises:
+        TypeError: if a part of it is nothing that can be hashed.
+    """
+    if not is_picture(observation):
+        return {"msgpack": msgspec.msgpack.encode(observation, enc_hook=_extension)}
+    from PIL import Image  # few logs hold pictures
+
+    file = io.BytesIO()
+    Image.fromarray(observation).save(file, "png", compress_level=1)
+    return {"png": file.getvalue()}
+
+
+def unpack(message: v1.Observation) -> Any:
+    """What was observed.
+
+    Raises:
+        Exception: whatever PIL, msgspec or numpy say of bytes that are no observation.
+    """
+    if message.WhichOneof("observation") == "png":
+        from PIL import Image
+
+        return np.array(Image.open(io.BytesIO(message.png)))
+    return _with_tuples(msgspec.msgpack.decode(message.msgpack, ext_hook=_array))
+
+
+def _extension(value: Any) -> msgspec.msgpack.Ext:
+    if not isinstance(value, np.ndarray | np.generic):
+        raise TypeError(f"{type(value).__name__} {value!r} is nothing that an observation consists of")
+    file = io.BytesIO()
+    np.save(file, value, allow_pickle=False)
+    return msgspec.msgpack.Ext(_ARRAY if isinstance(value, np.ndarray) else _SCALAR, file.getvalue())
+
+
+def _array(code: int, data: memoryview) -> Any:
+    array = np.load(io.BytesIO(data), allow_pickle=False)
+    return array[()] if code == _SCALAR else array
+
+
+def _with_tuples(value: Any) -> Any:
+    match value:
+        case dict():
+            return {key: _with_tuples(part) for key, part in value.items()}
+        case list():
+            return tuple(map(_with_tuples, value))
+    return value
