@@ -12,7 +12,7 @@ from minihuman.log.read import open_log
 from minihuman.log.verify import verify
 from minihuman.shipped import shipped_protocol
 from minihuman.study.protocol import Protocol
-from minihuman.study.rehearse import warm_up
+from minihuman.study.warm_up import warm_up
 from minihuman.windows.choose import AUTO, open_window
 from minihuman.windows.machine import SessionClock
 from minihuman.windows.simulate import simulate

@@ -32,13 +32,12 @@ def run(
     """
     from minihuman.log.next_session import next_session
     from minihuman.log.protocol_file import read_protocol
-    from minihuman.study.rehearse import rehearse, warm_up
+    from minihuman.study.warm_up import warm_up
     from minihuman.windows.choose import open_window
     from minihuman.windows.machine import SessionClock
     from minihuman.windows.sitting import sit
 
     study = read_protocol(protocol)
-    rehearse(study, str(protocol))
     warm_up(study, str(protocol))
     clock = SessionClock()
     opened = open_window(window, clock, fullscreen=fullscreen)

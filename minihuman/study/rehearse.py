@@ -32,26 +32,6 @@ def rehearse(protocol: Protocol, source: str = "protocol") -> None:
             )
 
 
-def warm_up(protocol: Protocol, source: str = "protocol") -> None:
-    """Play a step of every block's world, so that nothing is loaded or compiled in front of a participant.
-
-    Raises:
-        ProtocolError: at the first block whose world fails at that.
-    """
-    for number, block in enumerate(protocol.blocks):
-        world = World(block.world, block.options)
-        try:
-            world.reset(seed=0)
-            world.map(), world.pose(), world.state_hash()
-            world.step(world.action_names.index(block.actions[0]))
-            world.frame(block.view, palette=block.palette)
-        except Exception as error:  # whatever somebody's world may raise
-            reason = f"{type(error).__name__}: {error}"
-            raise ProtocolError(f"{source}: $.blocks[{number}].world: {block.world} fails ({reason})") from error
-        finally:
-            world.close()
-
-
 def _missing(block: Block, known: tuple[str, ...]) -> tuple[str, str] | None:
     """The first name, and its field, that is no action of the world."""
     named = {"actions": block.actions, "distractors": block.distractors, "noop": (block.noop,) if block.noop else ()}

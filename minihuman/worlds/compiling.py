@@ -1,6 +1,8 @@
-"""Compiling: the one line that a person reads while a world's code is compiled, which happens once on a machine."""
+"""Compiling happens once on a machine: the line that a person reads meanwhile, and what else to do about it."""
 
 import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 
 from numba.core import event
@@ -29,3 +31,23 @@ class Announcement(event.Listener):
 def announce() -> None:
     """From now on, say so when worlds are compiled. Calling it again changes nothing."""
     event.register("numba:compile", Announcement())  # type: ignore[no-untyped-call]  # numba has no types
+
+
+class _First(event.Listener):
+    def __init__(self, act: Callable[[], None]) -> None:
+        self._act: Callable[[], None] | None = act
+
+    def on_start(self, event: event.Event) -> None:
+        act, self._act = self._act, None
+        if act is not None:
+            act()
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+@contextmanager
+def at_first_compile(act: Callable[[], None]) -> Iterator[None]:
+    """Call ``act`` when the first function is compiled meanwhile, before that; code from the cache calls nothing."""
+    with event.install_listener("numba:compile", _First(act)):
+        yield

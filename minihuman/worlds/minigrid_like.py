@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
-from minihuman.worlds.grid.floor_plan import wall_outlines
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.outlines import wall_outlines
 from minihuman.worlds.pose import Map, Pose, Thing
 
 _YAW_RAD = (0.0, -math.pi / 2, math.pi, math.pi / 2)  # right, down, left, up

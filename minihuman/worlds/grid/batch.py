@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.chance import Words, read_words
+from minihuman.worlds.grid.compiled import kernel
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.pictures import draw
 from minihuman.worlds.grid.rules import TERMINATED, TRUNCATED, act
@@ -198,7 +198,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
 
 
-@njit(cache=True)
+@kernel()
 def step_many(
     rows: Row,
     actions: NDArray[np.int64],
@@ -241,7 +241,7 @@ def step_many(
     return cleared
 
 
-@njit(cache=True)
+@kernel()
 def begin_many(
     rows: Row,
     over: NDArray[np.bool_],

@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.grid.compiled import kernel, part
 
 Words = NDArray[np.uint64]  # (6,)
 
@@ -55,7 +56,7 @@ def write_words(words: Words, generator: np.random.Generator) -> None:
     }
 
 
-@njit(cache=True)
+@part()
 def next64(words: Words) -> np.uint64:
     """The stream's next 64 bits."""
     a0, a1 = words[1] & _LOW, words[1] >> _32
@@ -93,7 +94,7 @@ def next32(words: Words) -> np.uint64:
     return whole & _LOW
 
 
-@njit("int64(uint64[::1], int64, int64)", cache=True)
+@kernel("int64(uint64[::1], int64, int64)")
 def integer(words: Words, low: int, high: int) -> int:
     """A whole number in [low, high), as ``Generator.integers(low, high)`` draws it. At most 2**32 - 1 apart."""
     if high - low <= 1:
@@ -106,7 +107,7 @@ def integer(words: Words, low: int, high: int) -> int:
             return low + int(scaled >> _32)
 
 
-@njit(cache=True)
+@kernel()
 def shuffle(words: Words, values: NDArray[np.int64]) -> None:
     """Shuffle in place, as ``Generator.shuffle`` shuffles a list: masked draws, drawn again while too large."""
     for i in range(len(values) - 1, 0, -1):

@@ -250,7 +250,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         size = self.image_shape[0]
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
-        return draw(self._in_world().row, view=view, view_size=size, tile_px=tile_px, palette=palette)
+        # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
+        return draw(self._in_world().row, view=view, view_size=size, tile_px=tile_px, palette=palette, by_bytes=True)
 
     def text(self) -> str:
         """A diagram of the grid in characters; ``text.py`` says which."""

@@ -22,7 +22,8 @@ from minihuman.worlds.grid.cells import (
     WALL,
     pack,
 )
-from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at
+from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y
 from minihuman.worlds.grid.tiles import agent, in_hand, tile, unseen
 from minihuman.worlds.grid.view import see
 
@@ -69,7 +70,16 @@ def atlas(tile_px: int, palette: Palette) -> Atlas:
     )
 
 
-def draw(row: Row, *, view: View, view_size: int, tile_px: int, palette: Palette, lit: bool = True) -> Pixels:
+def draw(
+    row: Row,
+    *,
+    view: View,
+    view_size: int,
+    tile_px: int,
+    palette: Palette,
+    lit: bool = True,
+    by_bytes: bool = False,
+) -> Pixels:
     """A picture, uint8[rows * tile_px, columns * tile_px, 3].
 
     Args:
@@ -79,22 +89,22 @@ def draw(row: Row, *, view: View, view_size: int, tile_px: int, palette: Palette
         tile_px: Pixels on a side of a tile.
         palette: The colours.
         lit: In the full view, make the cells lighter that the agent sees.
+        by_bytes: Copy tiles byte by byte whatever their size, which is one kernel for all sizes, and slower.
     """
     drawn = atlas(tile_px, palette)
     columns, rows = (view_size, view_size) if view == "partial" else (row[WIDTH], row[HEIGHT])
     out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
     lines = out.reshape(rows * tile_px, -1)
-    words = lines.view(drawn.tiles.dtype)
+    tiles = drawn.tiles.view(np.uint8) if by_bytes else drawn.tiles
     image = np.zeros((view_size, view_size, 3), np.uint8)
     if lit or view == "partial":
         see(row, image)
-    (draw_view if view == "partial" else draw_world)(
-        row, image, drawn.number, drawn.tiles, drawn.agents, drawn.carried, words, lines
-    )
+    words = lines.view(tiles.dtype)
+    draw_cells(row, image, view == "full", drawn.number, tiles, drawn.agents, drawn.carried, words, lines)
     return out
 
 
-@njit("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])", cache=True)
+@part("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])")
 def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
     """Blend a figure with transparency into a picture."""
     for v in range(figures.shape[1]):
@@ -108,10 +118,11 @@ def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> 
                     out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
 
 
-@njit(cache=True)
-def draw_view(
+@kernel()
+def draw_cells(
     row: Row,
     image: NDArray[np.uint8],
+    full: bool,
     number: NDArray[np.int64],
     tiles: Words,
     agents: Pixels,
@@ -119,53 +130,42 @@ def draw_view(
     words: Words,
     out: Pixels,
 ) -> None:
-    """Draw what the agent sees, ``image``; ``words`` and ``out`` (lines, bytes) are the same memory."""
-    view_size = image.shape[0]
-    px = tiles.shape[2]
+    """Draw the whole grid, what the agent sees (``image``) lit, or with ``full`` false only what it sees.
+
+    ``words`` and ``out`` (lines, bytes) are the same memory.
+    """
+    view_size, px = image.shape[0], tiles.shape[2]
     middle, bottom = view_size // 2, view_size - 1
-    for i in range(view_size):
-        for j in range(view_size):
-            look = image[i, j, 0] | np.int64(image[i, j, 1]) << 4 | np.int64(image[i, j, 2]) << 7
-            if i == middle and j == bottom:
-                look = cell_at(row, row[X], row[Y]) & (LOOKS - 1)
-            lay_tile(tiles, 0, number[look], i, j, words)
-    put_agent(row, agents, 3, carried, number, middle * px, bottom * px, out)
-
-
-@njit(cache=True)
-def draw_world(
-    row: Row,
-    image: NDArray[np.uint8],
-    number: NDArray[np.int64],
-    tiles: Words,
-    agents: Pixels,
-    carried: Pixels,
-    words: Words,
-    out: Pixels,
-) -> None:
-    """Draw the whole grid, what the agent sees (``image``) lit; ``words`` and ``out`` are the same memory."""
     width, height = row[WIDTH], row[HEIGHT]
-    view_size = image.shape[0]
-    lit = np.zeros((width, height), np.int64)
-    direction = row[DIRECTION]
-    forward_x = (1 - direction) * (1 - direction % 2)
-    forward_y = (2 - direction) * (direction % 2)
-    for i in range(view_size):
-        for j in range(view_size):
-            ahead, aside = view_size - 1 - j, i - view_size // 2
-            x = row[X] + forward_x * ahead - forward_y * aside
-            y = row[Y] + forward_y * ahead + forward_x * aside
-            if image[i, j, 0] != 0 and 0 <= x < width and 0 <= y < height:
-                lit[x, y] = 1
-    px = tiles.shape[2]
-    for x in range(width):
-        for y in range(height):
-            look = row[HEADER + x * height + y] & (LOOKS - 1)
-            lay_tile(tiles, lit[x, y], number[look], x, y, words)
-    put_agent(row, agents, row[DIRECTION], carried, number, row[X] * px, row[Y] * px, out)
+    x, y, direction = row[X], row[Y], row[DIRECTION]
+    columns, lines = (width, height) if full else (view_size, view_size)
+    lit = np.zeros((columns, lines), np.int64)
+    if full:
+        forward_x = (1 - direction) * (1 - direction % 2)
+        forward_y = (2 - direction) * (direction % 2)
+        for i in range(view_size):
+            for j in range(view_size):
+                ahead, aside = bottom - j, i - middle
+                column = x + forward_x * ahead - forward_y * aside
+                line = y + forward_y * ahead + forward_x * aside
+                if image[i, j, 0] != 0 and 0 <= column < width and 0 <= line < height:
+                    lit[column, line] = 1
+    for column in range(columns):
+        for line in range(lines):
+            if full:
+                look = np.int64(row[HEADER + column * height + line])
+            elif column == middle and line == bottom:
+                look = np.int64(row[HEADER + x * height + y])
+            else:
+                kind, colour = np.int64(image[column, line, 0]), np.int64(image[column, line, 1])
+                look = kind | colour << 4 | np.int64(image[column, line, 2]) << 7
+            lay_tile(tiles, lit[column, line], number[look & LOOKS - 1], column, line, words)
+    if not full:
+        x, y, direction = middle, bottom, 3
+    put_agent(row, agents, direction, carried, number, x * px, y * px, out)
 
 
-@njit(cache=True)
+@part(into_caller=True)
 def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
     """Copy a tile into a picture, to a column and row of cells."""
     height, width = tiles.shape[2], tiles.shape[3]

@@ -7,26 +7,27 @@ from numba import njit
 
 from minihuman.worlds.grid.cells import EMPTY, GREY_WALL
 from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.compiled import kernel
 from minihuman.worlds.grid.state import DIRECTION, FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, put
 
 FOR_EVER = 1 << 30  # tries; a layout that needs more has no free place at all
 
 
-@njit("void(int32[::1], int64, int64, int64, int64)", cache=True)
+@kernel("void(int32[::1], int64, int64, int64, int64)")
 def across(row: Row, x: int, y: int, length: int, code: int) -> None:
     """A horizontal line from (x, y)."""
     for i in range(length):
         put(row, x + i, y, code)
 
 
-@njit("void(int32[::1], int64, int64, int64, int64)", cache=True)
+@kernel("void(int32[::1], int64, int64, int64, int64)")
 def down(row: Row, x: int, y: int, length: int, code: int) -> None:
     """A vertical line from (x, y)."""
     for j in range(length):
         put(row, x, y + j, code)
 
 
-@njit("void(int32[::1], int64, int64, int64, int64)", cache=True)
+@kernel("void(int32[::1], int64, int64, int64, int64)")
 def wall_rect(row: Row, x: int, y: int, width: int, height: int) -> None:
     """The four walls of a room with its top left corner at (x, y), walls included in the size."""
     across(row, x, y, width, GREY_WALL)
@@ -51,7 +52,7 @@ def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
     return False
 
 
-@njit("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", cache=True)
+@kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)")
 def draw_place(row: Row, words: Words, x: int, y: int, width: int, height: int, tries: int) -> tuple[int, int]:
     """Draw cells of the rectangle until one is free; (-1, -1), and the row marked FAILED, if none is found."""
     x, y = max(x, 0), max(y, 0)
@@ -65,7 +66,7 @@ def draw_place(row: Row, words: Words, x: int, y: int, width: int, height: int, 
     return -1, -1
 
 
-@njit("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", cache=True)
+@kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)")
 def place(row: Row, words: Words, code: int, x: int, y: int, width: int, height: int) -> tuple[int, int]:
     """Lay a code into a drawn free cell of the rectangle; where it lies, or (-1, -1)."""
     i, j = draw_place(row, words, x, y, width, height, FOR_EVER)
@@ -86,7 +87,7 @@ def stand(row: Row, x: int, y: int, direction: int) -> None:
     row[X], row[Y], row[DIRECTION] = x, y, direction
 
 
-@njit("void(int32[::1], uint64[::1], int64, int64, int64, int64)", cache=True)
+@kernel("void(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def place_agent(row: Row, words: Words, x: int, y: int, width: int, height: int) -> None:
     """Put the agent into a drawn free cell of the rectangle, looking in a drawn direction."""
     row[X] = row[Y] = -1

@@ -23,6 +23,7 @@ from minihuman.worlds.grid.cells import (
     state_of,
 )
 from minihuman.worlds.grid.chance import Words
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.state import (
     ACTIONS,
     CARRYING,
@@ -69,7 +70,7 @@ TERMINATED, TRUNCATED = 1, 2  # bits of a step's status
 NOT_PLAYING, NO_SUCH_ACTION = -1, -2  # a step that was refused and changed nothing
 
 
-@njit(cache=True)
+@kernel()
 def step(row: Row, action: int, words: Words, image: NDArray[np.uint8]) -> tuple[int, int, float]:
     """Make one step and see its result.
 
@@ -82,7 +83,7 @@ def step(row: Row, action: int, words: Words, image: NDArray[np.uint8]) -> tuple
     return status, row[DIRECTION], reward
 
 
-@njit(cache=True)
+@kernel()
 def act(row: Row, action: int, words: Words) -> tuple[int, float]:
     """Make one step without looking: status and reward, as `step` returns them."""
     if row[PHASE] != PLAYING:
@@ -111,7 +112,7 @@ def act(row: Row, action: int, words: Words) -> tuple[int, float]:
     return status, reward
 
 
-@njit(cache=True)
+@part()
 def apply(row: Row, action: int) -> tuple[float, bool]:
     """Do what the action does to agent, objects and doors: reward and end as goal and lava give them."""
     if action == LEFT:

@@ -6,10 +6,10 @@ overestimates, so the first success found is a shortest one.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.cells import DOOR, EMPTY, GOAL, LAVA, OPEN, WALL, identity_of, in_state, kind_of, state_of
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.rules import act
 from minihuman.worlds.grid.state import (
     CARRYING,
@@ -40,7 +40,7 @@ _HELD, _LAST, _OBJECTS = 3, 4, 5  # places in a node, after x, y and direction
 _STATE_BIT = 12  # a cell number plus one is in the bits below
 
 
-@njit(cache=True)
+@kernel()
 def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np.int32]:
     """Actions from each pose (x, y, direction) to any source pose, turning and walking only; FAR without a way.
 
@@ -83,7 +83,7 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
     return steps.reshape((width, height, 4))
 
 
-@njit(cache=True)
+@part()
 def stands(code: int, through: bool) -> bool:
     """Whether an agent that has not yet succeeded can be in this cell."""
     kind = kind_of(code)
@@ -92,13 +92,13 @@ def stands(code: int, through: bool) -> bool:
     return through or kind <= 3 or (kind == DOOR and state_of(code) == OPEN)
 
 
-@njit(cache=True)
+@part()
 def stands_or_ends(code: int, through: bool) -> bool:
     """Whether a step into this cell is possible and no failure."""
     return kind_of(code) == GOAL or stands(code, through)
 
 
-@njit(cache=True)
+@kernel()
 def search(
     start: Row, bound: NDArray[np.int32], extra: int, limit: int, words: NDArray[np.uint64]
 ) -> tuple[int, NDArray[np.int64]]:
@@ -187,7 +187,7 @@ def search(
     return NONE, none
 
 
-@njit(cache=True)
+@part()
 def worth_trying(row: Row, action: int, last: int, may_drop: bool) -> bool:
     """Whether a shortest plan can have this action here. What is left out never shortens a plan:
 
@@ -208,7 +208,7 @@ def worth_trying(row: Row, action: int, last: int, may_drop: bool) -> bool:
     return row[TASK] == STAND_BY
 
 
-@njit(cache=True)
+@part()
 def object_codes(row: Row) -> NDArray[np.int64]:
     """The code of each object, by identity - 1, wherever it is."""
     cells, objects = row[WIDTH] * row[HEIGHT], row[OBJECTS]
@@ -225,7 +225,7 @@ def object_codes(row: Row) -> NDArray[np.int64]:
     return codes
 
 
-@njit(cache=True)
+@part()
 def count_carriable(codes: NDArray[np.int64]) -> int:
     """How many objects can be carried."""
     count = 0
@@ -235,7 +235,7 @@ def count_carriable(codes: NDArray[np.int64]) -> int:
     return count
 
 
-@njit(cache=True)
+@part()
 def store(row: Row, node: NDArray[np.int16], last: int) -> None:
     """Pack what actions can change."""
     node[0], node[1], node[2] = row[X], row[Y], row[DIRECTION]
@@ -246,7 +246,7 @@ def store(row: Row, node: NDArray[np.int16], last: int) -> None:
         node[_OBJECTS + k] = 0 if cell == NOWHERE else cell + 1 | state_of(row[HEADER + cell]) << _STATE_BIT
 
 
-@njit(cache=True)
+@part()
 def load(row: Row, node: NDArray[np.int16], codes: NDArray[np.int64]) -> None:
     """Bring a row to a node."""
     row[X], row[Y], row[DIRECTION] = node[0], node[1], node[2]
@@ -263,12 +263,12 @@ def load(row: Row, node: NDArray[np.int16], codes: NDArray[np.int64]) -> None:
             put(row, cell // height, cell % height, in_state(int(codes[k]), packed >> _STATE_BIT))
 
 
-@njit(cache=True)
+@part()
 def slot(nodes: NDArray[np.int16], table: NDArray[np.int32], node: int) -> int:
     """Where in the table an equal node is, or the free place for this one."""
     key = 17
-    for part in nodes[node]:
-        key = (key * 1000003 ^ int(part)) & 0x7FFFFFFFFFFF
+    for number in nodes[node]:
+        key = (key * 1000003 ^ int(number)) & 0x7FFFFFFFFFFF
     place = (key ^ key >> 21) % len(table)
     while table[place] >= 0:
         known = table[place]
@@ -283,7 +283,7 @@ def slot(nodes: NDArray[np.int16], table: NDArray[np.int32], node: int) -> int:
     return place
 
 
-@njit(cache=True)
+@part()
 def actions_to(parent: NDArray[np.int32], cause: NDArray[np.int8], node: int, action: int) -> NDArray[np.int64]:
     """The actions from the start to a node, and the one after it."""
     length = 1

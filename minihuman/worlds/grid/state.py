@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.cells import EMPTY, GREY_WALL, identity_of, pack
+from minihuman.worlds.grid.compiled import kernel
 
 Row = NDArray[np.int32]
 
@@ -55,7 +56,7 @@ def contents_index(row: Row, identity: int) -> int:
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
 
 
-@njit(cache=True)
+@kernel()
 def clear(row: Row) -> None:
     """Make the row an empty floor before a layout: no objects, no agent, step 0; sizes and settings stay."""
     row[X] = row[Y] = row[DIRECTION] = -1
@@ -68,7 +69,7 @@ def clear(row: Row) -> None:
         row[k] = EMPTY
 
 
-@njit("int64(int32[::1], int64, int64)", cache=True)
+@kernel("int64(int32[::1], int64, int64)")
 def cell_at(row: Row, x: int, y: int) -> int:
     """The code in a cell; outside the grid everything is wall."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
@@ -76,7 +77,7 @@ def cell_at(row: Row, x: int, y: int) -> int:
     return row[HEADER + x * row[HEIGHT] + y]
 
 
-@njit("int64(int32[::1], int64, int64)", cache=True)
+@kernel("int64(int32[::1], int64, int64)")
 def lift(row: Row, x: int, y: int) -> int:
     """Empty a cell and return what lay there."""
     code = row[HEADER + x * row[HEIGHT] + y]
@@ -87,7 +88,7 @@ def lift(row: Row, x: int, y: int) -> int:
     return code
 
 
-@njit("void(int32[::1], int64, int64, int64)", cache=True)
+@kernel("void(int32[::1], int64, int64, int64)")
 def put(row: Row, x: int, y: int, code: int) -> None:
     """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie."""
     lift(row, x, y)
@@ -97,7 +98,7 @@ def put(row: Row, x: int, y: int, code: int) -> None:
         row[_place_of(row, identity)] = x * row[HEIGHT] + y
 
 
-@njit(cache=True)
+@kernel()
 def move(row: Row, identity: int, cell: int) -> None:
     """Move an object that lies in a cell to an empty one (x * height + y)."""
     place = _place_of(row, identity)
@@ -106,7 +107,7 @@ def move(row: Row, identity: int, cell: int) -> None:
     row[place] = cell
 
 
-@njit("int64(int32[::1], int64, int64, int64)", cache=True)
+@kernel("int64(int32[::1], int64, int64, int64)")
 def make(row: Row, kind: int, colour: int, state: int) -> int:
     """Make a new object with its own identity, lying nowhere yet. More objects than cells mark the row FAILED."""
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:

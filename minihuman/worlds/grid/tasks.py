@@ -7,6 +7,7 @@ from numba import njit
 
 from minihuman.worlds.grid.cells import DOOR, EMPTY, GOAL, OPEN, colour_of, identity_of, kind_of, state_of
 from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.state import (
     CARRYING,
     DIRECTION,
@@ -40,27 +41,27 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
 ) = range(9)
 
 
-@njit("float64(int32[::1])", cache=True)
+@kernel("float64(int32[::1])")
 def prize(row: Row) -> float:
     """What success earns now: 1 at the start, 0.1 at the last step."""
     return 1 - 0.9 * (row[STEP] / row[MAX_STEPS])
 
 
-@njit("UniTuple(int64, 2)(int32[::1])", cache=True)
+@kernel("UniTuple(int64, 2)(int32[::1])")
 def front(row: Row) -> tuple[int, int]:
     """The cell in front of the agent."""
     direction = row[DIRECTION]
     return row[X] + (1 - direction) * (1 - direction % 2), row[Y] + (2 - direction) * (direction % 2)
 
 
-@njit("boolean(int32[::1], int64, int64)", cache=True)
+@kernel("boolean(int32[::1], int64, int64)")
 def is_open(row: Row, x: int, y: int) -> bool:
     """Whether an open door is in this cell."""
     code = cell_at(row, x, y)
     return kind_of(code) == DOOR and state_of(code) == OPEN
 
 
-@njit(cache=True)
+@part()
 def judge(
     row: Row, action: int, held_before: int, first_was_open: bool, reward: float, ended: bool
 ) -> tuple[float, bool]:
@@ -109,7 +110,7 @@ def faces_obstacle(row: Row) -> bool:
     return kind != EMPTY and kind != GOAL
 
 
-@njit(cache=True)
+@part()
 def move_obstacles(row: Row, words: Words) -> None:
     """Move each obstacle to a free cell of the 3x3 around it; it stays after 101 draws without one."""
     width, height = row[WIDTH], row[HEIGHT]

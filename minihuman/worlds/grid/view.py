@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.cells import AGENT, DOOR, GREY_WALL, OPEN, RED, WALL, colour_of, kind_of, state_of
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
@@ -27,7 +28,7 @@ def see_size(size: int) -> int:
     return size
 
 
-@njit(cache=True)
+@kernel()
 def see(row: Row, image: NDArray[np.uint8]) -> None:
     """Fill ``image`` (size, size, 3: kind, colour, state; indexed [right, down]) with the agent's view.
 
@@ -41,7 +42,7 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
         see_cells(row, image, image.shape[0])
 
 
-@njit(cache=True)
+@part()
 def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
     """What `see` says, for a view of ``size`` cells. Without branches on what lies where: those cannot be foreseen."""
     half = size // 2
@@ -85,14 +86,17 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
             inside = (first <= i) & (i <= last)
             place = np.uint64(start + i * aside if inside else 0)
             code = (row[place] if inside else GREY_WALL) & -(seen >> i & 1)
-            image[i, size - 1 - distance, 0] = kind_of(code)
-            image[i, size - 1 - distance, 1] = colour_of(code)
-            image[i, size - 1 - distance, 2] = state_of(code)
+            show(image, i, size - 1 - distance, code)
         start += onward
-    held = row[CARRYING]
-    image[half, size - 1, 0] = kind_of(held)
-    image[half, size - 1, 1] = colour_of(held)
-    image[half, size - 1, 2] = state_of(held)
+    show(image, half, size - 1, row[CARRYING])
+
+
+@part(into_caller=True)
+def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
+    """Write down a cell as the agent sees it: kind, colour, state."""
+    image[i, j, 0] = kind_of(code)
+    image[i, j, 1] = colour_of(code)
+    image[i, j, 2] = state_of(code)
 
 
 @njit(cache=True, inline="always")
@@ -123,15 +127,12 @@ def spread_left(seen: int, clear: int, size: int) -> int:
     return giving
 
 
-@njit(cache=True)
+@kernel()
 def see_all(row: Row, image: NDArray[np.uint8]) -> None:
     """Fill ``image`` (width, height, 3: kind, colour, state; indexed [x, y]) with the whole grid, agent included."""
     for x in range(row[WIDTH]):
         for y in range(row[HEIGHT]):
-            code = row[HEADER + x * row[HEIGHT] + y]
-            image[x, y, 0] = kind_of(code)
-            image[x, y, 1] = colour_of(code)
-            image[x, y, 2] = state_of(code)
+            show(image, x, y, row[HEADER + x * row[HEIGHT] + y])
     image[row[X], row[Y], 0] = AGENT
     image[row[X], row[Y], 1] = RED
     image[row[X], row[Y], 2] = row[DIRECTION]

@@ -1,18 +1,18 @@
 """Crossing: rivers of lava or walls across a room, each with one opening on the way to the goal."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.cells import EMPTY, GREEN_GOAL
 from minihuman.worlds.grid.chance import Words, integer, shuffle
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.place import across, down, outer_walls, stand
 from minihuman.worlds.grid.state import HEIGHT, WIDTH, Row, put
 
 UPRIGHT, LEVEL = 0, 1  # directions of a river
 
 
-@njit(cache=True)
+@kernel()
 def crossing(row: Row, words: Words, rivers: int, obstacle: int) -> None:
     """``rivers`` rivers of the code ``obstacle``; columns and rows of the grid are odd and the same."""
     width, height = row[WIDTH], row[HEIGHT]
@@ -39,7 +39,7 @@ def crossing(row: Row, words: Words, rivers: int, obstacle: int) -> None:
             j += 1
 
 
-@njit(cache=True)
+@part()
 def draw_rivers(words: Words, size: int, rivers: int) -> NDArray[np.bool_]:
     """Whether a river runs there, (2, size): by column for the upright ones, by row for the level ones."""
     places = (size - 3) // 2  # of each direction: the even lines that do not touch the outer walls
@@ -51,7 +51,7 @@ def draw_rivers(words: Words, size: int, rivers: int) -> NDArray[np.bool_]:
     return is_river
 
 
-@njit(cache=True)
+@part()
 def bounds(is_river: NDArray[np.bool_]) -> NDArray[np.int64]:
     """The lines with a river, between the first and the last line of the grid."""
     lines = np.empty(is_river.sum() + 2, np.int64)

@@ -1,11 +1,11 @@
 """MultiRoom: a chain of rooms of drawn size and place, closed doors between them, the goal in the last."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.cells import CLOSED, DOOR, GREEN_GOAL, SORTED_COLOURS
 from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.place import place, place_agent, wall_rect
 from minihuman.worlds.grid.state import HEIGHT, WIDTH, Row, make, put
 
@@ -14,7 +14,7 @@ SMALLEST = 4  # columns and rows, walls included
 TRIES = 8  # places tried for each next room
 
 
-@njit(cache=True)
+@kernel()
 def multi_room(row: Row, words: Words, fewest: int, most: int, largest: int) -> None:
     """From ``fewest`` to ``most`` rooms of up to ``largest`` columns and rows."""
     count = integer(words, fewest, most + 1)
@@ -37,7 +37,7 @@ def multi_room(row: Row, words: Words, fewest: int, most: int, largest: int) -> 
     place(row, words, GREEN_GOAL, x, y, width, height)
 
 
-@njit(cache=True)
+@part()
 def draw_other_colour(words: Words, colour: int) -> int:
     """Draw a colour other than ``colour`` (-1: any)."""
     k = integer(words, 0, 6 if colour < 0 else 5)
@@ -49,7 +49,7 @@ def draw_other_colour(words: Words, colour: int) -> int:
     return -1
 
 
-@njit(cache=True)
+@part()
 def draw_chain(row: Row, words: Words, count: int, largest: int, door_x: int, door_y: int) -> NDArray[np.int64]:
     """Draw rooms one behind the other until ``count`` or none fits: x, y, width, height, entry door x, y of each."""
     rooms = np.empty((count, 6), np.int64)
@@ -83,14 +83,14 @@ def draw_chain(row: Row, words: Words, count: int, largest: int, door_x: int, do
     return rooms[:placed]
 
 
-@njit(cache=True)
+@part()
 def draw_other_wall(words: Words, wall: int) -> int:
     """Draw a wall other than ``wall``."""
     k = integer(words, 0, 3)
     return k if k < wall else k + 1
 
 
-@njit(cache=True)
+@part()
 def draw_door(words: Words, room: NDArray[np.int64], wall: int) -> tuple[int, int]:
     """Draw a cell of a room's wall, corners excluded."""
     x, y, width, height = room[0], room[1], room[2], room[3]
@@ -103,7 +103,7 @@ def draw_door(words: Words, room: NDArray[np.int64], wall: int) -> tuple[int, in
     return x + integer(words, 1, width - 1), y
 
 
-@njit(cache=True)
+@part()
 def fits(row: Row, rooms: NDArray[np.int64], placed: int, x: int, y: int, width: int, height: int) -> bool:
     """Whether a room lies in the grid and overlaps none but the one it is entered from."""
     if x < 0 or y < 0 or x + width > row[WIDTH] or y + height >= row[HEIGHT]:

@@ -1,11 +1,11 @@
 """Worlds about objects in one room: Fetch, GoToObject, PutNear, GoToDoor, Memory."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.cells import BALL, BOX, CLOSED, DOOR, GREEN, GREY_WALL, KEY, SORTED_COLOURS
 from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.place import (
     FOR_EVER,
     across,
@@ -23,19 +23,19 @@ from minihuman.worlds.grid.tasks import FETCH, MATCH, PUT_NEAR, STAND_BY
 KINDS_DRAWN = (KEY, BALL, BOX)
 
 
-@njit(cache=True)
+@part()
 def draw_colour(words: Words) -> int:
     """Draw one of the six colours."""
     return SORTED_COLOURS[integer(words, 0, 6)]
 
 
-@njit(cache=True)
+@part()
 def draw_kind(words: Words, kinds: int) -> int:
     """Draw one of the first so many of key, ball and box."""
     return KINDS_DRAWN[integer(words, 0, kinds)]
 
 
-@njit(cache=True)
+@kernel()
 def fetch(row: Row, words: Words, objects: int) -> None:
     """Keys and balls; one is to be fetched."""
     outer_walls(row)
@@ -51,7 +51,7 @@ def fetch(row: Row, words: Words, objects: int) -> None:
     row[MISSION], row[MISSION + 1], row[MISSION + 2] = integer(words, 0, 5), colours[k], kinds[k]
 
 
-@njit(cache=True)
+@part()
 def draw_objects(row: Row, words: Words, objects: int, apart: bool) -> NDArray[np.int64]:
     """Place different objects, ``apart`` none beside another: kind, colour, x, y of each."""
     drawn = np.full((objects, 4), -9, np.int64)
@@ -76,7 +76,7 @@ def draw_objects(row: Row, words: Words, objects: int, apart: bool) -> NDArray[n
     return drawn
 
 
-@njit(cache=True)
+@part()
 def beside_any(drawn: NDArray[np.int64], x: int, y: int) -> bool:
     """Whether a cell touches one of the objects, corners included."""
     for k in range(len(drawn)):
@@ -85,7 +85,7 @@ def beside_any(drawn: NDArray[np.int64], x: int, y: int) -> bool:
     return False
 
 
-@njit(cache=True)
+@kernel()
 def go_to_object(row: Row, words: Words, objects: int) -> None:
     """Objects; the agent says "done" beside the one it is sent to."""
     outer_walls(row)
@@ -97,7 +97,7 @@ def go_to_object(row: Row, words: Words, objects: int) -> None:
     row[MISSION], row[MISSION + 1] = colour, kind
 
 
-@njit(cache=True)
+@kernel()
 def put_near(row: Row, words: Words, objects: int) -> None:
     """Objects; one is to be put near another."""
     outer_walls(row)
@@ -114,7 +114,7 @@ def put_near(row: Row, words: Words, objects: int) -> None:
     row[MISSION + 2], row[MISSION + 3] = drawn[target, 1], drawn[target, 0]
 
 
-@njit(cache=True)
+@kernel()
 def go_to_door(row: Row, words: Words) -> None:
     """A room of drawn size with four doors; the agent says "done" beside the one it is sent to."""
     width = integer(words, 5, row[WIDTH] + 1)
@@ -144,7 +144,7 @@ def go_to_door(row: Row, words: Words) -> None:
     row[MISSION] = colours[k]
 
 
-@njit(cache=True)
+@kernel()
 def memory(row: Row, words: Words, random_length: int) -> None:
     """An object seen at the start, two at the end of a corridor; go to the matching one."""
     width, height = row[WIDTH], row[HEIGHT]

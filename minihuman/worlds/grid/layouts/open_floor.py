@@ -1,15 +1,14 @@
 """Worlds of one open room: Empty, DistShift, LavaGap, DynamicObstacles."""
 
-from numba import njit
-
 from minihuman.worlds.grid.cells import BALL, BLUE, EMPTY, GREEN_GOAL, RED_LAVA
 from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.compiled import kernel
 from minihuman.worlds.grid.place import across, down, draw_place, outer_walls, place_agent_anywhere, stand
 from minihuman.worlds.grid.state import HEIGHT, TARGET, TASK, WIDTH, Row, make, put
 from minihuman.worlds.grid.tasks import DODGE
 
 
-@njit(cache=True)
+@kernel()
 def empty(row: Row, words: Words, agent_x: int, agent_y: int, direction: int) -> None:
     """Nothing but a goal in the corner. A negative ``agent_x`` draws agent and direction."""
     outer_walls(row)
@@ -17,7 +16,7 @@ def empty(row: Row, words: Words, agent_x: int, agent_y: int, direction: int) ->
     start(row, words, agent_x, agent_y, direction)
 
 
-@njit(cache=True)
+@kernel()
 def start(row: Row, words: Words, x: int, y: int, direction: int) -> None:
     """Put the agent where it is said to start, or draw where that is negative."""
     if x < 0:
@@ -26,7 +25,7 @@ def start(row: Row, words: Words, x: int, y: int, direction: int) -> None:
         stand(row, x, y, direction)
 
 
-@njit(cache=True)
+@kernel()
 def dist_shift(row: Row, words: Words, agent_x: int, agent_y: int, direction: int, second_strip: int) -> None:
     """Two strips of lava, one below the top wall and one in the row ``second_strip``."""
     outer_walls(row)
@@ -36,7 +35,7 @@ def dist_shift(row: Row, words: Words, agent_x: int, agent_y: int, direction: in
     start(row, words, agent_x, agent_y, direction)
 
 
-@njit(cache=True)
+@kernel()
 def gap(row: Row, words: Words, obstacle: int) -> None:
     """One column of lava (or of the code ``obstacle``) with a gap."""
     outer_walls(row)
@@ -48,7 +47,7 @@ def gap(row: Row, words: Words, obstacle: int) -> None:
     put(row, x, y, EMPTY)
 
 
-@njit(cache=True)
+@kernel()
 def dynamic_obstacles(row: Row, words: Words, agent_x: int, agent_y: int, direction: int, obstacles: int) -> None:
     """Balls that move by themselves."""
     outer_walls(row)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from minihuman.worlds.grid.cells import CLOSED, DOOR, EMPTY, LOCKED, WALL, kind_of
 from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.layouts.objects import draw_colour
 from minihuman.worlds.grid.place import place_agent, stand, wall_rect
 from minihuman.worlds.grid.state import FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at, make, put
@@ -26,7 +27,7 @@ CONNECT_TRIES = 5001
 AGENT_TRIES = 100_000  # Minigrid never gives up; a room that needs more cannot hold the agent
 
 
-@njit(cache=True)
+@kernel()
 def rooms(row: Row, words: Words, columns: int, lines: int, size: int) -> Plan:
     """Draw the walls of a room grid and the places of its doors; the agent stands in the middle room for now."""
     plan = np.full((columns * lines, 13), NO_DOOR, np.int64)
@@ -62,7 +63,7 @@ def behind(room: int, wall: int, columns: int) -> int:
     return room + step if wall < 2 else room - step
 
 
-@njit(cache=True)
+@part()
 def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: bool) -> None:
     """Put a door into a room's wall."""
     door = make(row, DOOR, colour, LOCKED if locked else CLOSED)
@@ -72,7 +73,7 @@ def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: i
     plan[behind(room, wall, columns), WAY + (wall + 2) % 4] = 1
 
 
-@njit(cache=True)
+@part()
 def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: int) -> None:
     """Open the whole wall between two rooms, corners excluded."""
     x, y = room % columns * (size - 1), room // columns * (size - 1)
@@ -89,7 +90,7 @@ def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: 
     plan[behind(room, wall, columns), WAY + (wall + 2) % 4] = 1
 
 
-@njit(cache=True)
+@part()
 def add_object(row: Row, words: Words, columns: int, size: int, room: int, code: int) -> None:
     """Put a code into a drawn free cell of a room, not beside the agent."""
     left, top = room % columns * (size - 1), room // columns * (size - 1)
@@ -102,7 +103,7 @@ def add_object(row: Row, words: Words, columns: int, size: int, room: int, code:
     row[FAILED] = 1
 
 
-@njit(cache=True)
+@part()
 def place_in_room(row: Row, words: Words, columns: int, size: int, room: int) -> None:
     """Put the agent into a drawn free cell of a room, not facing anything but a wall."""
     x, y = room % columns * (size - 1), room // columns * (size - 1)
@@ -115,7 +116,7 @@ def place_in_room(row: Row, words: Words, columns: int, size: int, room: int) ->
     row[FAILED] = 1
 
 
-@njit(cache=True)
+@part()
 def reachable(plan: Plan, columns: int, start: int) -> int:
     """How many rooms can be reached through ways, locked doors included."""
     seen = np.zeros(len(plan), np.bool_)
@@ -134,7 +135,7 @@ def reachable(plan: Plan, columns: int, start: int) -> int:
     return seen.sum()
 
 
-@njit(cache=True)
+@part()
 def connect_all(row: Row, words: Words, plan: Plan, columns: int, size: int) -> None:
     """Add closed doors at drawn walls until every room can be reached from the agent's; locked rooms get none."""
     start = row[Y] // (size - 1) * columns + row[X] // (size - 1)

@@ -1,7 +1,6 @@
 """Worlds of fixed rooms: FourRooms, DoorKey, RedBlueDoors, LockedRoom, Playground."""
 
 import numpy as np
-from numba import njit
 
 from minihuman.worlds.grid.cells import (
     BLUE,
@@ -17,6 +16,7 @@ from minihuman.worlds.grid.cells import (
     YELLOW,
 )
 from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.layouts.objects import draw_colour, draw_kind
 from minihuman.worlds.grid.place import (
     across,
@@ -33,7 +33,7 @@ from minihuman.worlds.grid.state import HEIGHT, MISSION, TARGET, TASK, WIDTH, Ro
 from minihuman.worlds.grid.tasks import IN_ORDER
 
 
-@njit(cache=True)
+@kernel()
 def four_rooms(row: Row, words: Words, agent_x: int, agent_y: int, goal_x: int, goal_y: int) -> None:
     """Four rooms, a gap in each wall between them. A negative ``agent_x`` or ``goal_x`` draws the place."""
     outer_walls(row)
@@ -59,7 +59,7 @@ def four_rooms(row: Row, words: Words, agent_x: int, agent_y: int, goal_x: int, 
         put(row, goal_x, goal_y, GREEN_GOAL)
 
 
-@njit(cache=True)
+@kernel()
 def door_key(row: Row, words: Words) -> None:
     """Two rooms, a locked door between them, its key on the agent's side, the goal on the other."""
     width, height = row[WIDTH], row[HEIGHT]
@@ -72,7 +72,7 @@ def door_key(row: Row, words: Words) -> None:
     place(row, words, make(row, KEY, YELLOW, 0), 0, 0, split, height)
 
 
-@njit(cache=True)
+@kernel()
 def red_blue_doors(row: Row, words: Words) -> None:
     """A room with a red door in its left wall and a blue one in its right wall."""
     size = row[HEIGHT]
@@ -86,7 +86,7 @@ def red_blue_doors(row: Row, words: Words) -> None:
     put(row, row[TARGET + 2], row[TARGET + 3], make(row, DOOR, BLUE, CLOSED))
 
 
-@njit(cache=True)
+@kernel()
 def locked_room(row: Row, words: Words) -> None:
     """Six rooms along a corridor: the goal in a locked one, its key in another."""
     width, height = row[WIDTH], row[HEIGHT]
@@ -117,7 +117,7 @@ def locked_room(row: Row, words: Words) -> None:
     row[MISSION], row[MISSION + 1], row[MISSION + 2] = colours[locked], colours[key_room], colours[locked]
 
 
-@njit(cache=True)
+@part()
 def put_inside(
     row: Row, words: Words, room: int, right_wall: int, room_width: int, room_height: int, code: int
 ) -> None:
@@ -129,7 +129,7 @@ def put_inside(
     put(row, x, y, code)
 
 
-@njit(cache=True)
+@kernel()
 def playground(row: Row, words: Words) -> None:
     """Nine rooms with doors between them and twelve objects."""
     outer_walls(row)

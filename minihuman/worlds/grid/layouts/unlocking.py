@@ -1,11 +1,11 @@
 """Worlds of room grids with locked doors: Unlock, UnlockPickup, BlockedUnlockPickup, KeyCorridor, ObstructedMaze."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.cells import BALL, BLUE, BOX, GREEN, GREY, KEY, SORTED_COLOURS, identity_of
 from minihuman.worlds.grid.chance import Words, integer
+from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.layouts.objects import draw_colour
 from minihuman.worlds.grid.layouts.room_grid import (
     DOOR_X,
@@ -26,7 +26,7 @@ from minihuman.worlds.grid.tasks import OPEN_DOOR, PICK
 SIZE = 6  # of the rooms of all these worlds but KeyCorridor
 
 
-@njit(cache=True)
+@part()
 def pick_task(row: Row, code: int, colour: int, kind: int) -> None:
     """Success is to pick this object up."""
     row[TASK] = PICK
@@ -34,7 +34,7 @@ def pick_task(row: Row, code: int, colour: int, kind: int) -> None:
     row[MISSION], row[MISSION + 1] = colour, kind
 
 
-@njit(cache=True)
+@kernel()
 def unlock(row: Row, words: Words) -> None:
     """Two rooms, a locked door between them, its key with the agent."""
     plan = rooms(row, words, 2, 1, SIZE)
@@ -46,7 +46,7 @@ def unlock(row: Row, words: Words) -> None:
     row[TARGET], row[TARGET + 1] = plan[0, DOOR_X + RIGHT], plan[0, DOOR_Y + RIGHT]
 
 
-@njit(cache=True)
+@kernel()
 def unlock_pickup(row: Row, words: Words, blocked: int) -> None:
     """A box behind a locked door, whose key lies with the agent; a ball before the door if ``blocked``."""
     plan = rooms(row, words, 2, 1, SIZE)
@@ -63,7 +63,7 @@ def unlock_pickup(row: Row, words: Words, blocked: int) -> None:
     pick_task(row, box, box_colour, BOX)
 
 
-@njit(cache=True)
+@kernel()
 def key_corridor(row: Row, words: Words, lines: int, size: int, kind: int) -> None:
     """A corridor between rooms: an object behind a locked door on the right, its key somewhere on the left."""
     plan = rooms(row, words, 3, lines, size)
@@ -82,7 +82,7 @@ def key_corridor(row: Row, words: Words, lines: int, size: int, kind: int) -> No
     pick_task(row, target, colour, kind)
 
 
-@njit(cache=True)
+@part()
 def draw_door_colours(words: Words) -> NDArray[np.int64]:
     """All six colours in a drawn order."""
     left = np.array(SORTED_COLOURS)
@@ -94,7 +94,7 @@ def draw_door_colours(words: Words) -> NDArray[np.int64]:
     return drawn
 
 
-@njit(cache=True)
+@part()
 def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, blocked: int) -> None:
     """A locked door, a ball before it if ``blocked``."""
     add_door(row, plan, columns, room, wall, colour, True)
@@ -104,7 +104,7 @@ def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour
         put(row, x, y, make(row, BALL, GREEN, 0))
 
 
-@njit(cache=True)
+@part()
 def add_key(row: Row, words: Words, columns: int, room: int, colour: int, boxed: int) -> None:
     """A key, inside a box if ``boxed``."""
     code = make(row, KEY, colour, 0)
@@ -115,7 +115,7 @@ def add_key(row: Row, words: Words, columns: int, room: int, colour: int, boxed:
     add_object(row, words, columns, SIZE, room, code)
 
 
-@njit(cache=True)
+@kernel()
 def obstructed_pair(row: Row, words: Words, boxed: int, blocked: int) -> None:
     """Two rooms: a blue ball behind a locked door."""
     plan = rooms(row, words, 2, 1, SIZE)
@@ -128,7 +128,7 @@ def obstructed_pair(row: Row, words: Words, boxed: int, blocked: int) -> None:
     pick_task(row, target, BLUE, BALL)
 
 
-@njit(cache=True)
+@kernel()
 def obstructed_maze(
     row: Row, words: Words, start_room: int, boxed: int, blocked: int, quarters: int, keys_last: int
 ) -> None:
