@@ -18,7 +18,7 @@ from pathlib import Path
 
 WORLD = """
 from minihuman.study.protocol import Block
-from minihuman.study.warm_up import play_a_step
+from minihuman.windows.warm_up import play_a_step
 play_a_step(Block("a", "minihuman/{}-FourRooms-v0", 1, ("{}",), 9))
 """
 PLAN = """
@@ -31,7 +31,7 @@ shortest_way(world)
 SESSION = """
 from pathlib import Path
 from minihuman.log.protocol_file import read_protocol
-from minihuman.study.warm_up import warm_up
+from minihuman.windows.warm_up import warm_up
 warm_up(read_protocol(Path("protocols/fourrooms-transfer.toml")))
 """
 PARTS = {

@@ -12,11 +12,11 @@ from minihuman.log.read import open_log
 from minihuman.log.verify import verify
 from minihuman.shipped import shipped_protocol
 from minihuman.study.protocol import Protocol
-from minihuman.study.warm_up import warm_up
 from minihuman.windows.choose import AUTO, open_window
 from minihuman.windows.machine import SessionClock
 from minihuman.windows.simulate import simulate
 from minihuman.windows.sitting import sit
+from minihuman.windows.warm_up import warm_up
 
 _SEED = 0
 _PLAYER = "human-like"

@@ -32,10 +32,10 @@ def run(
     """
     from minihuman.log.next_session import next_session
     from minihuman.log.protocol_file import read_protocol
-    from minihuman.study.warm_up import warm_up
     from minihuman.windows.choose import open_window
     from minihuman.windows.machine import SessionClock
     from minihuman.windows.sitting import sit
+    from minihuman.windows.warm_up import warm_up
 
     study = read_protocol(protocol)
     warm_up(study, str(protocol))

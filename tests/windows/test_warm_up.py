@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from minihuman.errors import ProtocolError
 from minihuman.study.protocol import Protocol, decode
-from minihuman.study.warm_up import warm_up
+from minihuman.windows.warm_up import warm_up
 
 TOML = """
 [study]
@@ -73,7 +73,7 @@ def test_after_warming_up_an_episode_compiles_nothing(tmp_path):
 import gc
 from numba.core.registry import CPUDispatcher
 from minihuman.study.protocol import decode
-from minihuman.study.warm_up import warm_up
+from minihuman.windows.warm_up import warm_up
 from minihuman.worlds.adapt import World
 
 def loaded():
