@@ -1,6 +1,7 @@
 """What is to be known of the machine a session ran on, and its clock. Nothing that names a person or a machine."""
 
 import platform
+import re
 import subprocess
 import time
 from importlib.metadata import PackageNotFoundError, version
@@ -27,7 +28,7 @@ def machine_facts() -> dict[str, str]:
     """Versions, platform, processor, and the commit of a checked-out minihuman; by name."""
     facts = {
         "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.release()}",
+        "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),
     }
     for package in _PACKAGES:
@@ -38,6 +39,12 @@ def machine_facts() -> dict[str, str]:
     if commit := _git_commit(Path(minihuman.__file__).parents[1]):
         facts["git_commit"] = commit
     return facts
+
+
+def _numbers(release: str) -> str:
+    """A kernel's version without what its builder added, which may name a machine or a person."""
+    found = re.match(r"[0-9.]+", release)
+    return found[0] if found else ""
 
 
 def _git_commit(folder: Path) -> str:

@@ -39,6 +39,7 @@ def test_a_log_says_nothing_of_the_person_or_machine_that_wrote_it(
         monkeypatch.setenv(variable, "jane-7f3a")
     for module, name in ((socket, "gethostname"), (socket, "getfqdn"), (platform, "node")):
         monkeypatch.setattr(module, name, lambda: "host-7f3a")
+    monkeypatch.setattr(platform, "release", lambda: "6.1.0-jane-7f3a")  # a kernel built at home
     plan = session_plan()
     recorder = McapRecorder(tmp_path, plan, started_ns=STARTED_NS)
     start, *rest = session_events(plan)
