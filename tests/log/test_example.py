@@ -1,0 +1,15 @@
+"""The session that comes with the software, recorded by its first version: it stays readable, and provable."""
+
+from pathlib import Path
+
+from minihuman.log.read import open_log
+from minihuman.log.verify import Verified, verify
+
+EXAMPLE = Path(__file__).parents[2] / "sessions/example/demo/sub-01/ses-01/sub-01_ses-01.mcap"
+
+
+def test_the_first_versions_log_is_read_and_plays_again_to_the_bit() -> None:
+    session = open_log(EXAMPLE)
+    assert session.facts["version_minihuman"] == "0.1.0"
+    assert [episode.outcome_word for episode in session.episodes] == ["goal"] * 4
+    assert verify(session) == Verified(episodes=4, steps=231, difference="")
