@@ -14,6 +14,8 @@ from minihuman.marks import Mark, add_mark
 from minihuman.report.columns import NEED_WORLD, TABLES
 from tests.export.study import DEMO, recorded
 
+pytestmark = pytest.mark.program
+
 EVERYTHING = Filters()
 
 
@@ -67,7 +69,6 @@ def test_a_rule_by_what_takes_the_world_leaves_the_same_out_as_in_the_report(tmp
     assert left_out.tolist() == ["wandered"] * 4
 
 
-@pytest.mark.program
 def test_sessions_read_side_by_side_are_written_in_order_and_alike(study, tmp_path):
     """Enough sessions for a second process: the same tables as one process writes, session by session."""
     many = tmp_path / "many"

@@ -17,6 +17,8 @@ from minihuman.marks import Mark, add_mark
 from minihuman.report.build import build
 from tests.builders import episode, session, session_of, write_log
 
+pytestmark = pytest.mark.program
+
 
 def fingerprints(folder):
     return {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.rglob("*") if path.is_file()}
