@@ -13,6 +13,8 @@ from minihuman.study.events import Event, Stepped
 from tests.counts import count
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
+pytestmark = pytest.mark.long
+
 TAIL_BYTES = 4096
 EVENTS = session_events(session_plan(episodes=2), steps=12)
 

@@ -1,4 +1,5 @@
 import hypothesis.strategies as st
+import pytest
 from hypothesis import given, settings
 
 from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
@@ -7,6 +8,8 @@ from minihuman.study.well_formed import complaints
 from minihuman.worlds.adapt import World
 from tests.counts import count
 from tests.study.sessions import MS, corridor_plan
+
+pytestmark = pytest.mark.long
 
 PLANS = [
     corridor_plan(),

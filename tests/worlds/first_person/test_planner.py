@@ -8,6 +8,8 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.planner import least_steps, plan
 from tests.counts import count
 
+pytestmark = pytest.mark.long
+
 WORLDS = ("FourRooms", "Hallway", "TMaze", "YMaze", "OneRoom", "OneRoomS6Fast", "MazeS3", "MazeS3Fast", "Maze")
 SEEDS = range(count(3, 60))
 
