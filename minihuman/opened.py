@@ -20,8 +20,10 @@ from minihuman.log.paths import sessions_in
 from minihuman.log.read import open_log
 
 T = TypeVar("T")
-_WORTH_A_POOL = 16  # sessions; fewer are read sooner than a second process starts
-_AHEAD = 4  # sessions a process, read and not yet taken
+_WORTH_A_PROCESS = 32  # sessions; fewer are read sooner than one more process starts
+_BATCH = 4  # sessions handed over together
+_AHEAD = 12  # batches worked on and not yet taken, beside two for each other process
+_Batch = tuple[list[Path], "Future[list[T]]"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,27 +89,48 @@ def open_or_skip(path: Path) -> SessionLog | Skipped:
 def each_log(source: Path, work: Callable[[SessionLog], T], *, processes: int | None = None) -> Iterator[T | Skipped]:
     """Yield what ``work`` makes of one session after the other, in order of path, several read side by side.
 
-    ``work`` runs in another process where there are many sessions, so it and its results can be pickled. It may raise
+    ``work`` also runs in other processes where there are many sessions, so it and its results can be pickled. It may raise
     LogError or ProtocolError: that session is skipped. Only a few results are held at a time.
 
     Raises:
         LogError: if there is no such file or folder.
     """
     paths = log_files(source)
-    workers = min(processes or os.cpu_count() or 1, len(paths) // _WORTH_A_POOL + 1)
-    each = partial(_work_on, work=work)
-    if workers == 1:
-        yield from map(each, paths)
+    each = partial(_work_on_each, work=work)
+    others = min(processes or os.cpu_count() or 1, len(paths) // _WORTH_A_PROCESS + 1) - 1
+    if not others:
+        yield from (_work_on(path, work) for path in paths)
         return
-    # what a process has imported by then is there to stay: the collector need not look through it for every session
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=gc.freeze) as pool:
-        waiting: deque[Future[T | Skipped]] = deque()
-        for path in paths:
-            waiting.append(pool.submit(each, path))
-            if len(waiting) >= _AHEAD * workers:
-                yield waiting.popleft().result()
+    with ProcessPoolExecutor(others, get_context("spawn"), _settle, (work,)) as pool:
+        waiting: deque[_Batch[T | Skipped]] = deque()
+        for first in range(0, len(paths), _BATCH):
+            batch = paths[first : first + _BATCH]
+            waiting.append((batch, pool.submit(each, batch)))
+            if len(waiting) >= _AHEAD + 2 * others:
+                yield from _oldest(waiting, each)
         while waiting:
-            yield waiting.popleft().result()
+            yield from _oldest(waiting, each)
+
+
+def _oldest(waiting: "deque[_Batch[T]]", each: Callable[[list[Path]], list[T]]) -> list[T]:
+    """Wait for the oldest batch's results, and meanwhile work in this process on the newest that no other has begun."""
+    while not waiting[0][1].done():
+        free = next((place for place in reversed(range(len(waiting))) if waiting[place][1].cancel()), None)
+        if free is None:
+            break
+        batch, done = waiting[free][0], Future[list[T]]()
+        done.set_result(each(batch))
+        waiting[free] = (batch, done)
+    return waiting.popleft()[1].result()
+
+
+def _settle(work: Callable[[SessionLog], object]) -> None:
+    """Make a process ready. Handed over, ``work`` has imported what it needs: the collector may leave that alone."""
+    gc.freeze()
+
+
+def _work_on_each(paths: list[Path], work: Callable[[SessionLog], T]) -> list[T | Skipped]:
+    return [_work_on(path, work) for path in paths]
 
 
 def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | Skipped:
