@@ -22,7 +22,8 @@ from minihuman.log.episode import CUT_OFF
 from minihuman.log.live import LIBRARY
 from minihuman.log.paths import PART_SUFFIX, SegmentPath
 from minihuman.log.reading import segment_starts
-from minihuman.log.scan import LogMessage, Scan
+from minihuman.log.chunk import LogMessage
+from minihuman.log.scan import Scan
 from minihuman.study.events import SessionEnded
 
 CHUNK_BYTES = 1024 * 1024

@@ -21,7 +21,7 @@ from minihuman.log.episode import Episode, pose_row
 from minihuman.log.observations import Observations
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.reading import Reading
-from minihuman.log.scan import OfTopic
+from minihuman.log.chunk import OfTopic
 from minihuman.log.wire import Column, read_columns
 from minihuman.study import events as ev
 
@@ -77,11 +77,11 @@ class Gathering:
         for chunk in reading.chunks():
             others: list[tuple[int, str, bytes]] = []
             size = self._size
-            for topic, places, begins, ends in chunk.by_topic():
+            for topic, places, begins, ends in chunk.by_topic(without=_FOR_VIEWERS):
                 if topic in _THOUSANDS:
                     self._found[topic].append(OfTopic(topic, places + self._count, begins + size, ends + size))
                     self._size = size + len(chunk.data)
-                elif topic not in _FOR_VIEWERS:
+                else:
                     numbers = (self._count + places).tolist()
                     payloads = [
                         chunk.data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)

@@ -9,9 +9,10 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import numpy as np
 import zstandard
@@ -22,75 +23,10 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from numpy.typing import NDArray
 
 from minihuman.errors import LogError
+from minihuman.log.chunk import HEAD, LogMessage, Messages, cut
 
-_HEAD = struct.Struct("<BQ")  # opcode, length
-_LENGTH = struct.Struct("<Q")
 _CRC = struct.Struct("<I")
-_MESSAGE = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
 _NOT_NEEDED = frozenset({Opcode.HEADER, Opcode.MESSAGE_INDEX})
-
-
-class LogMessage(NamedTuple):
-    """One message with the channel it came on. Times are wall clock, ns since 1970."""
-
-    channel: Channel
-    sequence: int
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
-class OfTopic(NamedTuple):
-    """A chunk's messages on one topic, each (n,)."""
-
-    topic: str
-    places: NDArray[np.int64]  # among the chunk's messages
-    begins: NDArray[np.int64]  # of the payloads, in the chunk's bytes
-    ends: NDArray[np.int64]
-
-
-class Messages:
-    """The messages of one chunk, in file order: cut apart, and read when they are looked at."""
-
-    def __init__(
-        self, data: bytes, starts: NDArray[np.int64], heads: NDArray[np.void], channels: dict[int, Channel]
-    ) -> None:
-        self.data = data  # the chunk
-        self._begins = starts + _MESSAGE.itemsize  # of the payloads
-        self._ends = starts + _HEAD.size + heads["length"].astype(np.int64)
-        self._heads = heads
-        self._channels = channels
-
-    def __len__(self) -> int:
-        return len(self._heads)
-
-    def __iter__(self) -> Iterator[LogMessage]:
-        heads = self._heads[["channel", "sequence", "log_time", "publish_time"]].tolist()
-        for begin, end, (channel, sequence, log_time, publish_time) in zip(
-            self._begins.tolist(), self._ends.tolist(), heads, strict=True
-        ):
-            yield LogMessage(self._channels[channel], sequence, log_time, publish_time, self.data[begin:end])
-
-    def count(self, topic: str) -> int:
-        """How many messages are of a topic."""
-        its = [number for number, channel in self._channels.items() if channel.topic == topic]
-        return int(np.isin(self._heads["channel"], its).sum())
-
-    def by_topic(self) -> Iterator[OfTopic]:
-        """Yield the messages of each topic that has any."""
-        numbers = self._heads["channel"]
-        for number in np.unique(numbers).tolist():
-            places = np.flatnonzero(numbers == number)
-            yield OfTopic(self._channels[number].topic, places, self._begins[places], self._ends[places])
 
 
 class Scan:
@@ -145,10 +81,10 @@ class Scan:
 
     def _next(self, file: BinaryIO, at: int, size: int) -> tuple[Messages | Metadata | Attachment | None, int]:
         """Read the record at a byte: what it holds, and where the next one starts."""
-        head = file.read(_HEAD.size)
-        end = at + _HEAD.size
-        if len(head) == _HEAD.size:
-            opcode, length = _HEAD.unpack(head)
+        head = file.read(HEAD.size)
+        end = at + HEAD.size
+        if len(head) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
             end += length
         if end > size:
             self.stopped = f"cut off at byte {at}"
@@ -159,7 +95,8 @@ class Scan:
             return None, end
         self._crc = zlib.crc32(content, zlib.crc32(head, self._crc))
         if opcode == Opcode.CHUNK:
-            return self._messages(_chunk_bytes(Chunk.read(_stream(content)))), end
+            index, end = self._index(file, end, size)
+            return self._messages(_chunk_bytes(Chunk.read(_stream(content))), index), end
         if opcode == Opcode.METADATA:
             return Metadata.read(_stream(content)), end
         if opcode == Opcode.ATTACHMENT:
@@ -178,25 +115,25 @@ class Scan:
         else:
             self.finished = True
 
-    def _messages(self, data: bytes) -> Messages:
-        """Cut a chunk's messages apart: a session has thousands, so this loop does no more than it must."""
-        found: list[int] = []
-        at, size, length, head = 0, len(data), _LENGTH.unpack_from, _HEAD.size
-        while at < size:
-            found.append(at)
-            at += head + length(data, at + 1)[0]
-        if at > size:
-            raise ValueError("a record runs past its chunk's end")
-        starts, buffer = np.array(found, np.int64), np.frombuffer(data, np.uint8)
-        is_message = buffer[starts] == Opcode.MESSAGE
-        for start in starts[~is_message].tolist():
-            self._declared(data, start)
-        starts = starts[is_message]
-        heads = buffer[starts[:, np.newaxis] + np.arange(_MESSAGE.itemsize)].view(_MESSAGE)[:, 0]
-        if unknown := set(heads["channel"].tolist()) - self.channels.keys():
-            raise ValueError(f"no channel {min(unknown)} was declared")
-        self._check_sequence(heads["sequence"])
-        return Messages(data, starts, heads, self.channels)
+    def _index(self, file: BinaryIO, at: int, size: int) -> tuple[list[bytes], int]:
+        """Read the index records behind a chunk, and where the next record starts."""
+        found: list[bytes] = []
+        while len(head := file.read(HEAD.size)) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            if opcode != Opcode.MESSAGE_INDEX or at + HEAD.size + length > size:
+                break
+            found.append(file.read(length))
+            self._crc = zlib.crc32(found[-1], zlib.crc32(head, self._crc))
+            at += HEAD.size + length
+        file.seek(at)
+        return found, at
+
+    def _messages(self, data: bytes, index: list[bytes]) -> Messages:
+        records = cut(data, index)
+        for opcode, content in records.others:
+            self._declared(opcode, content)
+        self._check_sequence(records.heads["sequence"])
+        return Messages(records, self.channels)
 
     def _check_sequence(self, sequences: NDArray[np.uint32]) -> None:
         """Refuse a chunk before which, or in which, a message is missing."""
@@ -207,16 +144,24 @@ class Scan:
             raise ValueError(f"message {sequences[wrong]} follows message {before[wrong]}")
         self._sequence = int(before[-1])
 
-    def _declared(self, data: bytes, at: int) -> None:
-        """Take the schema or channel at a byte of a chunk."""
-        opcode, length = _HEAD.unpack_from(data, at)
-        content = data[at + _HEAD.size : at + _HEAD.size + length]
+    def _declared(self, opcode: int, content: bytes) -> None:
+        """Take a schema or channel of a chunk."""
         if opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(content))
+            channel = _channel(content)
             self.channels[channel.id] = channel
         elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(content))
+            schema = _schema(content)
             self.schemas[schema.id] = schema
+
+
+@lru_cache(maxsize=64)  # every log declares the same few
+def _channel(content: bytes) -> Channel:
+    return Channel.read(_stream(content))
+
+
+@lru_cache(maxsize=64)
+def _schema(content: bytes) -> Schema:
+    return Schema.read(_stream(content))
 
 
 def _chunk_bytes(chunk: Chunk) -> bytes:

@@ -12,7 +12,8 @@ import pytest
 from mcap.records import Attachment, Metadata
 
 from minihuman.log.recorder import McapRecorder
-from minihuman.log.scan import LogMessage, Scan
+from minihuman.log.chunk import LogMessage
+from minihuman.log.scan import Scan
 from minihuman.study.events import SessionStarted
 from minihuman.windows.machine import machine_facts
 from tests.log.samples import STARTED_NS, session_events, session_plan
