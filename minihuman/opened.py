@@ -89,8 +89,8 @@ def open_or_skip(path: Path) -> SessionLog | Skipped:
 def each_log(source: Path, work: Callable[[SessionLog], T], *, processes: int | None = None) -> Iterator[T | Skipped]:
     """Yield what ``work`` makes of one session after the other, in order of path, several read side by side.
 
-    ``work`` also runs in other processes where there are many sessions, so it and its results can be pickled. It may raise
-    LogError or ProtocolError: that session is skipped. Only a few results are held at a time.
+    ``work`` also runs in other processes where there are many sessions, so it and its results can be pickled. It may
+    raise LogError or ProtocolError: that session is skipped. Only a few results are held at a time.
 
     Raises:
         LogError: if there is no such file or folder.

@@ -137,7 +137,7 @@ def _starts(data: bytes, known: Places) -> Places:
     ends = known + HEAD.size + _at_each(data, np.dtype("<u8"))[known + 1].astype(np.int64)
     before, behind = np.concatenate([[0], ends]), np.concatenate([known, [len(data)]])
     gaps = np.flatnonzero(before != behind)
-    walked = [_walked(data, begin, end) for begin, end in zip(before[gaps].tolist(), behind[gaps].tolist(), strict=True)]
+    walked = (_walked(data, int(before[gap]), int(behind[gap])) for gap in gaps)
     return np.sort(np.concatenate([known, *walked]))
 
 

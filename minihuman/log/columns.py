@@ -1,10 +1,11 @@
 """Events of one kind as columns: one field of all of them at once, or an event whenever one is looked at.
 
-A session has thousands of key presses, and most readers want two or three columns of them.
+A session has thousands of key presses, and most readers want two or three columns of them: none is read before that.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import fields
+from functools import cache
 from typing import Any, Generic, TypeVar, get_args, overload
 
 from minihuman.log.plan_messages import one_of
@@ -13,68 +14,75 @@ from minihuman.study.events import FrameShown, KeyPressed, Verdict
 
 E = TypeVar("E", KeyPressed, FrameShown)
 _VERDICTS = get_args(Verdict)
-_PLACES = {kind: {field.name: place for place, field in enumerate(fields(kind))} for kind in (KeyPressed, FrameShown)}
 
 
 class EventColumns(Sequence[E], Generic[E]):
-    """A sequence of events of one kind, kept column by column."""
+    """A sequence of events of one kind, kept column by column.
 
-    __slots__ = ("_columns", "_kind")
+    Raises:
+        LogError: when a column or an event is looked at that cannot be read.
+    """
 
-    def __init__(self, kind: type[E], columns: Sequence[Sequence[Any]]) -> None:
-        """``columns`` are all of one length, one for each field of ``kind``, in its order."""
+    __slots__ = ("_column", "_kind", "_rows")
+
+    def __init__(self, kind: type[E], column: Callable[[str], Sequence[Any]], rows: range) -> None:
+        """``column`` gives the field of that name of all events that were recorded; these here are the ``rows``."""
         self._kind: type[E] = kind
-        self._columns = tuple(columns)
+        self._column = column
+        self._rows = rows
 
     @classmethod
     def of(cls, kind: type[E], events: Iterable[E]) -> "EventColumns[E]":
         """The columns of these events."""
         given = tuple(events)
-        return cls(kind, [[getattr(event, name) for event in given] for name in _PLACES[kind]])
+        return cls(kind, cache(lambda name: [getattr(event, name) for event in given]), range(len(given)))
 
     def column(self, name: str) -> Sequence[Any]:
         """The field of that name, of every event."""
-        return self._columns[_PLACES[self._kind][name]]
+        return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def __len__(self) -> int:
-        return len(self._columns[0])
+        return len(self._rows)
 
     def __iter__(self) -> Iterator[E]:
-        return map(self._kind, *self._columns)
+        return map(self._kind, *(self.column(field.name) for field in fields(self._kind)))
 
     @overload
     def __getitem__(self, place: int) -> E: ...
     @overload
     def __getitem__(self, place: slice) -> "EventColumns[E]": ...
     def __getitem__(self, place: int | slice) -> "E | EventColumns[E]":
-        parts: list[Any] = [column[place] for column in self._columns]
-        return EventColumns(self._kind, parts) if isinstance(place, slice) else self._kind(*parts)
+        if isinstance(place, slice):
+            return EventColumns(self._kind, self._column, self._rows[place])
+        row = self._rows[place]
+        return self._kind(*(self._column(field.name)[row] for field in fields(self._kind)))
 
 
-def presses(columns: Mapping[str, Column]) -> EventColumns[KeyPressed]:
+def presses(column: Callable[[str], Column], count: int) -> EventColumns[KeyPressed]:
     """Key presses and releases from the columns of their messages.
 
     Raises:
         LogError: if a verdict is outside its vocabulary.
     """
-    for word in set(columns["verdict"].values):
+
+    @cache
+    def values(name: str) -> Sequence[Any]:
+        found = column(name)
+        if name != "action":
+            return _listed(found)
+        asked = zip(found.values.tolist(), found.there.tolist(), strict=True)
+        return [number if there else None for number, there in asked]
+
+    for word in set(values("verdict")):
         one_of(_VERDICTS, word)
-    action = columns["action"]
-    asked = zip(action.values.tolist(), action.there.tolist(), strict=True)
-    return EventColumns(
-        KeyPressed,
-        (
-            columns["t_ns"].values.tolist(),
-            columns["key"].values,
-            columns["symbol"].values,
-            columns["down"].values.tolist(),
-            [number if there else None for number, there in asked],
-            columns["verdict"].values,
-            columns["phase"].values,
-        ),
-    )
+    return EventColumns(KeyPressed, values, range(count))
 
 
-def frames(columns: Mapping[str, Column]) -> EventColumns[FrameShown]:
+def frames(column: Callable[[str], Column], count: int) -> EventColumns[FrameShown]:
     """Pictures shown from the columns of their messages."""
-    return EventColumns(FrameShown, [columns[name].values.tolist() for name in _PLACES[FrameShown]])
+    return EventColumns(FrameShown, cache(lambda name: _listed(column(name))), range(count))
+
+
+def _listed(column: Column) -> list[Any]:
+    values: list[Any] = column.values if isinstance(column.values, list) else column.values.tolist()
+    return values

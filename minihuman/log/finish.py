@@ -16,13 +16,13 @@ from mcap.writer import Writer
 
 from minihuman.errors import LogError
 from minihuman.log import topics
+from minihuman.log.chunk import LogMessage
 from minihuman.log.claim import is_live, sync_folder, taken
 from minihuman.log.decode import decode
 from minihuman.log.episode import CUT_OFF
 from minihuman.log.live import LIBRARY
 from minihuman.log.paths import PART_SUFFIX, SegmentPath
 from minihuman.log.reading import segment_starts
-from minihuman.log.chunk import LogMessage
 from minihuman.log.scan import Scan
 from minihuman.study.events import SessionEnded
 

@@ -5,8 +5,9 @@ No object is made of a step, a key press or a picture shown: that is what makes 
 
 from bisect import bisect
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from operator import itemgetter
 from typing import Any
 
@@ -16,13 +17,13 @@ from numpy.typing import NDArray
 
 from minihuman.errors import LogError
 from minihuman.log import topics
+from minihuman.log.chunk import OfTopic
 from minihuman.log.columns import EventColumns, frames, presses
 from minihuman.log.episode import Episode, pose_row
 from minihuman.log.observations import Observations
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.reading import Reading
-from minihuman.log.chunk import OfTopic
-from minihuman.log.wire import Column, read_columns
+from minihuman.log.wire import Column, Columns, read_columns
 from minihuman.study import events as ev
 
 _AXES = ("x", "y", "z", "yaw_rad")
@@ -41,12 +42,31 @@ class _Span:
     outcome: ev.Outcome | None = None
 
 
-@dataclass(frozen=True, slots=True)
 class _Rows:
-    """All of a session's messages on one topic: their places among all messages, and their fields."""
+    """All of a session's messages on one topic: their places among all, and their fields, read when asked for."""
 
-    places: NDArray[np.int64]
-    columns: Mapping[str, Column]
+    def __init__(self, topic: str, found: Sequence[OfTopic], data: bytes) -> None:
+        self._topic = topic
+        self.places, self._begins, self._ends = (
+            np.concatenate([np.zeros(0, np.int64), *(getattr(of_topic, name) for of_topic in found)])
+            for name in ("places", "begins", "ends")
+        )
+        self._data = data
+
+    @cached_property
+    def _columns(self) -> Columns:
+        return read_columns(_THOUSANDS[self._topic], self._data, self._begins, self._ends)
+
+    def column(self, name: str) -> Column:
+        """One field of them all.
+
+        Raises:
+            LogError: if it cannot be read.
+        """
+        try:
+            return self._columns[name]
+        except ValueError as error:
+            raise LogError(f"a message on {self._topic} cannot be read: {error}") from error
 
     def within(self, span: _Span) -> slice:
         """Which of them belong to an episode."""
@@ -103,16 +123,16 @@ class Gathering:
         ``segments`` are the numbers of those that were read.
 
         Raises:
-            LogError: if a step, a key or a picture cannot be read, or a step is missing.
+            LogError: if a step or a key press cannot be read, or a step is missing. Pictures are read when looked at.
         """
         data = b"".join(self._chunks)
-        steps, downs, pictures = (self._rows(topic, data) for topic in (topics.STEP, topics.KEY, topics.FRAME))
-        keys, shown = presses(downs.columns), frames(pictures.columns)
+        steps, downs, pictures = (_Rows(topic, self._found[topic], data) for topic in _THOUSANDS)
+        keys, shown = presses(downs.column, len(downs.places)), frames(pictures.column, len(pictures.places))
         of_steps = [steps.within(span) for span in self._spans]
-        moments = _moments([span.start for span in self._spans], [its.start for its in of_steps], steps.columns)
-        by_step = _by_step(steps.columns)
-        numbers = [steps.columns[name].values for name in ("episode", "step")]
-        step_keys = tuple(steps.columns["key"].values)
+        moments = _moments([span.start for span in self._spans], [its.start for its in of_steps], steps.column)
+        by_step = _by_step(steps.column)
+        numbers = [steps.column(name).values for name in ("episode", "step")]
+        step_keys = tuple(steps.column("key").values)
         episodes = []
         for number, (span, its) in enumerate(zip(self._spans, of_steps, strict=True)):
             _check(span.start.plan.episode, *(column[its] for column in numbers))
@@ -137,17 +157,6 @@ class Gathering:
         places, messages = self._observed
         its = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
         return Observations(span.start.plan.episode, its[: steps + 1]) if len(its) > steps else None
-
-    def _rows(self, topic: str, data: bytes) -> _Rows:
-        found = self._found[topic]
-        places, begins, ends = (
-            np.concatenate([np.zeros(0, np.int64), *(getattr(of_topic, name) for of_topic in found)])
-            for name in ("places", "begins", "ends")
-        )
-        try:
-            return _Rows(places, read_columns(_THOUSANDS[topic], data, begins, ends))
-        except ValueError as error:
-            raise LogError(f"a message on {topic} cannot be read: {error}") from error
 
     def _take(self, place: int, event: ev.Event | None) -> None:
         match event:
@@ -182,32 +191,32 @@ def _check(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) 
         )
 
 
-def _by_step(columns: Mapping[str, Column]) -> dict[str, NDArray[Any]]:
+def _by_step(column: Callable[[str], Column]) -> dict[str, NDArray[Any]]:
     """The columns of ``Episode`` that have a row for each step."""
-    rt_ms = columns["rt_ms"]
+    rt_ms = column("rt_ms")
     return {
-        "actions": columns["action"].values,
-        "key_t_ns": columns["key_t_ns"].values,
-        "rewards": columns["reward"].values,
-        "terminated": columns["terminated"].values,
-        "truncated": columns["truncated"].values,
+        "actions": column("action").values,
+        "key_t_ns": column("key_t_ns").values,
+        "rewards": column("reward").values,
+        "terminated": column("terminated").values,
+        "truncated": column("truncated").values,
         "rt_ms": np.where(rt_ms.there, rt_ms.values, np.nan),
     }
 
 
 def _moments(
-    starts: Sequence[ev.EpisodeStarted], resets: Sequence[int], columns: Mapping[str, Column]
+    starts: Sequence[ev.EpisodeStarted], resets: Sequence[int], column: Callable[[str], Column]
 ) -> dict[str, NDArray[Any]]:
     """The columns of ``Episode`` that have a row for its reset and one for each step, put before its first."""
-    pose = columns["pose"]
+    pose = column("pose")
     after = np.stack([np.where(pose.there, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
     first = np.array([pose_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
     moments: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
-    for column, name, dtype in (
+    for of_episode, name, dtype in (
         ("t_ns", "t_ns", np.int64),
         ("state_hashes", "state_hash", np.uint64),
         ("observation_hashes", "observation_hash", np.uint64),
     ):
         first = np.array([getattr(start, name) for start in starts], dtype)
-        moments[column] = np.insert(columns[name].values, resets, first)
+        moments[of_episode] = np.insert(column(name).values, resets, first)
     return moments

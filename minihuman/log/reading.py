@@ -6,9 +6,9 @@ from pathlib import Path
 from mcap.records import Metadata
 
 from minihuman.errors import LogError
+from minihuman.log.chunk import LogMessage, Messages
 from minihuman.log.decode import decode
 from minihuman.log.paths import PART_SUFFIX
-from minihuman.log.chunk import LogMessage, Messages
 from minihuman.log.scan import Scan
 from minihuman.log.topics import END_METADATA, PLAN, SCHEMA_VERSION, SEGMENT_METADATA
 from minihuman.study.events import Event

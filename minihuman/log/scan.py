@@ -156,12 +156,14 @@ class Scan:
 
 @lru_cache(maxsize=64)  # every log declares the same few
 def _channel(content: bytes) -> Channel:
-    return Channel.read(_stream(content))
+    channel: Channel = Channel.read(_stream(content))
+    return channel
 
 
 @lru_cache(maxsize=64)
 def _schema(content: bytes) -> Schema:
-    return Schema.read(_stream(content))
+    schema: Schema = Schema.read(_stream(content))
+    return schema
 
 
 def _chunk_bytes(chunk: Chunk) -> bytes:

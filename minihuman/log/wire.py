@@ -5,8 +5,8 @@ a parser makes one object after the other. What is read is what protobuf's own p
 no writer of ours does: groups are refused, and of a nested message that comes twice the last one counts.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
@@ -14,6 +14,7 @@ from google.protobuf.message import Message
 from numpy.typing import NDArray
 
 Bytes = NDArray[np.uint8]
+Words = NDArray[np.uint64]
 Places = NDArray[np.int64]  # (n,) a byte of each message
 
 _VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5  # wire types
@@ -27,48 +28,72 @@ _WIRE_TYPE = {
     FieldDescriptor.TYPE_MESSAGE: _LENGTH,
 }
 _VARINT_BITS = 70  # ten groups of seven are the most that a varint has
+_ONES, _SEVENS, _EIGHTHS = (np.uint64(byte * 0x0101010101010101) for byte in (0x01, 0x7F, 0x80))  # in each byte
+_PAIRS = tuple(  # how far the upper of two neighbours moves down to the lower, and the lower ones' bits
+    (np.uint64(bits), np.uint64(lower))
+    for bits, lower in ((1, 0x007F007F007F007F), (2, 0x00003FFF00003FFF), (4, 0x000000000FFFFFFF))
+)
 _BEYOND = bytes(16)  # behind the last message, so that a number cut off there can be read before it is refused
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(NamedTuple):
     """One field of n messages: (n,) numbers, n texts, or the columns of a nested message; and which hold it at all."""
 
     values: Any
     there: NDArray[np.bool_]  # (n,) False: the field's default stands in ``values``
 
 
-def read_columns(kind: type[Message], data: bytes, begins: Places, ends: Places) -> dict[str, Column]:
-    """Read every field, by name, of the messages of one kind that lie between these places in ``data``.
+class Columns(Mapping[str, Column]):
+    """Every field, by name, of some messages. Texts and nested messages are read when they are first looked at.
 
     Raises:
-        ValueError: if the bytes are no such messages.
+        ValueError: at once or when a field is looked at, if the bytes are no such messages.
     """
-    return _columns(kind.DESCRIPTOR, data + _BEYOND, begins, ends)
+
+    def __init__(self, kind: Any, data: bytes, begins: Places, ends: Places) -> None:
+        """``kind`` is the messages' descriptor; they lie between these places in ``data``, and ``_BEYOND`` behind."""
+        self._data = data
+        self._found = {field.name: _Field(field, data, ends) for field in kind.fields}
+        self._read: dict[str, Column] = {}
+        at = begins.copy()
+        while (at < ends).any():
+            before = at.copy()
+            for field in self._found.values():  # writers keep the fields' order, so once through is enough
+                field.take(at)
+            for row in np.flatnonzero((at == before) & (at < ends)):
+                at[row] = _after_unknown(data, int(at[row]), int(ends[row]))
+
+    def __getitem__(self, name: str) -> Column:
+        if name not in self._read:
+            self._read[name] = self._found[name].read(self._data)
+        return self._read[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
 
 
-def _columns(kind: Any, data: bytes, begins: Places, ends: Places) -> dict[str, Column]:
-    buffer = np.frombuffer(data, np.uint8)
-    columns = {field.number: _Reader(field, buffer, ends) for field in kind.fields}
-    at = begins.copy()
-    while (at < ends).any():
-        before = at.copy()
-        for column in columns.values():  # writers keep the fields' order, so once through is enough
-            column.take(at)
-        for row in np.flatnonzero((at == before) & (at < ends)):
-            at[row] = _after_unknown(data, int(at[row]), int(ends[row]))
-    return {column.field.name: column.read(data) for column in columns.values()}
+def read_columns(kind: type[Message], data: bytes, begins: Places, ends: Places) -> Columns:
+    """Read the messages of one kind that lie between these places in ``data``.
+
+    Raises:
+        ValueError: as ``Columns``.
+    """
+    return Columns(kind.DESCRIPTOR, data + _BEYOND, begins, ends)
 
 
-class _Reader:
+class _Field:
     """One field as it is met in one message after the other."""
 
-    def __init__(self, field: FieldDescriptor, buffer: Bytes, ends: Places) -> None:
+    def __init__(self, field: FieldDescriptor, data: bytes, ends: Places) -> None:
         assert field.number < 16, f"{field.full_name}: a tag of two bytes"
-        self.field = field
+        self._kind = field
         self._wire_type = _WIRE_TYPE[field.type]
         self._tag = field.number << 3 | self._wire_type
-        self._buffer = buffer
+        self._bytes: Bytes = np.frombuffer(data, np.uint8)
+        self._words = _words(data)
         self._ends = ends
         self._there = np.zeros(len(ends), np.bool_)
         self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or where a text or message begins
@@ -76,23 +101,25 @@ class _Reader:
 
     def take(self, at: Places) -> None:
         """Read the field of every message that has it at its place, and put that place behind it."""
-        rows = np.flatnonzero((self._buffer[at] == self._tag) & (at < self._ends))
-        if not rows.size:
+        its = (self._bytes[at] == self._tag) & (at < self._ends)
+        count = np.count_nonzero(its)
+        if not count:
             return
+        rows = slice(None) if count == len(its) else np.flatnonzero(its)
         here, ends = at[rows] + 1, self._ends[rows]
         if self._wire_type == _FIXED64:
-            self._numbers[rows] = self._buffer[here[:, np.newaxis] + np.arange(8)].view("<u8")[:, 0]
+            self._numbers[rows] = self._words[here]
             here += 8
         else:
-            numbers, here = _varints(self._buffer, here)
+            numbers, here = _varints(self._words, here)
             if self._wire_type == _LENGTH:
                 if (numbers > (ends - here).clip(0).astype(np.uint64)).any():
-                    raise ValueError(f"{self.field.name} is cut off")
+                    raise ValueError(f"{self._kind.name} is cut off")
                 numbers, self._lengths[rows] = here.astype(np.uint64), numbers
                 here = here + self._lengths[rows]
             self._numbers[rows] = numbers
         if (here > ends).any():
-            raise ValueError(f"{self.field.name} is cut off")
+            raise ValueError(f"{self._kind.name} is cut off")
         self._there[rows] = True
         at[rows] = here
 
@@ -101,7 +128,7 @@ class _Reader:
         return Column(self._values(data), self._there)
 
     def _values(self, data: bytes) -> Any:
-        match self.field.type:
+        match self._kind.type:
             case FieldDescriptor.TYPE_INT64:
                 return self._numbers.view(np.int64)
             case FieldDescriptor.TYPE_DOUBLE:
@@ -111,22 +138,33 @@ class _Reader:
             case FieldDescriptor.TYPE_STRING | FieldDescriptor.TYPE_MESSAGE:
                 begins = self._numbers.view(np.int64)
                 ends = begins + self._lengths
-                if self.field.message_type is not None:
-                    return _columns(self.field.message_type, data, begins, ends)
+                if self._kind.message_type is not None:
+                    return Columns(self._kind.message_type, data, begins, ends)
                 return _texts(data, begins, ends)
         return self._numbers
 
 
-def _varints(buffer: Bytes, at: Places) -> tuple[NDArray[np.uint64], Places]:
+def _words(data: bytes) -> Words:
+    """The eight bytes from each byte on, to be looked up at many places at once."""
+    return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
+
+
+def _varints(words: Words, at: Places) -> tuple[Words, Places]:
     """The number at each place, seven bits a byte, the lowest first; and the places behind them."""
-    byte = buffer[at]
-    numbers, at = (byte & 127).astype(np.uint64), at + 1
-    more, shift = np.flatnonzero(byte > 127), 7
+    word = words[at]
+    stops = ~word & _EIGHTHS
+    within = (stops & -stops) - np.uint64(1)  # the bits up to the first stop; all where there is none in these bytes
+    numbers = word & within & _SEVENS
+    if within.max() > 0x7F:
+        for bits, lower in _PAIRS:  # sevens become fourteens, those twenty-eights, those the number
+            numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
+    at = at + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
+    more, shift = np.flatnonzero(stops == 0), 56
     while more.size:
         if shift >= _VARINT_BITS:
             raise ValueError("a number is too long")
-        byte = buffer[at[more]]
-        numbers[more] |= (byte & 127).astype(np.uint64) << np.uint64(shift)
+        byte = words[at[more]] & np.uint64(0xFF)
+        numbers[more] |= (byte & np.uint64(0x7F)) << np.uint64(shift)
         at[more] += 1
         more, shift = more[byte > 127], shift + 7
     return numbers, at
@@ -134,9 +172,9 @@ def _varints(buffer: Bytes, at: Places) -> tuple[NDArray[np.uint64], Places]:
 
 def _texts(data: bytes, begins: Places, ends: Places) -> list[str]:
     """The texts between the places; equal ones are one object."""
-    raw = [data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
+    raw = list(map(data.__getitem__, map(slice, begins.tolist(), ends.tolist())))
     texts = {text: text.decode() for text in set(raw)}
-    return [texts[text] for text in raw]
+    return list(map(texts.__getitem__, raw))
 
 
 def _after_unknown(data: bytes, at: int, end: int) -> int:
@@ -162,5 +200,5 @@ def _after_unknown(data: bytes, at: int, end: int) -> int:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    number, places = _varints(np.frombuffer(data, np.uint8), np.array([at]))
-    return int(number[0]), int(places[0])
+    numbers, places = _varints(_words(data), np.array([at]))
+    return int(numbers[0]), int(places[0])

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from mcap.records import Attachment, Metadata
 
-from minihuman.log.recorder import McapRecorder
 from minihuman.log.chunk import LogMessage
+from minihuman.log.recorder import McapRecorder
 from minihuman.log.scan import Scan
 from minihuman.study.events import SessionStarted
 from minihuman.windows.machine import machine_facts
