@@ -29,6 +29,6 @@ def _export(chosen: Selection, out: Path, kind: Kind) -> Written:
     with TableWriter(out, kinds=(kind,), without=NEED_WORLD) as writer:
         for session in chosen.each_session(partial(read_session, reading=Reading(with_shortest=False))):
             writer.write(session.rows)
-            episodes += session.rows["episodes"].num_rows
-            steps += session.rows["steps"].num_rows
+            episodes += session.rows.count("episodes")
+            steps += session.rows.count("steps")
     return Written((*writer.paths, writer.dictionary), episodes, steps)

@@ -14,8 +14,8 @@ from minihuman.log.read import open_log
 from minihuman.opened import Skipped
 from minihuman.report.page import Page, page
 from minihuman.report.results import Results, results
+from minihuman.report.rows import Rows
 from minihuman.report.study import Reading, Session, read_study
-from minihuman.report.tables import Rows
 from minihuman.report.writing import write_tables
 from minihuman.study.plan import SessionPlan
 
@@ -60,8 +60,8 @@ class _Study:
                     "a report is of one study: name its folder"
                 )
             self.sessions += 1
-            if one.rows["blocks"].num_rows > self._blocks:
-                self.example, self._blocks = one.path, one.rows["blocks"].num_rows
+            if one.rows.count("blocks") > self._blocks:
+                self.example, self._blocks = one.path, one.rows.count("blocks")
             yield one.rows
 
 

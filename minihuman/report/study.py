@@ -4,9 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import pyarrow as pa
 
 from minihuman.errors import WorldError
 from minihuman.log.episode import SessionLog
@@ -14,7 +11,8 @@ from minihuman.marks import read_marks, tags
 from minihuman.measures.shortest import UNKNOWN, Shortest, shortest
 from minihuman.opened import Skipped, each_log
 from minihuman.report.exclusions import Rules
-from minihuman.report.tables import Rows, session_tables
+from minihuman.report.rows import Rows
+from minihuman.report.tables import session_tables
 from minihuman.study.plan import EpisodePlan, SessionPlan
 
 
@@ -32,25 +30,11 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One session's plan and rows. Quick to pickle: tables travel as Arrow's streams, not column by column."""
+    """One session's plan and rows."""
 
     path: Path
     plan: SessionPlan
     rows: Rows
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _unpacked, (self.path, self.plan, {name: _stream(table) for name, table in self.rows.items()})
-
-
-def _stream(table: pa.Table) -> pa.Buffer:
-    with pa.BufferOutputStream() as stream:
-        with pa.ipc.new_stream(stream, table.schema) as writer:
-            writer.write_table(table)
-        return stream.getvalue()
-
-
-def _unpacked(path: Path, plan: SessionPlan, streams: dict[str, pa.Buffer]) -> Session:
-    return Session(path, plan, {name: pa.ipc.open_stream(stream).read_all() for name, stream in streams.items()})
 
 
 def read_study(source: Path, reading: Reading, *, processes: int | None = None) -> Iterator[Session | Skipped]:

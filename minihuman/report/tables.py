@@ -3,11 +3,9 @@
 import math
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import chain
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.marks import tags_of
@@ -16,11 +14,10 @@ from minihuman.measures.keys import KeyUse, Tally, key_uses, visible_effect
 from minihuman.measures.path import path_efficiency, path_length, turns_in_place
 from minihuman.measures.shortest import Shortest
 from minihuman.measures.timing import Pauses, pauses, playing_s, reaction_ms
-from minihuman.report.columns import schema
 from minihuman.report.exclusions import UNFINISHED_OUTCOMES, Rules
+from minihuman.report.rows import Part, Rows
 from minihuman.study.plan import EpisodePlan
 
-Rows = dict[str, pa.Table]
 Planner = Callable[[EpisodePlan], Shortest]
 _Columns = dict[str, Any]
 
@@ -71,14 +68,20 @@ def session_tables(
     participant["left_out"] = rules.participant(participant)
     for row in blocks:
         row["left_out"] = participant["left_out"] or ("" if row["episodes"] else "no episode counts")
-    return {
-        "steps": _joined("steps", [_steps(e, a) for e, a in zip(log.episodes, attempts, strict=True)], who),
-        "presses": _joined("presses", [_presses(e, a) for e, a in zip(log.episodes, attempts, strict=True)], who),
-        "keys": pa.Table.from_pylist([who | row for row in _keys(tallies)], schema=schema("keys")),
-        "episodes": pa.Table.from_pylist(episodes, schema=schema("episodes")),
-        "blocks": pa.Table.from_pylist(blocks, schema=schema("blocks")),
-        "participants": pa.Table.from_pylist([participant], schema=schema("participants")),
-    }
+    steps, presses = (
+        Part.below([of(*played) for played in zip(log.episodes, attempts, strict=True)], **who)
+        for of in (_steps, _presses)
+    )
+    return Rows(
+        {
+            "steps": steps,
+            "presses": presses,
+            "keys": Part.of([who | row for row in _keys(tallies)]),
+            "episodes": Part.of(episodes),
+            "blocks": Part.of(blocks),
+            "participants": Part.of([participant]),
+        }
+    )
 
 
 def _attempts(episodes: Iterable[Episode]) -> list[int]:
@@ -90,39 +93,17 @@ def _attempts(episodes: Iterable[Episode]) -> list[int]:
     return attempts
 
 
-def _joined(table: str, parts: Sequence[_Columns], who: Mapping[str, Any]) -> pa.Table:
-    """Put the episodes' columns one below the other, and whose they are in front."""
-    arrow = schema(table)
-    lengths = [len(part["t_s"]) for part in parts]
-    columns = [
-        pa.repeat(pa.scalar(who[field.name], field.type), sum(lengths))
-        if field.name in who
-        else _column([part[field.name] for part in parts], lengths, field.type)
-        for field in arrow
-    ]
-    return pa.table(columns, schema=arrow)
-
-
-def _column(parts: Sequence[Any], lengths: Sequence[int], kind: pa.DataType) -> pa.Array:
-    """One column of the parts' values: arrays, lists, or one value for a whole part. NaN becomes empty."""
-    if parts and isinstance(parts[0], np.ndarray):
-        return pa.array(np.concatenate(parts), kind, from_pandas=True)
-    if parts and isinstance(parts[0], list):
-        return pa.array(list(chain.from_iterable(parts)), kind)
-    return pa.array(parts, kind).take(np.repeat(np.arange(len(parts)), lengths))
-
-
 def _place(episode: Episode, attempt: int) -> _Columns:
     return {"block": episode.plan.block_name, "episode": episode.plan.episode + 1, "attempt": attempt}
 
 
-def _steps(episode: Episode, attempt: int) -> _Columns:
+def _steps(episode: Episode, attempt: int) -> Part:
     n = len(episode.actions)
-    names = np.array(episode.start.action_names, object)
-    return _place(episode, attempt) | {
+    names = episode.start.action_names
+    columns = {
         "step": np.arange(1, n + 1),
         "t_s": episode.t_ns[1:] / 1e9,
-        "action": names[episode.actions],
+        "action": [names[action] for action in episode.actions.tolist()],
         "key": list(episode.step_keys),
         "reward": episode.rewards,
         "reaction_ms": episode.rt_ms,
@@ -133,18 +114,20 @@ def _steps(episode: Episode, attempt: int) -> _Columns:
         "terminated": episode.terminated,
         "truncated": episode.truncated,
     }
+    return Part(n, _place(episode, attempt) | columns)
 
 
-def _presses(episode: Episode, attempt: int) -> _Columns:
+def _presses(episode: Episode, attempt: int) -> Part:
     names: dict[int | None, str] = {None: "", **dict(enumerate(episode.start.action_names))}
     keys = episode.keys
-    return _place(episode, attempt) | {
+    columns = {
         "t_s": np.array(keys.column("t_ns"), np.int64) / 1e9,
         "key": keys.column("key"),
         "down": keys.column("down"),
         "action": [names[action] for action in keys.column("action")],
         "verdict": keys.column("verdict"),
     }
+    return Part(len(keys), _place(episode, attempt) | columns)
 
 
 def _keys(tallies: Sequence[Tally]) -> list[_Columns]:

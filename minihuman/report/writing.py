@@ -12,11 +12,11 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from minihuman.report.columns import TABLES, dictionary, schema
-from minihuman.report.tables import Rows
+from minihuman.report.rows import Rows, together
 
 Kind = Literal["parquet", "csv"]
 _ROWS = 50_000  # held back per table, so that a Parquet file is not one row group a session
-_TABLES = 64  # held back before they are made one: a table of a single row takes as much as one of hundreds
+_SESSIONS = 64  # made Arrow together, or fewer with as many rows: until then they take several times the memory
 
 
 _WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {
@@ -39,6 +39,7 @@ class TableWriter:
         self.dictionary = folder / "dictionary.json"
         self.dictionary.write_text(json.dumps(dictionary(without=without), indent=1) + "\n")
         self._without = without
+        self._fresh: list[Rows] = []
         self._waiting: dict[str, list[pa.Table]] = {name: [] for name in TABLES}
         self._writers = {
             name: [_WRITERS[kind](folder / f"{name}.{kind}", schema(name, without=without)) for kind in kinds]
@@ -47,15 +48,13 @@ class TableWriter:
 
     def write(self, rows: Rows) -> None:
         """Take one session's rows."""
-        for name, table in rows.items():
-            self._waiting[name].append(table)
-            if len(self._waiting[name]) >= _TABLES:
-                self._waiting[name] = [pa.concat_tables(self._waiting[name]).combine_chunks()]
-            if sum(waiting.num_rows for waiting in self._waiting[name]) >= _ROWS:
-                self._flush(name)
+        self._fresh.append(rows)
+        if len(self._fresh) >= _SESSIONS or sum(map(_rows, self._fresh)) >= _ROWS:
+            self._settle()
 
     def close(self) -> None:
         """Write what is held back and finish the files."""
+        self._settle()
         for name in TABLES:
             self._flush(name)
             for writer in self._writers[name]:
@@ -69,13 +68,24 @@ class TableWriter:
     ) -> None:
         self.close()
 
+    def _settle(self) -> None:
+        """Make Arrow of the sessions that came last, and write the tables of which enough is held back."""
+        for name, waiting in self._waiting.items():
+            waiting.append(together(name, self._fresh))
+            if sum(table.num_rows for table in waiting) >= _ROWS:
+                self._flush(name)
+        self._fresh.clear()
+
     def _flush(self, name: str) -> None:
-        if self._waiting[name]:
-            columns = schema(name, without=self._without).names
-            table = pa.concat_tables(self._waiting[name]).select(columns)
-            for writer in self._writers[name]:
-                writer.write_table(table)
-            self._waiting[name] = []
+        columns = schema(name, without=self._without).names
+        table = pa.concat_tables(self._waiting[name]).select(columns)
+        self._waiting[name].clear()
+        for writer in self._writers[name]:
+            writer.write_table(table)
+
+
+def _rows(session: Rows) -> int:
+    return sum(session.count(name) for name in session)
 
 
 def write_tables(sessions: Iterable[Rows], folder: Path) -> tuple[Path, ...]:

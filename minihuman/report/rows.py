@@ -1,0 +1,76 @@
+"""Rows of the tables, kept as plain columns until those of many sessions are made one Arrow table.
+
+A column costs Arrow as much for one session as for a hundred, and a session travels sooner from process to process
+as what it is made of.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, repeat
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from minihuman.report.columns import TABLES, schema
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some rows of a table: of each column (n,) values in an array or a list, or the one value that all rows have."""
+
+    count: int  # n
+    columns: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, Any]]) -> "Part":
+        """As many rows as there are mappings from column to value; each has the same columns."""
+        return cls(len(rows), {name: [row[name] for row in rows] for name in (rows[0] if rows else ())})
+
+    @classmethod
+    def below(cls, parts: Sequence["Part"], **shared: Any) -> "Part":
+        """Put parts of one table one below the other; ``shared`` are further columns with one value for all rows."""
+        counts = [part.count for part in parts]
+        columns = {
+            name: _below([part.columns[name] for part in parts if part.count], [count for count in counts if count])
+            for name in (parts[0].columns if parts else ())
+        }
+        return cls(sum(counts), columns | shared)
+
+
+def _below(values: Sequence[Any], counts: Sequence[int]) -> Any:
+    match values:
+        case [np.ndarray(), *_]:
+            return np.concatenate(values)
+        case [list(), *_]:
+            return list(chain.from_iterable(values))
+    return list(chain.from_iterable(map(repeat, values, counts)))
+
+
+@dataclass(frozen=True, slots=True)
+class Rows(Mapping[str, pa.Table]):
+    """A session's rows of every table, by the table's name; as Arrow when one is looked at."""
+
+    parts: Mapping[str, Part]
+
+    def __getitem__(self, name: str) -> pa.Table:
+        return together(name, [self])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(TABLES)
+
+    def __len__(self) -> int:
+        return len(TABLES)
+
+    def count(self, name: str) -> int:
+        """How many rows one of the tables has."""
+        return self.parts[name].count
+
+
+def together(name: str, sessions: Sequence[Rows]) -> pa.Table:
+    """One table's rows of several sessions. A NaN becomes empty."""
+    part = Part.below([session.parts[name] for session in sessions if session.parts[name].count])
+    arrow = schema(name)
+    return pa.table(
+        [pa.array(part.columns.get(field.name, ()), field.type, from_pandas=True) for field in arrow], schema=arrow
+    )
