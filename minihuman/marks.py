@@ -8,7 +8,7 @@ import dataclasses
 import os
 import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import msgspec
@@ -87,7 +87,7 @@ def tags(marks: Iterable[Mark]) -> dict[int | None, frozenset[str]]:
     return {episode: frozenset(theirs) for episode, theirs in found.items() if theirs}
 
 
-def tags_of(episode: Episode, in_force: dict[int | None, frozenset[str]]) -> frozenset[str]:
+def tags_of(episode: Episode, in_force: Mapping[int | None, frozenset[str]]) -> frozenset[str]:
     """The tags of one episode, the whole session's included."""
     return in_force.get(episode.plan.episode + 1, frozenset()) | in_force.get(None, frozenset())
 

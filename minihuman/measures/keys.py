@@ -4,7 +4,7 @@ A step has a visible effect if the observation after it differs from the one bef
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import compress, groupby
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.log.episode import Episode
+from minihuman.study.plan import KeyMap
 
 _TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a step
 
@@ -77,8 +78,7 @@ class Tally:
 def key_uses(tallies: Sequence[Tally]) -> tuple[KeyUse, ...]:
     """How every key was used, one row for each key of each key map, and for each other key that was tried."""
     rows: list[KeyUse] = []
-    for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
-        under = list(run)
+    for key_map, under in _by_key_map(tallies):
         presses, refused, steps, in_vain = (
             _total(getattr(tally, name) for tally in under) for name in ("presses", "refused", "steps", "in_vain")
         )
@@ -101,6 +101,22 @@ def key_uses(tallies: Sequence[Tally]) -> tuple[KeyUse, ...]:
                 )
             )
     return tuple(rows)
+
+
+def times_to_find(tallies: Sequence[Tally]) -> list[float | None]:
+    """``KeyUse.found_s`` of every key that has an action."""
+    return [
+        found[key][0] if key in found else None
+        for key_map, under in _by_key_map(tallies)
+        for found in [_found(under)]
+        for key in key_map.keys
+    ]
+
+
+def _by_key_map(tallies: Iterable[Tally]) -> Iterator[tuple[KeyMap, list[Tally]]]:
+    """The episodes that were played one after the other under the same key map."""
+    for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
+        yield key_map, list(run)
 
 
 def _total(counts: Iterable[Counter[str]]) -> Counter[str]:

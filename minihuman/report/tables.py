@@ -10,8 +10,8 @@ import numpy as np
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.marks import tags_of
 from minihuman.measures.adaptation import slope_per_episode
-from minihuman.measures.keys import KeyUse, Tally, key_uses, visible_effect
-from minihuman.measures.path import path_efficiency, path_length, turns_in_place
+from minihuman.measures.keys import Tally, key_uses, times_to_find, visible_effect
+from minihuman.measures.path import Walk, walks
 from minihuman.measures.shortest import Shortest
 from minihuman.measures.timing import Pauses, pauses, playing_s, reaction_ms
 from minihuman.report.exclusions import UNFINISHED_OUTCOMES, Rules
@@ -39,8 +39,12 @@ def session_tables(
     attempts, paused = _attempts(log.episodes), pauses(log.notes)
     tallies = [Tally.of(episode) for episode in log.episodes]
     episodes = [
-        who | _episode(tally, attempt, paused, tags_of(tally.episode, dict(tags)), shortest(tally.episode.plan))
-        for tally, attempt in zip(tallies, attempts, strict=True)
+        who
+        | _place(tally.episode, attempt)
+        | _episode(tally, walk, paused)
+        | _least(tally.episode, shortest(tally.episode.plan))
+        | {"tags": " ".join(sorted(tags_of(tally.episode, tags)))}
+        for tally, walk, attempt in zip(tallies, walks(log.episodes), attempts, strict=True)
     ]
     for row in episodes:
         row["left_out"] = rules.episode(row)
@@ -150,33 +154,36 @@ def _keys(tallies: Sequence[Tally]) -> list[_Columns]:
     ]
 
 
-def _episode(tally: Tally, attempt: int, paused: Pauses, tags: frozenset[str], least: Shortest) -> _Columns:
+def _episode(tally: Tally, walk: Walk, paused: Pauses) -> _Columns:
     episode = tally.episode
-    plan, steps = episode.plan, len(episode.actions)
-    success = episode.outcome == "goal"
+    plan = episode.plan
     mean_ms, median_ms = reaction_ms(episode)
-    return _place(episode, attempt) | {
+    return {
         "episode_in_block": plan.episode_in_block + 1,
         "world": plan.world,
         "seed": plan.seed,
         "outcome": episode.outcome_word,
-        "success": success,
+        "success": episode.outcome == "goal",
         "reward": episode.return_,
-        "steps": steps,
+        "steps": len(episode.actions),
         "max_steps": plan.max_steps,
-        "shortest_steps": least.at_least,
-        "feasible_steps": least.feasible,
-        "excess_steps": float(steps - least.at_least) if success and least.at_least is not None else None,
         "playing_s": playing_s(episode, paused),
         "reaction_mean_ms": _told(mean_ms),
         "reaction_median_ms": _told(median_ms),
-        "path_length": _told(path_length(episode)),
-        "path_efficiency": _told(path_efficiency(episode)),
-        "turns_in_place": len(turns_in_place(episode)),
+        "path_length": _told(walk.length),
+        "path_efficiency": _told(walk.efficiency),
+        "turns_in_place": walk.turns,
         "in_vain": tally.in_vain.total(),
         "refused": tally.refused.total(),
-        "tags": " ".join(sorted(tags)),
     }
+
+
+def _least(episode: Episode, least: Shortest) -> _Columns:
+    """The fewest possible steps, and how many more an episode took that reached the goal."""
+    excess_steps = None
+    if episode.outcome == "goal" and least.at_least is not None:
+        excess_steps = float(len(episode.actions) - least.at_least)
+    return {"shortest_steps": least.at_least, "feasible_steps": least.feasible, "excess_steps": excess_steps}
 
 
 def _over(rows: Sequence[_Columns], tallies: Sequence[Tally]) -> _Columns:
@@ -185,7 +192,8 @@ def _over(rows: Sequence[_Columns], tallies: Sequence[Tally]) -> _Columns:
     steps = [row["steps"] for row in rows]
     times = np.concatenate([np.zeros(0), *(tally.episode.rt_ms for tally in tallies)])
     times = times[~np.isnan(times)]
-    uses = [use for use in key_uses(tallies) if use.action is not None]
+    to_find = times_to_find(tallies)
+    found = [found_s for found_s in to_find if found_s is not None]
     return {
         "episodes": len(rows),
         "success": _mean([row["success"] for row in rows]),
@@ -200,15 +208,10 @@ def _over(rows: Sequence[_Columns], tallies: Sequence[Tally]) -> _Columns:
         "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),
         "in_vain_share": sum(row["in_vain"] for row in rows) / sum(steps) if sum(steps) else None,
         "refused": sum(row["refused"] for row in rows),
-        "keys_found": sum(use.found_s is not None for use in uses),
-        "keys_to_find": len(uses),
-        "found_all_s": _last_found(uses),
+        "keys_found": len(found),
+        "keys_to_find": len(to_find),
+        "found_all_s": max(found) if found and len(found) == len(to_find) else None,
     }
-
-
-def _last_found(uses: Sequence[KeyUse]) -> float | None:
-    found = [use.found_s for use in uses if use.found_s is not None]
-    return max(found) if found and len(found) == len(uses) else None
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

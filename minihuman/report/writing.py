@@ -15,8 +15,9 @@ from minihuman.report.columns import TABLES, dictionary, schema
 from minihuman.report.rows import Rows, together
 
 Kind = Literal["parquet", "csv"]
-_ROWS = 50_000  # held back per table, so that a Parquet file is not one row group a session
-_SESSIONS = 64  # made Arrow together, or fewer with as many rows: until then they take several times the memory
+_SESSIONS = 64  # made Arrow together, so that not every column is made for every session,
+_ROWS = 100_000  # or fewer sessions with so many rows in all tables
+_BYTES = 256 * 1024  # of a table held back, so that a small one is not a row group for each of those few sessions
 
 
 _WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {
@@ -40,6 +41,7 @@ class TableWriter:
         self.dictionary.write_text(json.dumps(dictionary(without=without), indent=1) + "\n")
         self._without = without
         self._fresh: list[Rows] = []
+        self._rows = 0  # of those
         self._waiting: dict[str, list[pa.Table]] = {name: [] for name in TABLES}
         self._writers = {
             name: [_WRITERS[kind](folder / f"{name}.{kind}", schema(name, without=without)) for kind in kinds]
@@ -49,7 +51,8 @@ class TableWriter:
     def write(self, rows: Rows) -> None:
         """Take one session's rows."""
         self._fresh.append(rows)
-        if len(self._fresh) >= _SESSIONS or sum(map(_rows, self._fresh)) >= _ROWS:
+        self._rows += sum(rows.count(name) for name in rows)
+        if len(self._fresh) >= _SESSIONS or self._rows >= _ROWS:
             self._settle()
 
     def close(self) -> None:
@@ -70,22 +73,22 @@ class TableWriter:
 
     def _settle(self) -> None:
         """Make Arrow of the sessions that came last, and write the tables of which enough is held back."""
+        if not self._fresh:
+            return
         for name, waiting in self._waiting.items():
             waiting.append(together(name, self._fresh))
-            if sum(table.num_rows for table in waiting) >= _ROWS:
+            if sum(table.nbytes for table in waiting) >= _BYTES:
                 self._flush(name)
         self._fresh.clear()
+        self._rows = 0
 
     def _flush(self, name: str) -> None:
-        columns = schema(name, without=self._without).names
-        table = pa.concat_tables(self._waiting[name]).select(columns)
-        self._waiting[name].clear()
-        for writer in self._writers[name]:
-            writer.write_table(table)
-
-
-def _rows(session: Rows) -> int:
-    return sum(session.count(name) for name in session)
+        if self._waiting[name]:
+            columns = schema(name, without=self._without).names
+            table = pa.concat_tables(self._waiting[name]).select(columns)
+            for writer in self._writers[name]:
+                writer.write_table(table)
+            self._waiting[name].clear()
 
 
 def write_tables(sessions: Iterable[Rows], folder: Path) -> tuple[Path, ...]:

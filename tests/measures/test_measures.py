@@ -8,7 +8,7 @@ import pytest
 
 from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import Tally, key_uses, visible_effect
-from minihuman.measures.path import net_displacement, path_efficiency, path_length, turned_rad, turns_in_place
+from minihuman.measures.path import net_displacement, turned_rad, turns_in_place, walks
 from minihuman.measures.timing import pauses, playing_s, reaction_ms
 from minihuman.study.events import KeyPressed, Paused, Resumed
 from tests.builders import episode, grid_map, made, plan, pursue
@@ -23,9 +23,8 @@ def round_a_corner(number=0, **changes):
 
 def test_a_path_round_a_corner_is_seven_cells_long_five_apart_and_turns_once():
     corner = round_a_corner()
-    assert path_length(corner) == 7
     assert net_displacement(corner) == 5
-    assert path_efficiency(corner) == pytest.approx(5 / 7)
+    assert walks([corner]) == [(7, pytest.approx(5 / 7), 1)]
     turns = turns_in_place(corner)
     assert turns["row"].tolist() == [4]
     assert turns["turned_rad"].tolist() == pytest.approx([math.pi / 2])
@@ -33,7 +32,17 @@ def test_a_path_round_a_corner_is_seven_cells_long_five_apart_and_turns_once():
 
 
 def test_who_never_moves_has_no_efficiency():
-    assert math.isnan(path_efficiency(made(plan(), [(1.0, 0.0, 1.0, 0.0)] * 3, [0, 1], None)))
+    (walk,) = walks([made(plan(), [(1.0, 0.0, 1.0, 0.0)] * 3, [0, 1], None)])
+    assert math.isnan(walk.efficiency)
+
+
+def test_a_path_is_the_same_among_others_as_alone():
+    spun = made(plan(), [(5.0, 0.0, 6.0, yaw) for yaw in (math.pi, -math.pi / 2, math.pi)], [0, 1], None)
+    corner, unmoved = round_a_corner(), made(plan(), [(1.0, 0.0, 1.0, 0.0)], [], None)
+    together = [corner, spun, unmoved, spun, corner]
+    assert str(walks(together)) == str([walks([one])[0] for one in together])  # NaN and all
+    assert [walk.turns for walk in walks(together)] == [1, 1, 0, 1, 1]
+    assert walks([]) == []
 
 
 def test_turning_through_half_a_circle_counts_the_short_way():
@@ -109,5 +118,5 @@ def test_adaptation_is_the_slope_of_the_first_episodes():
 
 def test_a_world_without_poses_has_no_path_but_its_times():
     blind = made(plan(), [(math.nan,) * 4] * 3, [2, 2], None)
-    assert math.isnan(path_length(blind))
+    assert math.isnan(walks([blind])[0].length)
     assert np.isfinite(playing_s(blind))
