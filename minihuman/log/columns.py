@@ -8,8 +8,11 @@ from dataclasses import fields
 from functools import cache
 from typing import Any, Generic, TypeVar, get_args, overload
 
+import numpy as np
+
 from minihuman.log.plan_messages import one_of
 from minihuman.log.wire import Column
+from minihuman.log.words import Words
 from minihuman.study.events import FrameShown, KeyPressed, Verdict
 
 E = TypeVar("E", KeyPressed, FrameShown)
@@ -25,7 +28,7 @@ class EventColumns(Sequence[E], Generic[E]):
 
     __slots__ = ("_column", "_kind", "_rows")
 
-    def __init__(self, kind: type[E], column: Callable[[str], Sequence[Any]], rows: range) -> None:
+    def __init__(self, kind: type[E], column: Callable[[str], Any], rows: range) -> None:
         """``column`` gives the field of that name of all events that were recorded; these here are the ``rows``."""
         self._kind: type[E] = kind
         self._column = column
@@ -35,27 +38,31 @@ class EventColumns(Sequence[E], Generic[E]):
     def of(cls, kind: type[E], events: Iterable[E]) -> "EventColumns[E]":
         """The columns of these events."""
         given = tuple(events)
-        return cls(kind, cache(lambda name: [getattr(event, name) for event in given]), range(len(given)))
+        return cls(
+            kind, cache(lambda name: _column(name, [getattr(event, name) for event in given])), range(len(given))
+        )
 
-    def column(self, name: str) -> Sequence[Any]:
-        """The field of that name, of every event."""
+    def column(self, name: str) -> Any:
+        """The field of that name, of every event: ``Words``, or an array, masked where an event has none."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def __iter__(self) -> Iterator[E]:
-        return map(self._kind, *(self.column(field.name) for field in fields(self._kind)))
+        columns = (self.column(field.name) for field in fields(self._kind))
+        return map(self._kind, *(column if isinstance(column, Words) else column.tolist() for column in columns))
 
     @overload
     def __getitem__(self, place: int) -> E: ...
     @overload
     def __getitem__(self, place: slice) -> "EventColumns[E]": ...
     def __getitem__(self, place: int | slice) -> "E | EventColumns[E]":
-        if isinstance(place, slice):
-            return EventColumns(self._kind, self._column, self._rows[place])
-        row = self._rows[place]
-        return self._kind(*(self._column(field.name)[row] for field in fields(self._kind)))
+        rows = self._rows[place]
+        if isinstance(rows, range):
+            return EventColumns(self._kind, self._column, rows)
+        (event,) = EventColumns(self._kind, self._column, range(rows, rows + 1))
+        return event
 
 
 def presses(column: Callable[[str], Column], count: int) -> EventColumns[KeyPressed]:
@@ -64,25 +71,28 @@ def presses(column: Callable[[str], Column], count: int) -> EventColumns[KeyPres
     Raises:
         LogError: if a verdict is outside its vocabulary.
     """
-
-    @cache
-    def values(name: str) -> Sequence[Any]:
-        found = column(name)
-        if name != "action":
-            return _listed(found)
-        asked = zip(found.values.tolist(), found.there.tolist(), strict=True)
-        return [number if there else None for number, there in asked]
-
-    for word in set(values("verdict")):
+    for word in column("verdict").values.words:
         one_of(_VERDICTS, word)
-    return EventColumns(KeyPressed, values, range(count))
+
+    def values(name: str) -> Any:
+        found = column(name)
+        return np.ma.array(found.values, mask=~found.there) if name == "action" else found.values
+
+    return EventColumns(KeyPressed, cache(values), range(count))
 
 
 def frames(column: Callable[[str], Column], count: int) -> EventColumns[FrameShown]:
     """Pictures shown from the columns of their messages."""
-    return EventColumns(FrameShown, cache(lambda name: _listed(column(name))), range(count))
+    return EventColumns(FrameShown, lambda name: column(name).values, range(count))
 
 
-def _listed(column: Column) -> list[Any]:
-    values: list[Any] = column.values if isinstance(column.values, list) else column.values.tolist()
-    return values
+def _column(name: str, values: list[Any]) -> Any:
+    match name:
+        case "key" | "symbol" | "verdict" | "phase":
+            return Words.of(values)
+        case "action":
+            absent = [value is None for value in values]
+            return np.ma.array([value or 0 for value in values], np.int64, mask=absent)
+        case "down":
+            return np.array(values, np.bool_)
+    return np.array(values, np.int64)

@@ -29,7 +29,7 @@ class Episode:
     poses: NDArray[np.float64]  # (n + 1, 4) x, y, z, yaw_rad; NaN where the world cannot tell
     t_ns: NDArray[np.int64]  # (n + 1,) reset, then each step
     actions: NDArray[np.int64]  # (n,)
-    step_keys: tuple[str, ...]  # (n,) causing key, "" for a tick's no-op
+    step_keys: Sequence[str]  # (n,) causing key, "" for a tick's no-op
     key_t_ns: NDArray[np.int64]  # (n,)
     rewards: NDArray[np.float64]  # (n,)
     terminated: NDArray[np.bool_]  # (n,)

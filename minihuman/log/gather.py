@@ -132,7 +132,7 @@ class Gathering:
         moments = _moments([span.start for span in self._spans], [its.start for its in of_steps], steps.column)
         by_step = _by_step(steps.column)
         numbers = [steps.column(name).values for name in ("episode", "step")]
-        step_keys = tuple(steps.column("key").values)
+        step_keys = steps.column("key").values
         episodes = []
         for number, (span, its) in enumerate(zip(self._spans, of_steps, strict=True)):
             _check(span.start.plan.episode, *(column[its] for column in numbers))

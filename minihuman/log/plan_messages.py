@@ -46,10 +46,11 @@ def map_message(floor: Map) -> v1.Map:
 
 def read_map(message: v1.Map) -> Map:
     """Read a map."""
+    bounds = message.bounds
     return Map(
         unit=one_of(("cell", "m"), message.unit),
-        bounds=_read_wall(message.bounds),
-        walls=tuple(_read_wall(wall) for wall in message.walls),
+        bounds=(bounds.x0, bounds.z0, bounds.x1, bounds.z1),
+        walls=tuple([(wall.x0, wall.z0, wall.x1, wall.z1) for wall in message.walls]),
         things=tuple(Thing(thing.name, thing.x, thing.z, thing.radius, thing.colour) for thing in message.things),
     )
 
@@ -57,10 +58,6 @@ def read_map(message: v1.Map) -> Map:
 def _wall_message(wall: tuple[float, float, float, float]) -> v1.Wall:
     x0, z0, x1, z1 = wall
     return v1.Wall(x0=x0, z0=z0, x1=x1, z1=z1)
-
-
-def _read_wall(message: v1.Wall) -> tuple[float, float, float, float]:
-    return (message.x0, message.z0, message.x1, message.z1)
 
 
 def key_map_message(key_map: KeyMap) -> v1.KeyMap:

@@ -13,8 +13,10 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
+from minihuman.log.words import Words
+
 Bytes = NDArray[np.uint8]
-Words = NDArray[np.uint64]
+Eights = NDArray[np.uint64]  # the bytes from each place on
 Places = NDArray[np.int64]  # (n,) a byte of each message
 
 _VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5  # wire types
@@ -33,11 +35,12 @@ _PAIRS = tuple(  # how far the upper of two neighbours moves down to the lower, 
     (np.uint64(bits), np.uint64(lower))
     for bits, lower in ((1, 0x007F007F007F007F), (2, 0x00003FFF00003FFF), (4, 0x000000000FFFFFFF))
 )
+_FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(9)], np.uint64)  # of eight, none to all
 _BEYOND = bytes(16)  # behind the last message, so that a number cut off there can be read before it is refused
 
 
 class Column(NamedTuple):
-    """One field of n messages: (n,) numbers, n texts, or the columns of a nested message; and which hold it at all."""
+    """One field of n messages: n numbers, ``Words``, or the columns of a nested message; and which hold it at all."""
 
     values: Any
     there: NDArray[np.bool_]  # (n,) False: the field's default stands in ``values``
@@ -93,7 +96,7 @@ class _Field:
         self._wire_type = _WIRE_TYPE[field.type]
         self._tag = field.number << 3 | self._wire_type
         self._bytes: Bytes = np.frombuffer(data, np.uint8)
-        self._words = _words(data)
+        self._eights = _eights(data)
         self._ends = ends
         self._there = np.zeros(len(ends), np.bool_)
         self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or where a text or message begins
@@ -108,10 +111,10 @@ class _Field:
         rows = slice(None) if count == len(its) else np.flatnonzero(its)
         here, ends = at[rows] + 1, self._ends[rows]
         if self._wire_type == _FIXED64:
-            self._numbers[rows] = self._words[here]
+            self._numbers[rows] = self._eights[here]
             here += 8
         else:
-            numbers, here = _varints(self._words, here)
+            numbers, here = _varints(self._eights, here)
             if self._wire_type == _LENGTH:
                 if (numbers > (ends - here).clip(0).astype(np.uint64)).any():
                     raise ValueError(f"{self._kind.name} is cut off")
@@ -144,17 +147,17 @@ class _Field:
         return self._numbers
 
 
-def _words(data: bytes) -> Words:
+def _eights(data: bytes) -> Eights:
     """The eight bytes from each byte on, to be looked up at many places at once."""
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 
-def _varints(words: Words, at: Places) -> tuple[Words, Places]:
+def _varints(eights: Eights, at: Places) -> tuple[Eights, Places]:
     """The number at each place, seven bits a byte, the lowest first; and the places behind them."""
-    word = words[at]
-    stops = ~word & _EIGHTHS
+    eight = eights[at]
+    stops = ~eight & _EIGHTHS
     within = (stops & -stops) - np.uint64(1)  # the bits up to the first stop; all where there is none in these bytes
-    numbers = word & within & _SEVENS
+    numbers = eight & within & _SEVENS
     if within.max() > 0x7F:
         for bits, lower in _PAIRS:  # sevens become fourteens, those twenty-eights, those the number
             numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
@@ -163,18 +166,24 @@ def _varints(words: Words, at: Places) -> tuple[Words, Places]:
     while more.size:
         if shift >= _VARINT_BITS:
             raise ValueError("a number is too long")
-        byte = words[at[more]] & np.uint64(0xFF)
+        byte = eights[at[more]] & np.uint64(0xFF)
         numbers[more] |= (byte & np.uint64(0x7F)) << np.uint64(shift)
         at[more] += 1
         more, shift = more[byte > 127], shift + 7
     return numbers, at
 
 
-def _texts(data: bytes, begins: Places, ends: Places) -> list[str]:
-    """The texts between the places; equal ones are one object."""
-    raw = list(map(data.__getitem__, map(slice, begins.tolist(), ends.tolist())))
-    texts = {text: text.decode() for text in set(raw)}
-    return list(map(texts.__getitem__, raw))
+def _texts(data: bytes, begins: Places, ends: Places) -> Words:
+    """The texts between the places."""
+    eights, lengths = _eights(data), ends - begins
+    codes = lengths  # tell apart what has been looked at so far: the lengths, then eight bytes more each time
+    for offset in range(0, int(lengths.max(initial=0)), 8):
+        rest = (lengths - offset).clip(0, 8)
+        eight = eights[np.minimum(begins + offset, len(eights) - 1)] & _FIRST_BYTES[rest]
+        different, these = np.unique(eight, return_inverse=True)
+        codes = np.unique(codes * len(different) + these, return_inverse=True)[1]
+    different, firsts, codes = np.unique(codes, return_index=True, return_inverse=True)
+    return Words(codes, tuple(data[begins[first] : ends[first]].decode() for first in firsts.tolist()))
 
 
 def _after_unknown(data: bytes, at: int, end: int) -> int:
@@ -200,5 +209,5 @@ def _after_unknown(data: bytes, at: int, end: int) -> int:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    numbers, places = _varints(_words(data), np.array([at]))
+    numbers, places = _varints(_eights(data), np.array([at]))
     return int(numbers[0]), int(places[0])

@@ -6,12 +6,13 @@ A step has a visible effect if the observation after it differs from the one bef
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import compress, groupby
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.log.episode import Episode
+from minihuman.log.words import Words
 from minihuman.study.plan import KeyMap
 
 _TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a step
@@ -55,23 +56,17 @@ class Tally:
     @classmethod
     def of(cls, episode: Episode) -> "Tally":
         """Count an episode's."""
-        presses: Counter[str] = Counter()
-        refused: Counter[str] = Counter()
-        events = zip(*(episode.keys.column(name) for name in ("key", "down", "verdict")), strict=True)
-        for (key, down, verdict), times in Counter(events).items():
-            if down and verdict != "repeat":
-                presses[key] += times
-                refused[key] += 0 if verdict in _TAKEN else times
-        shows = visible_effect(episode)
-        causes = episode.step_keys
+        keys = episode.keys
+        key, verdict = keys.column("key"), keys.column("verdict")
+        pressed = keys.column("down") & ~verdict.are(("repeat",))
+        causes, shows = Words.of(episode.step_keys), visible_effect(episode)
         return cls(
             episode,
-            presses,
-            refused,
-            steps=Counter(causes),
-            in_vain=Counter(compress(causes, (~shows).tolist())),
-            # the earliest step comes last, and stays
-            first_shown={causes[step]: step for step in reversed(np.flatnonzero(shows).tolist())},
+            presses=key.counted(pressed),
+            refused=key.counted(pressed & ~verdict.are(_TAKEN)),
+            steps=causes.counted(),
+            in_vain=causes.counted(~shows),
+            first_shown=causes.first(shows),
         )
 
 

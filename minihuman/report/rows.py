@@ -6,18 +6,19 @@ as what it is made of.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, repeat
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from minihuman.log.words import Words
 from minihuman.report.columns import TABLES, schema
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Some rows of a table: of each column (n,) values in an array or a list, or the one value that all rows have."""
+    """Some rows of a table: of each column n values, in an array, a list or ``Words``, or the one that all have."""
 
     count: int  # n
     columns: Mapping[str, Any]
@@ -42,9 +43,13 @@ def _below(values: Sequence[Any], counts: Sequence[int]) -> Any:
     match values:
         case [np.ndarray(), *_]:
             return np.concatenate(values)
+        case [Words(), *_]:
+            return Words.joined(values)
         case [list(), *_]:
             return list(chain.from_iterable(values))
-    return list(chain.from_iterable(map(repeat, values, counts)))
+        case [str(), *_]:
+            return Words(np.repeat(np.arange(len(values)), counts), values)
+    return np.repeat(values, counts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +76,10 @@ def together(name: str, sessions: Sequence[Rows]) -> pa.Table:
     """One table's rows of several sessions. A NaN becomes empty."""
     part = Part.below([session.parts[name] for session in sessions if session.parts[name].count])
     arrow = schema(name)
-    return pa.table(
-        [pa.array(part.columns.get(field.name, ()), field.type, from_pandas=True) for field in arrow], schema=arrow
-    )
+    return pa.table([_arrow(part.columns.get(field.name, ()), field.type) for field in arrow], schema=arrow)
+
+
+def _arrow(values: Any, kind: pa.DataType) -> pa.Array:
+    if isinstance(values, Words):
+        return pa.array(values.words, kind).take(pa.array(values.codes))
+    return pa.array(values, kind, from_pandas=True)

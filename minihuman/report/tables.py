@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from minihuman.log.episode import Episode, SessionLog
+from minihuman.log.words import Words
 from minihuman.marks import tags_of
 from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import Tally, key_uses, times_to_find, visible_effect
@@ -103,12 +104,11 @@ def _place(episode: Episode, attempt: int) -> _Columns:
 
 def _steps(episode: Episode, attempt: int) -> Part:
     n = len(episode.actions)
-    names = episode.start.action_names
     columns = {
         "step": np.arange(1, n + 1),
         "t_s": episode.t_ns[1:] / 1e9,
-        "action": [names[action] for action in episode.actions.tolist()],
-        "key": list(episode.step_keys),
+        "action": Words(episode.actions, episode.start.action_names),
+        "key": Words.of(episode.step_keys),
         "reward": episode.rewards,
         "reaction_ms": episode.rt_ms,
         "visible_effect": visible_effect(episode),
@@ -122,13 +122,12 @@ def _steps(episode: Episode, attempt: int) -> Part:
 
 
 def _presses(episode: Episode, attempt: int) -> Part:
-    names: dict[int | None, str] = {None: "", **dict(enumerate(episode.start.action_names))}
     keys = episode.keys
     columns = {
-        "t_s": np.array(keys.column("t_ns"), np.int64) / 1e9,
+        "t_s": keys.column("t_ns") / 1e9,
         "key": keys.column("key"),
         "down": keys.column("down"),
-        "action": [names[action] for action in keys.column("action")],
+        "action": Words(keys.column("action").filled(-1) + 1, ("", *episode.start.action_names)),
         "verdict": keys.column("verdict"),
     }
     return Part(len(keys), _place(episode, attempt) | columns)

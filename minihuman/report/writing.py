@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
@@ -20,10 +19,13 @@ _ROWS = 100_000  # or fewer sessions with so many rows in all tables
 _BYTES = 256 * 1024  # of a table held back, so that a small one is not a row group for each of those few sessions
 
 
-_WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {
-    "parquet": partial(pa.parquet.ParquetWriter, compression="zstd"),
-    "csv": pa.csv.CSVWriter,
-}
+def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
+    """A writer that keeps a dictionary of what recurs; of measured numbers it would take time and space for nothing."""
+    recurring = [field.name for field in columns if not pa.types.is_floating(field.type)]
+    return pa.parquet.ParquetWriter(path, columns, compression="zstd", use_dictionary=recurring)
+
+
+_WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {"parquet": _parquet, "csv": pa.csv.CSVWriter}
 
 
 class TableWriter:
