@@ -35,7 +35,7 @@ _PAIRS = tuple(  # how far the upper of two neighbours moves down to the lower, 
     (np.uint64(bits), np.uint64(lower))
     for bits, lower in ((1, 0x007F007F007F007F), (2, 0x00003FFF00003FFF), (4, 0x000000000FFFFFFF))
 )
-_FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(9)], np.uint64)  # of eight, none to all
+_FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(8)], np.uint64)  # none to seven of eight
 _BEYOND = bytes(16)  # behind the last message, so that a number cut off there can be read before it is refused
 
 
@@ -174,15 +174,16 @@ def _varints(eights: Eights, at: Places) -> tuple[Eights, Places]:
 
 
 def _texts(data: bytes, begins: Places, ends: Places) -> Words:
-    """The texts between the places."""
+    """The texts between the places: told apart by seven bytes at a time, and how many of the seven there are."""
     eights, lengths = _eights(data), ends - begins
-    codes = lengths  # tell apart what has been looked at so far: the lengths, then eight bytes more each time
-    for offset in range(0, int(lengths.max(initial=0)), 8):
-        rest = (lengths - offset).clip(0, 8)
-        eight = eights[np.minimum(begins + offset, len(eights) - 1)] & _FIRST_BYTES[rest]
-        different, these = np.unique(eight, return_inverse=True)
-        codes = np.unique(codes * len(different) + these, return_inverse=True)[1]
-    different, firsts, codes = np.unique(codes, return_index=True, return_inverse=True)
+    codes = np.zeros_like(lengths)
+    for offset in range(0, max(1, int(lengths.max(initial=0))), 7):
+        rest = (lengths - offset).clip(0, 7).astype(np.uint64)
+        part = eights[np.minimum(begins + offset, len(eights) - 1)] & _FIRST_BYTES[rest] | rest << np.uint64(56)
+        different, firsts, these = np.unique(part, return_index=True, return_inverse=True)
+        if offset:
+            _, firsts, these = np.unique(codes * len(different) + these, return_index=True, return_inverse=True)
+        codes = these
     return Words(codes, tuple(data[begins[first] : ends[first]].decode() for first in firsts.tolist()))
 
 
