@@ -17,6 +17,7 @@ from minihuman.study.events import FrameShown, KeyPressed, Verdict
 
 E = TypeVar("E", KeyPressed, FrameShown)
 _VERDICTS = get_args(Verdict)
+NO_ACTION = -1  # in a column of actions, where an event has none
 
 
 class EventColumns(Sequence[E], Generic[E]):
@@ -43,15 +44,14 @@ class EventColumns(Sequence[E], Generic[E]):
         )
 
     def column(self, name: str) -> Any:
-        """The field of that name, of every event: ``Words``, or an array, masked where an event has none."""
+        """The field of that name, of every event: ``Words`` or an array; actions are NO_ACTION where there is none."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def __iter__(self) -> Iterator[E]:
-        columns = (self.column(field.name) for field in fields(self._kind))
-        return map(self._kind, *(column if isinstance(column, Words) else column.tolist() for column in columns))
+        return map(self._kind, *(_values(field.name, self.column(field.name)) for field in fields(self._kind)))
 
     @overload
     def __getitem__(self, place: int) -> E: ...
@@ -76,7 +76,7 @@ def presses(column: Callable[[str], Column], count: int) -> EventColumns[KeyPres
 
     def values(name: str) -> Any:
         found = column(name)
-        return np.ma.array(found.values, mask=~found.there) if name == "action" else found.values
+        return np.where(found.there, found.values, NO_ACTION) if name == "action" else found.values
 
     return EventColumns(KeyPressed, cache(values), range(count))
 
@@ -86,13 +86,20 @@ def frames(column: Callable[[str], Column], count: int) -> EventColumns[FrameSho
     return EventColumns(FrameShown, lambda name: column(name).values, range(count))
 
 
+def _values(name: str, column: Any) -> Iterable[Any]:
+    """A column's values, as events have them."""
+    if isinstance(column, Words):
+        return column
+    values: list[Any] = column.tolist()
+    return [None if value == NO_ACTION else value for value in values] if name == "action" else values
+
+
 def _column(name: str, values: list[Any]) -> Any:
     match name:
         case "key" | "symbol" | "verdict" | "phase":
             return Words.of(values)
         case "action":
-            absent = [value is None for value in values]
-            return np.ma.array([value or 0 for value in values], np.int64, mask=absent)
+            return np.array([NO_ACTION if value is None else value for value in values], np.int64)
         case "down":
             return np.array(values, np.bool_)
     return np.array(values, np.int64)

@@ -30,7 +30,8 @@ _WIRE_TYPE = {
     FieldDescriptor.TYPE_MESSAGE: _LENGTH,
 }
 _VARINT_BITS = 70  # ten groups of seven are the most that a varint has
-_ONES, _SEVENS, _EIGHTHS = (np.uint64(byte * 0x0101010101010101) for byte in (0x01, 0x7F, 0x80))  # in each byte
+_SEVEN, _EIGHTH = np.uint64(0x7F), np.uint64(0x80)  # a byte's part of the number, and whether another byte follows
+_ONES, _SEVENS, _EIGHTHS = (byte * np.uint64(0x0101010101010101) for byte in (np.uint64(1), _SEVEN, _EIGHTH))
 _PAIRS = tuple(  # how far the upper of two neighbours moves down to the lower, and the lower ones' bits
     (np.uint64(bits), np.uint64(lower))
     for bits, lower in ((1, 0x007F007F007F007F), (2, 0x00003FFF00003FFF), (4, 0x000000000FFFFFFF))
@@ -155,19 +156,20 @@ def _eights(data: bytes) -> Eights:
 def _varints(eights: Eights, at: Places) -> tuple[Eights, Places]:
     """The number at each place, seven bits a byte, the lowest first; and the places behind them."""
     eight = eights[at]
+    if not (eight & _EIGHTH).any():  # as most are: lengths, flags, small numbers
+        return eight & _SEVEN, at + 1
     stops = ~eight & _EIGHTHS
     within = (stops & -stops) - np.uint64(1)  # the bits up to the first stop; all where there is none in these bytes
     numbers = eight & within & _SEVENS
-    if within.max() > 0x7F:
-        for bits, lower in _PAIRS:  # sevens become fourteens, those twenty-eights, those the number
-            numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
+    for bits, lower in _PAIRS:  # sevens become fourteens, those twenty-eights, those the number
+        numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
     at = at + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
     more, shift = np.flatnonzero(stops == 0), 56
     while more.size:
         if shift >= _VARINT_BITS:
             raise ValueError("a number is too long")
         byte = eights[at[more]] & np.uint64(0xFF)
-        numbers[more] |= (byte & np.uint64(0x7F)) << np.uint64(shift)
+        numbers[more] |= (byte & _SEVEN) << np.uint64(shift)
         at[more] += 1
         more, shift = more[byte > 127], shift + 7
     return numbers, at

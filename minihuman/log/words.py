@@ -16,7 +16,7 @@ class Words(Sequence[str]):
 
     def __init__(self, codes: NDArray[np.integer[Any]], words: Sequence[str]) -> None:
         self.codes = codes  # (n,) places in ``words``
-        self.words = words
+        self.words = words  # each another
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> "Words":
@@ -32,9 +32,12 @@ class Words(Sequence[str]):
         words = parts[0].words
         if all(part.words == words for part in parts):
             return cls(np.concatenate([part.codes for part in parts]), words)
-        before = np.cumsum([0, *(len(part.words) for part in parts)])
-        codes = np.concatenate([part.codes + first for part, first in zip(parts, before.tolist(), strict=False)])
-        return cls(codes, [word for part in parts for word in part.words])
+        all_words: dict[str, int] = {}
+        codes = [
+            np.array([all_words.setdefault(word, len(all_words)) for word in part.words], np.int64)[part.codes]
+            for part in parts
+        ]
+        return cls(np.concatenate(codes), tuple(all_words))
 
     def __len__(self) -> int:
         return len(self.codes)
@@ -61,20 +64,12 @@ class Words(Sequence[str]):
         return are
 
     def counted(self, where: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
-        """How often each text stands in the places that are chosen."""
-        counts = np.bincount(self.codes[where], minlength=len(self.words)).tolist()
-        total: Counter[str] = Counter()
-        for word, count in zip(self.words, counts, strict=True):
-            if count:
-                total[word] += count
-        return total
+        """How often each text stands in the places that are chosen, 0 for one that does not."""
+        counts = np.bincount(self.codes[where], minlength=len(self.words))
+        return Counter(dict(zip(self.words, counts.tolist(), strict=True)))
 
     def first(self, where: NDArray[np.bool_]) -> dict[str, int]:
         """The first of the chosen places in which each text stands, for those that do in any."""
         places = np.flatnonzero(where)
         codes, firsts = np.unique(self.codes[places], return_index=True)
-        found: dict[str, int] = {}
-        for code, place in zip(codes.tolist(), places[firsts].tolist(), strict=True):
-            word = self.words[code]
-            found[word] = min(place, found.get(word, place))
-        return found
+        return {self.words[code]: place for code, place in zip(codes.tolist(), places[firsts].tolist(), strict=True)}

@@ -78,7 +78,7 @@ def key_uses(tallies: Sequence[Tally]) -> tuple[KeyUse, ...]:
             _total(getattr(tally, name) for tally in under) for name in ("presses", "refused", "steps", "in_vain")
         )
         found = _found(under)
-        others = {*key_map.spare_keys, *presses, *steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
+        others = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
         for key in (*sorted(key_map.keys), *sorted(others)):
             action = key_map.keys.get(key)
             found_s, found_steps = found.get(key, (None, None)) if action is not None else (None, None)

@@ -48,7 +48,8 @@ def _below(values: Sequence[Any], counts: Sequence[int]) -> Any:
         case [list(), *_]:
             return list(chain.from_iterable(values))
         case [str(), *_]:
-            return Words(np.repeat(np.arange(len(values)), counts), values)
+            once = Words.of(values)
+            return Words(np.repeat(once.codes, counts), once.words)
     return np.repeat(values, counts)
 
 

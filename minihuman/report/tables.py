@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from minihuman.log.columns import NO_ACTION
 from minihuman.log.episode import Episode, SessionLog
 from minihuman.log.words import Words
 from minihuman.marks import tags_of
@@ -127,7 +128,7 @@ def _presses(episode: Episode, attempt: int) -> Part:
         "t_s": keys.column("t_ns") / 1e9,
         "key": keys.column("key"),
         "down": keys.column("down"),
-        "action": Words(keys.column("action").filled(-1) + 1, ("", *episode.start.action_names)),
+        "action": Words(keys.column("action") - NO_ACTION, ("", *episode.start.action_names)),
         "verdict": keys.column("verdict"),
     }
     return Part(len(keys), _place(episode, attempt) | columns)
