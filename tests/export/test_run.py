@@ -73,17 +73,21 @@ def test_sessions_read_side_by_side_are_written_in_order_and_alike(study, tmp_pa
     """Enough sessions for a second process: the same tables as one process writes, session by session."""
     many = tmp_path / "many"
     logs = sorted(study.rglob("*.mcap"))
-    for number in range(20):
+    for number in range(40):
         folder = many / f"{number:02}"
         folder.mkdir(parents=True)
         shutil.copy(logs[number % 2], folder / logs[number % 2].name)
-    done = written(many, tmp_path / "all")
+    damaged = [many / "03" / "foreign.mcap", many / "37" / "foreign.mcap"]
+    for path in damaged:
+        path.write_bytes(b"not a log")
+    done, card = export("parquet", many, tmp_path / "all", EVERYTHING)
+    assert [line.split()[0] for line in card.skipped] == [str(path) for path in damaged]
     apart = [written(log, tmp_path / f"one-{number}") for number, log in enumerate(logs)]
-    assert done.episodes == 10 * sum(one.episodes for one in apart)
+    assert done.episodes == 20 * sum(one.episodes for one in apart)
     for name in TABLES:
         pair = [pd.read_parquet(tmp_path / f"one-{number}/{name}.parquet") for number in range(2)]
         together = pd.read_parquet(tmp_path / f"all/{name}.parquet")
-        pd.testing.assert_frame_equal(together, pd.concat(pair * 10, ignore_index=True))
+        pd.testing.assert_frame_equal(together, pd.concat(pair * 20, ignore_index=True))
 
 
 def test_marked_episodes_can_be_left_out_or_taken_alone(tmp_path):

@@ -4,17 +4,21 @@ import dataclasses
 import itertools
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgspec
 import numpy as np
 import pytest
+from mcap.records import Metadata
 from mcap.writer import Writer
 
 from minihuman.errors import LogError
+from minihuman.log import topics
+from minihuman.log.chunk import LogMessage
 from minihuman.log.episode import pose_row
 from minihuman.log.read import open_log, read_events
 from minihuman.log.recorder import McapRecorder
+from minihuman.log.scan import Scan
 from minihuman.log.topics import SEGMENT_METADATA
 from minihuman.study.events import (
     EpisodeEnded,
@@ -180,6 +184,40 @@ def test_a_missing_step_is_named(tmp_path: Path) -> None:
     log = record(tmp_path, PLAN, gap)
     with pytest.raises(LogError, match="episode 1 step 6 follows episode 1 step 4"):
         open_log(log)
+
+
+@pytest.mark.parametrize(("topic", "opens"), [(topics.STEP, False), (topics.KEY, False), (topics.FRAME, True)])
+def test_a_message_that_cannot_be_read_is_named(log: Path, tmp_path: Path, topic: str, opens: bool) -> None:
+    """Pictures are not looked at before somebody asks for them."""
+    foreign = tmp_path / "foreign.mcap.part"
+    with foreign.open("wb") as file:
+        _with_garbage(log, topic, file)
+    with pytest.raises(LogError, match=f"a message on {topic} cannot be read: .* is cut off"):
+        list(open_log(foreign).episodes[1].frames)
+    if opens:
+        assert len(open_log(foreign).episodes[1].frames) == 20
+    else:
+        with pytest.raises(LogError):
+            open_log(foreign)
+
+
+def _with_garbage(log: Path, topic: str, file: BinaryIO) -> None:
+    """The same log, but one message on a topic is cut off."""
+    scan, writer = Scan(log), Writer(file)
+    writer.start()
+    channels: dict[str, int] = {}
+    for message in scan:
+        if isinstance(message, Metadata):
+            writer.add_metadata(message.name, message.metadata)
+        if isinstance(message, LogMessage):
+            name = message.channel.topic
+            data = message.data[:-1] if name == topic and topic in channels else message.data
+            if name not in channels:
+                schema = scan.schemas[message.channel.schema_id]
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[name] = writer.register_channel(name, message.channel.message_encoding, number)
+            writer.add_message(channels[name], message.log_time, data, message.publish_time, message.sequence)
+    writer.finish()
 
 
 def test_a_folder_with_no_session_or_several_is_named(tmp_path: Path) -> None:
