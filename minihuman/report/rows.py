@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from minihuman.log.words import Words
 from minihuman.report.columns import TABLES, schema
+
+_NUMPY: dict[pa.DataType, type] = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +80,32 @@ def together(name: str, sessions: Sequence[Rows]) -> pa.Table:
     """One table's rows of several sessions. A NaN becomes empty."""
     part = Part.below([session.parts[name] for session in sessions if session.parts[name].count])
     arrow = schema(name)
-    return pa.table([_arrow(part.columns.get(field.name, ()), field.type) for field in arrow], schema=arrow)
+    columns = [(field.type, part.columns.get(field.name, [])) for field in arrow]
+    return pa.Table.from_arrays(
+        [_texts(values) if kind == pa.string() else _numbers(values, kind) for kind, values in columns], schema=arrow
+    )
 
 
-def _arrow(values: Any, kind: pa.DataType) -> pa.Array:
-    if isinstance(values, Words):
-        return pa.array(values.words, kind).take(pa.array(values.codes))
-    return pa.array(values, kind, from_pandas=True)
+# from their bytes, as pa.array would import pandas, half a second, to see that it was given nothing of that
+
+
+def _texts(values: Words | list[str]) -> pa.Array:
+    words = Words.of(values)
+    encoded = [word.encode() for word in words.words]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    return pa.Array.from_buffers(pa.string(), len(encoded), buffers).take(_numbers(words.codes, pa.int64()))
+
+
+def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa.Array:
+    dtype = _NUMPY[kind]
+    numbers: NDArray[Any]
+    if isinstance(values, list):
+        missing = np.array([value is None for value in values], np.bool_)
+        numbers = np.array([0 if value is None else value for value in values], dtype)
+    else:
+        missing = np.isnan(values)
+        numbers = values.astype(dtype)
+    bits = np.packbits(numbers, bitorder="little") if dtype is np.bool_ else numbers
+    there = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
+    return pa.Array.from_buffers(kind, len(values), [there, pa.py_buffer(bits)])

@@ -14,6 +14,7 @@ from minihuman.errors import ReportError
 from minihuman.measures.shortest import Shortest
 from minihuman.report.columns import TABLES
 from minihuman.report.exclusions import UNFINISHED, Rules
+from minihuman.report.rows import together
 from minihuman.report.tables import session_tables
 from minihuman.report.writing import write_tables
 from minihuman.study.protocol import Exclusion
@@ -162,6 +163,31 @@ def test_parquet_csv_pandas_and_duckdb_agree_and_every_column_is_explained(log, 
         pd.testing.assert_frame_equal(queried, frame, check_dtype=False)
     steps = pd.read_csv(tmp_path / "steps.csv")
     assert steps["x"].tolist() == pd.read_parquet(tmp_path / "steps.parquet")["x"].tolist()
+
+
+def test_several_sessions_rows_together_are_each_ones_in_turn(log):
+    """What is missing, whole, yes or no and text alike; a session without an episode among them."""
+    without = dataclasses.replace(log, episodes=())
+    made = [session_tables(one, tags={}, rules=RULES, shortest=twenty) for one in (log, without, log)]
+    for name, columns in TABLES.items():
+        table = together(name, made)
+        table.validate(full=True)
+        rows = [row for one in made for row in one[name].to_pylist()]
+        assert table.to_pylist() == rows
+        assert len(rows) == sum(one.count(name) for one in made)
+        assert set(table.column_names) == {column.name for column in columns}
+    assert together("episodes", made).column("excess_steps").null_count == 2
+    assert together("steps", []).num_rows == 0
+
+
+def test_a_number_that_does_not_fit_is_no_other_number(log):
+    plan = msgspec.structs.replace(log.episodes[0].plan, seed=2**63)
+    start = dataclasses.replace(log.episodes[0].start, plan=plan)
+    rows = session_tables(
+        session_of([dataclasses.replace(log.episodes[0], start=start)]), tags={}, rules=RULES, shortest=twenty
+    )
+    with pytest.raises(OverflowError):
+        rows["episodes"]
 
 
 def test_units_are_in_the_dictionary():
