@@ -16,10 +16,13 @@ import tempfile
 import time
 from pathlib import Path
 
-WORLD = """
-from minihuman.study.protocol import Block
-from minihuman.windows.warm_up import play_a_step
-play_a_step(Block("a", "minihuman/{}-FourRooms-v0", 1, ("{}",), 9))
+STUDY = """
+from pathlib import Path
+from msgspec.structs import replace
+from minihuman.log.protocol_file import read_protocol
+from minihuman.windows.warm_up import warm_up
+study = read_protocol(Path("protocols/fourrooms-transfer.toml"))
+warm_up(replace(study, blocks=[block for block in study.blocks if "{}" in block.world]))
 """
 PLAN = """
 from minihuman.players.ways import shortest_way
@@ -28,16 +31,11 @@ world = World("minihuman/{}-FourRooms-v0")
 world.reset(0)
 shortest_way(world)
 """
-SESSION = """
-from pathlib import Path
-from minihuman.log.protocol_file import read_protocol
-from minihuman.windows.warm_up import warm_up
-warm_up(read_protocol(Path("protocols/fourrooms-transfer.toml")))
-"""
 PARTS = {
-    "grid": WORLD.format("MiniGrid", "left"),
-    "first person": WORLD.format("MiniWorld", "turn_left"),
-    "session": SESSION,  # both, as `minihuman run` and `minihuman demo` do it
+    # as `minihuman run` and `minihuman demo` do it
+    "grid": STUDY.format("MiniGrid"),
+    "first person": STUDY.format("MiniWorld"),
+    "session": STUDY.format(""),  # both
     "grid, planned": PLAN.format("MiniGrid"),
     "first person, planned": PLAN.format("MiniWorld"),
 }

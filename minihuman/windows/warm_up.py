@@ -1,16 +1,18 @@
 """Warming up: every world of a protocol is played a step before the window opens, so that nothing compiles later.
 
 Code from the cache is loaded in a second or two. Where there is none yet, compiling takes most of the time and keeps
-one core busy: a second process then compiles for the other worlds, and this one finds their code in the cache.
+one core busy: a second process then compiles too, from the last piece on, and this one finds that code in the cache.
 """
 
 import gc
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 
@@ -19,6 +21,7 @@ from minihuman.study.protocol import Block, Protocol
 from minihuman.study.rehearse import rehearse
 from minihuman.worlds.adapt import World
 from minihuman.worlds.compiling import at_first_compile
+from minihuman.worlds.hashing import hash64
 
 
 def warm_up(protocol: Protocol, source: str = "protocol") -> None:
@@ -27,18 +30,17 @@ def warm_up(protocol: Protocol, source: str = "protocol") -> None:
     Raises:
         ProtocolError: at the first block whose world cannot be played as it says, or fails at a step.
     """
-    blocks = protocol.blocks
-    with _no_collection(), Companion() as companion:
-        with at_first_compile(partial(companion.start, _others(blocks, 0))):
+    with _no_collection(), Companion(protocol.blocks) as companion:
+        with at_first_compile(companion.start):
             rehearse(protocol, source)
-        for number, block in enumerate(blocks):
+        for number, block in enumerate(protocol.blocks):
             try:
-                with at_first_compile(partial(companion.start, _others(blocks, number))):
+                with at_first_compile(companion.start):
+                    companion.compile_with(block)
                     play_a_step(block)
             except Exception as error:  # whatever somebody's world may raise
                 reason = f"{type(error).__name__}: {error}"
                 raise ProtocolError(f"{source}: $.blocks[{number}].world: {block.world} fails ({reason})") from error
-            companion.wait()
 
 
 def play_a_step(block: Block) -> None:
@@ -54,9 +56,17 @@ def play_a_step(block: Block) -> None:
 
 
 class Companion:
-    """A second process that plays blocks a step, for the code it leaves in the cache; what fails there fails here."""
+    """A second process that compiles what some blocks need, for the code it leaves in the cache.
 
-    def __init__(self) -> None:
+    What fails there fails here, where it is reported. Each piece of the work is a file in a folder that both processes
+    know, made by the one that begins it.
+    """
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self._blocks = blocks
+        self._folder = TemporaryDirectory(prefix="minihuman-")
+        self._pieces = len({_name(block) for block in blocks})  # as far as is known: one a world, or more
+        self._seen: set[str] = set()  # those that this process began or waited for
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> "Companion":
@@ -66,10 +76,11 @@ class Companion:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
+        self._folder.cleanup()
 
-    def start(self, blocks: Sequence[Block]) -> None:
-        """Set it to work, unless it is at work already, there is nothing to do, or there is no core for it."""
-        if self._process is not None or not blocks or (os.cpu_count() or 1) == 1:
+    def start(self) -> None:
+        """Set it to work, unless it has been, there is nothing to share, or there is no core for it."""
+        if self._process is not None or self._pieces == 1 or (os.cpu_count() or 1) == 1:
             return
         with suppress(OSError):  # no second process, no help
             self._process = subprocess.Popen(
@@ -80,28 +91,55 @@ class Companion:
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
             )
             assert self._process.stdin is not None
-            self._process.stdin.write(msgspec.json.encode(blocks))
+            self._process.stdin.write(msgspec.json.encode((self._folder.name, self._blocks)))
             self._process.stdin.close()
 
-    def wait(self) -> None:
-        """Wait until it is done, if it is at work."""
-        if self._process is not None:
+    def compile_with(self, block: Block) -> None:
+        """Compile the pieces of a block's world that nobody has begun, and wait where the other process has.
+
+        A world that is all one piece is only begun here: it is compiled where it is played.
+        """
+        pieces = {name: piece for name, piece in _pieces(block).items() if name not in self._seen}
+        self._seen.update(pieces)
+        self._pieces += max(len(pieces) - 1, 0)
+        elsewhere = False
+        for name, piece in pieces.items():
+            if not _begin(self._folder.name, name):
+                elsewhere = True
+            elif piece is not None:
+                piece()
+        if elsewhere and self._process is not None:
             self._process.wait()
-            self._process = None
 
 
 def companion() -> None:
-    """What the second process does: play the blocks on its standard input."""
+    """What the second process does, with a folder and blocks on its standard input."""
+    folder, blocks = msgspec.json.decode(sys.stdin.buffer.read(), type=tuple[str, list[Block]])
     with _no_collection():
-        for block in msgspec.json.decode(sys.stdin.buffer.read(), type=list[Block]):
-            play_a_step(block)
+        for block in reversed(blocks):
+            for name, piece in reversed(_pieces(block).items()):
+                if _begin(folder, name):
+                    (piece or partial(play_a_step, block))()
 
 
-def _others(blocks: Sequence[Block], number: int) -> list[Block]:
-    """The blocks after this one in other worlds, each once, from the last: this process comes from the first."""
-    worlds = {msgspec.json.encode((block.world, block.options)): block for block in blocks[number:]}
-    here = msgspec.json.encode((blocks[number].world, blocks[number].options))
-    return [block for world, block in reversed(worlds.items()) if world != here]
+def _pieces(block: Block) -> dict[str, Callable[[], None] | None]:
+    """What there is to compile of a block's world, by names that all processes agree on; None stands for all of it."""
+    world = World(block.world, block.options)
+    world.close()
+    return {f"{_name(block)}-{nth}": piece for nth, piece in enumerate(world.compile_apart or (None,))}
+
+
+def _name(block: Block) -> str:
+    return f"{hash64(msgspec.json.encode((block.world, block.options))):x}"
+
+
+def _begin(folder: str, name: str) -> bool:
+    """Begin a piece, unless it has been begun."""
+    try:
+        Path(folder, name).touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
 
 
 @contextmanager

@@ -5,6 +5,7 @@ any other world plays too, without pose and map. It knows nothing of keys, step 
 """
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import EnumMeta
 from typing import Any
@@ -66,6 +67,12 @@ class World:
     def unwrapped(self) -> Any:
         """The environment itself: for players that may look behind the picture."""
         return self._env.unwrapped
+
+    @property
+    def compile_apart(self) -> tuple[Callable[[], None], ...]:
+        """Calls that each compile a piece of its code; none where that does not take long, or cannot be split."""
+        env = self._env.unwrapped
+        return env.compile_apart if isinstance(env, NativeWorld) else ()
 
     @property
     def observation(self) -> Any:

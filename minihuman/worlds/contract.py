@@ -1,7 +1,8 @@
 """What every world of ours offers on ``env.unwrapped``, beside Gymnasium's own five-tuple API."""
 
 import abc
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ class NativeWorld(abc.ABC):
     """A world that knows its pose, its map and its exact state. Mixed into a ``gymnasium.Env``."""
 
     action_names: tuple[str, ...]  # one a discrete action, snake case: "left", "move_forward"
+    # Where compiling takes long, calls that each compile a piece of it, so that processes can share them.
+    compile_apart: ClassVar[tuple[Callable[[], None], ...]] = ()
 
     @abc.abstractmethod
     def pose(self) -> Pose:

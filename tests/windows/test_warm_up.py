@@ -47,11 +47,11 @@ def test_a_world_that_fails_at_its_first_step_is_named_before_anybody_sits_down(
 @pytest.mark.program
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled then")
 @pytest.mark.skipif(os.cpu_count() == 1, reason="there is no core for a second process")
-def test_where_something_is_compiled_a_second_process_takes_the_other_worlds(tmp_path):
+def test_where_something_is_compiled_a_second_process_takes_what_is_not_begun_from_the_last_on(tmp_path):
     notes = tmp_path / "notes.txt"
     alone = protocol("tests.worlds.compiled_corridor:tests/CompiledCorridor-v0", "forward")
     names = ("near", "far", "farthest", "near")
-    options = [{"notes": str(notes), "name": name} for name in names]
+    options = [{"notes": str(notes), "name": name, "after": "far" if name == "near" else None} for name in names]
     study = replace(alone, blocks=tuple(replace(alone.blocks[0], options=each) for each in options))
 
     def elsewhere() -> list[str]:
@@ -63,6 +63,34 @@ def test_where_something_is_compiled_a_second_process_takes_the_other_worlds(tmp
 
     assert elsewhere() == ["farthest", "far"]
     assert elsewhere() == []  # all is compiled in this process now
+
+
+@pytest.mark.program
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled then")
+@pytest.mark.parametrize("world", ["MiniGrid-FourRooms-v0", "MiniWorld-FourRooms-v0"])
+def test_what_is_compiled_apart_is_all_but_the_layout(world):
+    """In a fresh process: or two of them would not share the work, but both do all of it."""
+    script = f"""
+import gc
+from numba.core.registry import CPUDispatcher
+from minihuman.worlds.adapt import World
+
+def loaded():
+    functions = [each for each in gc.get_objects() if isinstance(each, CPUDispatcher)]
+    return {{each.py_func.__module__ for each in functions if each.signatures}}
+
+world = World("minihuman/{world}")
+for piece in world.compile_apart:
+    piece()
+before = loaded()
+assert before
+world.reset(0)
+world.step(0), world.map(), world.pose(), world.state_hash(), world.frame("partial"), world.frame("full")
+print(*(loaded() - before))
+"""
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    layout = {"minihuman.worlds.grid.layouts.rooms", "minihuman.worlds.grid.place"} if "Grid" in world else set()
+    assert set(ran.stdout.split()) <= layout
 
 
 @pytest.mark.program

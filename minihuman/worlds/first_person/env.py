@@ -14,6 +14,7 @@ from minihuman.worlds.compiling import announce
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.agent import Agent
+from minihuman.worlds.first_person.compile_apart import PIECES
 from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.map import floor_map
 from minihuman.worlds.first_person.outline import Outline, Point, outline_of, rectangle
@@ -73,6 +74,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
+    compile_apart = PIECES
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
     def __init__(

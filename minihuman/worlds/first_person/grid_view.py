@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.first_person.compile_apart import colours, faces
 from minihuman.worlds.first_person.grid_scene import Seen, carried, rooms, things, walled
 from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render
 from minihuman.worlds.first_person.render.layout import lay_out
 from minihuman.worlds.first_person.render.scene import Camera, Look, Scene, SceneRoom
 from minihuman.worlds.grid import cells
+from minihuman.worlds.grid.compile_apart import rules
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.state import State
 from minihuman.worlds.pose import Map, Pose
@@ -32,6 +34,8 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         obs_width: width of the observation's picture in pixels.
         obs_height: height of the observation's picture in pixels.
     """
+
+    compile_apart = rules, colours, faces
 
     def __init__(self, grid: GridEngine, *, obs_width: int = 80, obs_height: int = 60) -> None:
         if min(obs_width, obs_height) < 1:

@@ -6,17 +6,22 @@ come edge by edge, and from start to end of each. Lengths are metres.
 """
 
 import numpy as np
-from numba import njit
 
+from minihuman.worlds.first_person.render.compiled import kernel
 from minihuman.worlds.first_person.render.tables import F64, I32, I64, Faces
 
 FLOOR, WALL, CEILING = 0, 1, 2  # what of a room is covered
 
 
-@njit(cache=True, nogil=True)
 def wall_pieces(first_edge: I64, edges: F64, heights: F64, portals: F64) -> F64:
     """The pieces of wall beside and above the portals; ``heights`` are the rooms'."""
     pieces = np.zeros((len(edges) + 2 * len(portals), 5))
+    return pieces[: _cut(first_edge, edges, heights, portals, pieces)].copy()
+
+
+@kernel()
+def _cut(first_edge: I64, edges: F64, heights: F64, portals: F64, pieces: F64) -> int:
+    """Into ``pieces``, all 0 before; how many there are."""
     count, portal = 0, 0
     for room in range(len(heights)):
         for edge in range(first_edge[room], first_edge[room + 1]):
@@ -37,13 +42,18 @@ def wall_pieces(first_edge: I64, edges: F64, heights: F64, portals: F64) -> F64:
                 pieces[count, 0], pieces[count, 1], pieces[count, 2] = edge, reached, edges[edge, 2]
                 pieces[count, 4] = heights[room]
                 count += 1
-    return pieces[:count].copy()
+    return count
 
 
-@njit(cache=True, nogil=True)
 def corners_of(edges: F64, parts: F64) -> F64:
     """The corners (n, 4, 3) of parts of walls, pieces or portals, counter-clockwise as seen from inside the room."""
     corners = np.empty((len(parts), 4, 3))
+    _turn(edges, parts, corners)
+    return corners
+
+
+@kernel()
+def _turn(edges: F64, parts: F64, corners: F64) -> None:
     for part in range(len(parts)):
         edge = int(parts[part, 0])
         for nth in range(4):
@@ -51,7 +61,6 @@ def corners_of(edges: F64, parts: F64) -> F64:
             corners[part, nth, 0] = edges[edge, 0] + along * edges[edge, 3]
             corners[part, nth, 1] = parts[part, 4 if nth == 1 or nth == 2 else 3]
             corners[part, nth, 2] = edges[edge, 1] + along * edges[edge, 4]
-    return corners
 
 
 def room_faces(
@@ -75,7 +84,7 @@ def room_faces(
     return Faces(start, position, places, normals, np.ones((len(at), 3)), texture[:-1].copy(), plane), first_face
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _fill(
     first_edge: I64,
     edges: F64,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.grid.chance import Words, read_words, write_words
+from minihuman.worlds.grid.compile_apart import PIECES
 from minihuman.worlds.grid.floor_plan import floor_plan
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.pictures import draw
@@ -69,6 +70,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
+    compile_apart = PIECES
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 
     def __init__(

@@ -98,20 +98,10 @@ def _cover(scene: Scene, view: F64, width: int, height: int) -> tuple[Drawn, I64
 
 def _picture(scene: Scene, view: F64, width: int, height: int) -> NDArray[np.uint8]:
     drawn, _ = _cover(scene, view, width, height)
-    textures = scene.layout.textures
     out = np.empty((height, width, 3), np.uint8)
     least = 0.5 if view[PARALLEL] else 0.5 / view[FAR]  # of 1 / distance: beyond a face's edge it may reach nonsense
-    resolve(
-        drawn.owner,
-        drawn.planes,
-        drawn.kind,
-        textures.texels,
-        textures.levels,
-        textures.level_count,
-        np.array(scene.sky, np.float64),
-        least,
-        out,
-    )
+    sky = np.array(scene.sky, np.float64)
+    resolve(drawn.owner, drawn.planes, drawn.kind, scene.layout.textures, sky, least, out)
     return out
 
 

@@ -92,7 +92,7 @@ def place_thing(things: Things, thing: int, places: F64, placement: F64) -> None
     placement[NORMAL_SCALE] = things.normal_scale[thing]
 
 
-@part(number=int64)
+@kernel(number=int64)
 def cover(
     faces: Faces,
     rooms: Rooms,
@@ -145,7 +145,6 @@ def cover(
                     claimed[thing] += samples
 
 
-@kernel()
 def draw(
     faces: Faces,
     rooms: Rooms,

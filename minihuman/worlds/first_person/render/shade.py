@@ -7,7 +7,7 @@ from numpy import uint64 as index
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.compiled import kernel, part
-from minihuman.worlds.first_person.render.tables import F64, I32, I64
+from minihuman.worlds.first_person.render.tables import F64, I32, I64, Textures
 from minihuman.worlds.first_person.render.texture import (
     GREEN,
     RED_BLUE,
@@ -167,7 +167,7 @@ def paint(
                 line[at, 2] = np.uint8(blue * b + 0.5)
 
 
-@part(slots=int64, stretch_count=int64, done=int64)
+@kernel(slots=int64, stretch_count=int64, done=int64)
 def colour(
     owner: I32,
     planes: F64,
@@ -229,14 +229,11 @@ def colour(
                 stretch_count = slots = 0
 
 
-@kernel()
 def resolve(
     owner: I32,
     planes: F64,
     kind: I32,
-    texels: U32,
-    sizes: I64,
-    level_count: I64,
+    textures: Textures,
     sky: F64,
     least: float,
     picture: NDArray[np.uint8],
@@ -245,6 +242,7 @@ def resolve(
     strip, scratch = np.zeros(STRIP_ROWS * STRIP, np.uint32), np.empty(3 * STRIP)
     bits = scratch[2 * STRIP :].view(np.int64)
     stretches, samples = np.empty((MOST_STRETCHES, 5), np.int64), np.empty(4, np.int32)
+    texels, sizes, level_count = textures
     colour(
         owner,
         planes,

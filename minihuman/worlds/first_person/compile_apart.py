@@ -1,0 +1,38 @@
+"""What takes seconds to compile, in pieces that do not need each other: each is run once on next to nothing."""
+
+import numpy as np
+
+from minihuman.worlds.first_person.collision import touches_wall
+from minihuman.worlds.first_person.floor import finish
+from minihuman.worlds.first_person.library import library
+from minihuman.worlds.first_person.outline import rectangle
+from minihuman.worlds.first_person.render.draw import visible_things
+from minihuman.worlds.first_person.render.layout import lay_out
+from minihuman.worlds.first_person.render.scene import Camera, SceneRoom, Surface
+from minihuman.worlds.first_person.render.shade import resolve
+from minihuman.worlds.first_person.rooms import Room
+from minihuman.worlds.first_person.scenery import room_tables
+
+
+def walls() -> None:
+    """Build a room and walk into nothing."""
+    floor = finish([Room(rectangle(0.0, 1.0, 0.0, 1.0))], None)
+    room_tables(floor, library(None))
+    touches_wall(floor.walls, 0.5, 0.5, 0.1)
+
+
+def colours() -> None:
+    """Colour a pixel of sky."""
+    nothing = np.full((4, 1), -1, np.int32)
+    planes, kind = np.zeros((1, 21)), np.zeros((1, 2), np.int32)
+    resolve(nothing, planes, kind, library(None).textures, np.zeros(3), 1.0, np.zeros((1, 1, 3), np.uint8))
+
+
+def faces() -> None:
+    """Look at a room of a single wall, without colouring it."""
+    corners = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    room = SceneRoom(corners[::-1, ::2], [Surface(corners, corners[:, 1:], "concrete_1")])
+    visible_things(lay_out([room], library=library(None)), Camera((-1.0, 0.5, 0.0), 0.0), 1, 1)
+
+
+PIECES = walls, colours, faces
