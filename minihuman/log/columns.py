@@ -39,9 +39,12 @@ class EventColumns(Sequence[E], Generic[E]):
     def of(cls, kind: type[E], events: Iterable[E]) -> "EventColumns[E]":
         """The columns of these events."""
         given = tuple(events)
-        return cls(
-            kind, cache(lambda name: _column(name, [getattr(event, name) for event in given])), range(len(given))
-        )
+
+        @cache
+        def column(name: str) -> Any:
+            return _column(name, [getattr(event, name) for event in given])
+
+        return cls(kind, column, range(len(given)))
 
     def column(self, name: str) -> Any:
         """The field of that name, of every event: ``Words`` or an array; actions are NO_ACTION where there is none."""
