@@ -1,5 +1,6 @@
 """Plans, maps and poses as messages, and back. What goes in comes out equal."""
 
+from operator import attrgetter
 from typing import Any
 
 import msgspec
@@ -44,13 +45,15 @@ def map_message(floor: Map) -> v1.Map:
     )
 
 
+_read_wall = attrgetter("x0", "z0", "x1", "z1")
+
+
 def read_map(message: v1.Map) -> Map:
     """Read a map."""
-    bounds = message.bounds
     return Map(
         unit=one_of(("cell", "m"), message.unit),
-        bounds=(bounds.x0, bounds.z0, bounds.x1, bounds.z1),
-        walls=tuple([(wall.x0, wall.z0, wall.x1, wall.z1) for wall in message.walls]),
+        bounds=_read_wall(message.bounds),
+        walls=tuple(map(_read_wall, message.walls)),
         things=tuple(Thing(thing.name, thing.x, thing.z, thing.radius, thing.colour) for thing in message.things),
     )
 
