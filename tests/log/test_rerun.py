@@ -23,6 +23,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(data, second, session_events(second), started_ns=STARTED_NS + 3_600_000_000_000)
 
 
+@pytest.mark.program
 def test_reruns_checker_finds_nothing(log: Path) -> None:
     checked = subprocess.run(
         [sys.executable, "-m", "rerun", "mcap", "check", "--full", log], capture_output=True, text=True, timeout=120

@@ -25,6 +25,7 @@ def first_in(group: str, protocol=PROTOCOL) -> int:
     return next(slot.index for slot in allocation(protocol) if slot.group == group)
 
 
+@pytest.mark.program
 def test_the_plan_is_the_same_in_another_process():
     plan = expand(PROTOCOL, enrol(PROTOCOL, 3))
     program = (

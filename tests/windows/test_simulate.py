@@ -13,6 +13,8 @@ from minihuman.study.well_formed import complaints
 from minihuman.windows.simulate import simulate
 from tests.counts import count
 
+pytestmark = pytest.mark.program
+
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 GRID = decode(
     (PROTOCOLS / "fourrooms-transfer.toml")

@@ -21,6 +21,7 @@ def test_the_tutorials_code_runs(capsys):
     assert "WW>>LrGgWW" in capsys.readouterr().out
 
 
+@pytest.mark.program
 @pytest.mark.filterwarnings("ignore:.*out of date")
 def test_the_gallery_is_what_its_script_draws(tmp_path):
     runpy.run_path(str(DOCS / "gallery_grid.py"))["write"](tmp_path)

@@ -3,11 +3,14 @@
 import importlib.util
 from pathlib import Path
 
+import pytest
+
 import minihuman  # noqa: F401  registers the worlds
 
 DOCS = Path(__file__).parents[4] / "docs"
 
 
+@pytest.mark.program
 def test_the_gallery_script_writes_the_page_and_a_picture_a_view(tmp_path: Path) -> None:
     spec = importlib.util.spec_from_file_location("gallery_first_person", DOCS / "gallery_first_person.py")
     assert spec is not None
