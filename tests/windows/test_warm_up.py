@@ -77,7 +77,7 @@ from minihuman.worlds.adapt import World
 
 def loaded():
     functions = [each for each in gc.get_objects() if isinstance(each, CPUDispatcher)]
-    return {{each.py_func.__module__ for each in functions if each.signatures}}
+    return {{(each.py_func.__module__, each.py_func.__name__, types) for each in functions for types in each.overloads}}
 
 world = World("minihuman/{world}")
 for piece in world.compile_apart:
@@ -86,7 +86,7 @@ before = loaded()
 assert before
 world.reset(0)
 world.step(0), world.map(), world.pose(), world.state_hash(), world.frame("partial"), world.frame("full")
-print(*(loaded() - before))
+print(*{{module for module, name, types in loaded() - before}})
 """
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     layout = {"minihuman.worlds.grid.layouts.rooms", "minihuman.worlds.grid.place"} if "Grid" in world else set()
