@@ -3,10 +3,10 @@
 import sys
 from pathlib import Path
 
+from minihuman.data.opened import Skipped, opened
 from minihuman.figures.files import save
 from minihuman.figures.gallery import learning_curves
 from minihuman.figures.learning import learning_figure
-from minihuman.opened import Skipped, opened
 
 
 def main(study: str, block: str, out: str) -> None:

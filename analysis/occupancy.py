@@ -3,9 +3,9 @@
 import sys
 from pathlib import Path
 
+from minihuman.data.opened import Skipped, opened
 from minihuman.figures.files import save
 from minihuman.figures.occupancy import occupancy_figure
-from minihuman.opened import Skipped, opened
 
 
 def main(study: str, world: str, out: str) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from minihuman.figures.files import save
 from minihuman.figures.paths import session_paths
-from minihuman.log.read import open_log
+from minihuman.log.read.open_log import open_log
 
 
 def main(log: str, out: str) -> None:

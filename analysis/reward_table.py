@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from minihuman.data.study import Reading, Session, read_study
 from minihuman.report.results import results
-from minihuman.report.study import Reading, Session, read_study
 
 
 def main(study: str, out: str) -> None:

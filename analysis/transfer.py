@@ -12,11 +12,11 @@ from pathlib import Path
 import pandas as pd
 import torch
 
-from minihuman.learn.cells import Ppo, Study
-from minihuman.learn.job import CHECKPOINT
-from minihuman.learn.policy_file import versions
-from minihuman.learn.report import curves, speed, table
-from minihuman.learn.study_folder import STUDY, read_results
+from minihuman.learn.agent.policy_file import versions
+from minihuman.learn.transfer.folder import STUDY, read_results
+from minihuman.learn.transfer.job import CHECKPOINT
+from minihuman.learn.transfer.plan import Ppo, Study
+from minihuman.learn.transfer.summary import curves, speed, table
 
 
 def main(folder: Path, out: Path) -> None:

@@ -19,14 +19,14 @@ from pathlib import Path
 STUDY = """
 from pathlib import Path
 from msgspec.structs import replace
-from minihuman.log.protocol_file import read_protocol
-from minihuman.windows.warm_up import warm_up
+from minihuman.lab.protocol_file import read_protocol
+from minihuman.seats.warm_up import warm_up
 study = read_protocol(Path("protocols/fourrooms-transfer.toml"))
 warm_up(replace(study, blocks=[block for block in study.blocks if "{}" in block.world]))
 """
 PLAN = """
 from minihuman.players.ways import shortest_way
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 world = World("minihuman/{}-FourRooms-v0")
 world.reset(0)
 shortest_way(world)

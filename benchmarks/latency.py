@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 
 from minihuman.errors import LogError
-from minihuman.log.protocol_file import read_protocol
-from minihuman.log.read import open_log
+from minihuman.lab.protocol_file import read_protocol
+from minihuman.log.read.open_log import open_log
 from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from tests.xserver import Typist, xvfb
 
 UNSEEN_S = 2.0  # a step that changed nothing in the stripes looked at

@@ -15,12 +15,12 @@ import gymnasium
 import torch
 
 from benchmarks import upstream_first_person, upstream_grid
-from minihuman.learn.cells import FIRST_PERSON_WORLD, GRID_WORLD, Ppo
-from minihuman.learn.network import Eyes
-from minihuman.learn.observe import Eyesight
-from minihuman.learn.policy_file import versions
-from minihuman.learn.training import History, new_ppo, train
-from minihuman.learn.training_world import TrainingWorld
+from minihuman.learn.agent.network import Eyes
+from minihuman.learn.agent.observe import Eyesight
+from minihuman.learn.agent.policy_file import versions
+from minihuman.learn.agent.training import History, new_ppo, train
+from minihuman.learn.agent.training_world import TrainingWorld
+from minihuman.learn.transfer.plan import FIRST_PERSON_WORLD, GRID_WORLD, Ppo
 
 
 @dataclass

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from minihuman.log.read import open_log
-from minihuman.log.study_folder import FILE_NAME, sessions
+from minihuman.lab.session_table import FILE_NAME, sessions
+from minihuman.log.read.open_log import open_log
 from tests.log.played import record
 from tests.log.samples import session_events, session_plan
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minihuman.log.recorder import McapRecorder
+from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.study.events import Event, Stepped
 from tests.log.samples import session_events, session_plan
 

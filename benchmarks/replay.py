@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from minihuman.log.episode import SessionLog
-from minihuman.log.read import open_log
+from minihuman.log.read.open_log import open_log
+from minihuman.recorded.episode import SessionLog
 from minihuman.replay.facts import facts_page
 from minihuman.replay.layout import layout
 from minihuman.replay.recording import save_recording

@@ -17,7 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from minihuman.export.choose import Filters
+from minihuman.data.selection import Filters
 from minihuman.export.run import export
 
 PROTOCOL = Path(__file__).parents[1] / "protocols" / "fourrooms-transfer.toml"
@@ -42,8 +42,8 @@ def processors_s() -> float:
 def speed(sessions: int) -> None:
     """Time the exports of one study, Parquet and CSV apart."""
     # here, as a process that reads starts with this module's imports, and needs no world: so it is on a command line
-    from minihuman.log.protocol_file import read_protocol
-    from minihuman.windows.simulate import simulate
+    from minihuman.lab.protocol_file import read_protocol
+    from minihuman.seats.simulate import simulate
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from minihuman.log.columns import EventColumns
-from minihuman.log.episode import Episode, SessionLog
-from minihuman.log.recorder import McapRecorder
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.recorded.columns import EventColumns
+from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.study.events import (
     EpisodeEnded,
     EpisodeStarted,

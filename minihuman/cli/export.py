@@ -30,7 +30,7 @@ def export(
     """
     from rich.console import Console
 
-    from minihuman.export.choose import Filters
+    from minihuman.data.selection import Filters
     from minihuman.export.run import export as run
 
     filters = Filters(*(tuple(values) for values in (outcome, block, participant, tag, without_tag)))

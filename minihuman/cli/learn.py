@@ -59,11 +59,11 @@ def transfer(
     Example: minihuman learn transfer --protocol as-intended --runs 3 --out results/transfer
     """
     _need_torch()
-    from minihuman.learn.cells import TRANSFERS, Study
-    from minihuman.learn.cells import quick as quickly
-    from minihuman.learn.engines import open_engine
-    from minihuman.learn.report import Run, read_published, write_report
-    from minihuman.learn.run_study import run_study
+    from minihuman.learn.transfer.engines import open_engine
+    from minihuman.learn.transfer.plan import TRANSFERS, Study
+    from minihuman.learn.transfer.plan import quick as quickly
+    from minihuman.learn.transfer.run import run_study
+    from minihuman.learn.transfer.summary import Run, read_published, write_report
 
     study = Study(
         protocol=protocol.value,
@@ -111,9 +111,9 @@ def clone(
     Example: minihuman learn clone sessions/my-study --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt
     """
     _need_torch()
-    from minihuman.export.choose import Filters
-    from minihuman.learn.clone import Cloning
-    from minihuman.learn.clone_study import CloneStudy, clone_study
+    from minihuman.data.selection import Filters
+    from minihuman.learn.clone.clone import Cloning
+    from minihuman.learn.clone.study import CloneStudy, clone_study
 
     study = CloneStudy(
         world=world,

@@ -21,8 +21,8 @@ def info(
 
     Example: minihuman info sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
     """
-    from minihuman.log.describe import as_json, as_lines
-    from minihuman.log.read import open_log
+    from minihuman.lab.describe import as_json, as_lines
+    from minihuman.log.read.open_log import open_log
 
     session = open_log(log)
     print(as_json(session) if json else "\n".join(as_lines(session)))
@@ -35,8 +35,8 @@ def verify(
 
     Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
     """
-    from minihuman.log.read import open_log
-    from minihuman.log.verify import verify as play_again
+    from minihuman.lab.verify import verify as play_again
+    from minihuman.log.read.open_log import open_log
 
     differ = False
     for log in logs:
@@ -53,8 +53,8 @@ def recover(
 
     Example: minihuman recover sessions/fourrooms-transfer
     """
-    from minihuman.log.finish import leftovers
-    from minihuman.log.finish import recover as finish_cut_off
+    from minihuman.log.record.finish import leftovers
+    from minihuman.log.record.finish import recover as finish_cut_off
 
     found = [part for given in parts for part in (leftovers(given) if given.is_dir() else [given])]
     for part in found:

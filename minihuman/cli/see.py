@@ -32,8 +32,8 @@ def replay(
 
     Example: minihuman replay sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --save replay.rrd
     """
-    from minihuman.marks import select
-    from minihuman.opened import readable
+    from minihuman.data.marks import select
+    from minihuman.data.opened import readable
     from minihuman.replay.recording import save_recording
     from minihuman.replay.viewer import show
 
@@ -72,8 +72,8 @@ def mark(
 
     Example: minihuman mark sub-01_ses-01.mcap --episode 3 --tag exclude --note "the phone rang"
     """
-    from minihuman.log.read import open_log
-    from minihuman.marks import Mark, add_mark
+    from minihuman.data.marks import Mark, add_mark
+    from minihuman.log.read.open_log import open_log
 
     at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     typer.echo(add_mark(open_log(log), Mark(tag, at, episode=episode, note=note, taken_back=take_back)))

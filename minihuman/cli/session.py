@@ -30,12 +30,12 @@ def run(
 
     Example: minihuman run protocols/fourrooms-transfer.toml --participant sub-07
     """
-    from minihuman.log.next_session import next_session
-    from minihuman.log.protocol_file import read_protocol
+    from minihuman.lab.next_session import next_session
+    from minihuman.lab.protocol_file import read_protocol
+    from minihuman.seats.machine import SessionClock
+    from minihuman.seats.sitting import sit
+    from minihuman.seats.warm_up import warm_up
     from minihuman.windows.choose import open_window
-    from minihuman.windows.machine import SessionClock
-    from minihuman.windows.sitting import sit
-    from minihuman.windows.warm_up import warm_up
 
     study = read_protocol(protocol)
     warm_up(study, str(protocol))
@@ -64,9 +64,9 @@ def simulate(
 
     Example: minihuman simulate protocols/fourrooms-transfer.toml --participants 10 --data /tmp/trial
     """
-    from minihuman.log.protocol_file import read_protocol
+    from minihuman.lab.protocol_file import read_protocol
+    from minihuman.seats.simulate import simulate as play
     from minihuman.study.rehearse import rehearse
-    from minihuman.windows.simulate import simulate as play
 
     study = read_protocol(protocol)
     rehearse(study, str(protocol))
@@ -87,8 +87,8 @@ def check(
     """
     import msgspec
 
-    from minihuman.log.protocol_file import read_protocol
-    from minihuman.report.exclusions import check_measures
+    from minihuman.data.exclusions import check_measures
+    from minihuman.lab.protocol_file import read_protocol
     from minihuman.study.dry_run import lines
     from minihuman.study.expand import enrol, expand, participant_index
     from minihuman.study.rehearse import rehearse
@@ -108,7 +108,7 @@ def status(
 
     Example: minihuman status sessions/fourrooms-transfer
     """
-    from minihuman.log.status import status_lines
+    from minihuman.lab.status import status_lines
 
     for line in status_lines(study_dir):
         print(line)

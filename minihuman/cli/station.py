@@ -41,7 +41,7 @@ def demo(
 
     Example: minihuman demo
     """
-    from minihuman.demo import demonstrate
+    from minihuman.seats.demo import demonstrate
 
     made = {}
     for name, path in demonstrate(data, window=window, fullscreen=fullscreen, say=print):
@@ -65,8 +65,8 @@ def play(
     from contextlib import closing
     from time import monotonic_ns
 
+    from minihuman.seats.free_play import FreePlay, free_play
     from minihuman.windows.choose import open_window
-    from minihuman.windows.free_play import FreePlay, free_play
 
     with closing(open_window(window, monotonic_ns, fullscreen=fullscreen)) as opened:
         free_play(FreePlay(world_id, seed, view.value, palette.value), opened, monotonic_ns)
@@ -81,7 +81,7 @@ def doctor(
 
     Example: minihuman doctor --fullscreen
     """
-    from minihuman.doctor import examine, verdict
+    from minihuman.seats.doctor import examine, verdict
 
     findings = []
     for finding in examine(window=window, data=data, fullscreen=fullscreen):

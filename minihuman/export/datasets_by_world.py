@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium
 
-from minihuman.export.port import Chosen
+from minihuman.data.chosen import Chosen
 
 
 def dataset_name(chosen: Chosen) -> str:

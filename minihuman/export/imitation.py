@@ -11,9 +11,10 @@ from typing import Any
 import datasets
 import numpy as np
 
+from minihuman.data.chosen import Chosen, Selection
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat
-from minihuman.export.port import Chosen, Selection, Written
+from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
 

@@ -16,9 +16,10 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from PIL import Image
 
+from minihuman.data.chosen import Chosen, Selection
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat, flat_names, is_picture
-from minihuman.export.port import Chosen, Selection, Written
+from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
 FORMAT_VERSION = "v3.0"

@@ -12,9 +12,10 @@ from minari.data_collector import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
 from minihuman import __version__
+from minihuman.data.chosen import Chosen, Selection
 from minihuman.export.datasets_by_world import dataset_name, env_spec
 from minihuman.export.observations import plain_space, stack
-from minihuman.export.port import Chosen, Selection, Written
+from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
 NAMESPACE = "minihuman"

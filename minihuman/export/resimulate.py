@@ -7,11 +7,11 @@ from typing import Any
 import gymnasium
 
 from minihuman import __version__
+from minihuman.data.chosen import Chosen
 from minihuman.errors import ExportError, LogError, WorldError
-from minihuman.export.port import Chosen
-from minihuman.log.episode import Episode
 from minihuman.log.observations import checked
-from minihuman.worlds.adapt import World
+from minihuman.recorded.episode import Episode
+from minihuman.worlds.adapt.world import World
 
 
 @dataclass(frozen=True, slots=True, eq=False)

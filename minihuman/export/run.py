@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from minihuman.data.selection import Filters, SelectionOf
 from minihuman.errors import ExportError
 from minihuman.export.card import Card
-from minihuman.export.choose import Filters, SelectionOf
 from minihuman.export.port import Written, find_exporter
 
 

@@ -7,10 +7,11 @@ the report. ``dictionary.json`` beside the tables describes every column with it
 from functools import partial
 from pathlib import Path
 
-from minihuman.export.port import Selection, Written
-from minihuman.report.columns import NEED_WORLD
-from minihuman.report.study import Reading, read_session
-from minihuman.report.writing import Kind, TableWriter
+from minihuman.data.chosen import Selection
+from minihuman.data.columns import NEED_WORLD
+from minihuman.data.study import Reading, read_session
+from minihuman.data.writing import Kind, TableWriter
+from minihuman.export.port import Written
 
 
 def export_csv(chosen: Selection, out: Path) -> Written:

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.data.marks import select
+from minihuman.data.opened import Skipped, opened
 from minihuman.figures.files import save
 from minihuman.figures.learning import learning_figure
 from minihuman.figures.occupancy import occupancy_figure, tells_places
 from minihuman.figures.overview import overview_figure
 from minihuman.figures.paths import session_paths
-from minihuman.log.episode import SessionLog
-from minihuman.marks import select
-from minihuman.opened import Skipped, opened
+from minihuman.recorded.episode import SessionLog
 
 
 def draw_all(

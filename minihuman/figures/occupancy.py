@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from minihuman.figures.style import TIME_COLOURS, WALL, blank, our_style
-from minihuman.log.episode import Episode
+from minihuman.recorded.episode import Episode
 
 _BIN = {"cell": 1.0, "m": 0.5}
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from minihuman.figures.style import OUTCOME_COLOURS, OUTCOME_MARKERS, QUIET, SERIES, blank, our_style
-from minihuman.log.episode import Episode, SessionLog
+from minihuman.recorded.episode import Episode, SessionLog
 
 _DOT: dict[str, Any] = {"ms": 4, "mec": "black", "mew": 0.4}
 _TICKS = 12  # episodes that can each have their number under the axis

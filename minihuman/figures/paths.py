@@ -25,8 +25,8 @@ from minihuman.figures.style import (
     blank,
     our_style,
 )
-from minihuman.log.episode import Episode, SessionLog
 from minihuman.measures.path import turns_in_place
+from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.worlds.pose import Map
 
 _SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so that ways there and back both show

@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from minihuman.log.episode import CUT_OFF
+from minihuman.recorded.episode import CUT_OFF
 
 COLUMN_CM = 8.5  # one column of a two-column page
 PAGE_CM = 17.5  # both columns

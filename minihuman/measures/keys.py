@@ -11,8 +11,8 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.log.episode import Episode
-from minihuman.log.words import Words
+from minihuman.recorded.categorical import Words
+from minihuman.recorded.episode import Episode
 from minihuman.study.plan import KeyMap
 
 _TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a step

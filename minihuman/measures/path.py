@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.log.episode import Episode
+from minihuman.recorded.episode import Episode
 
 TURN = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])
 _STILL = 1e-9  # floating-point noise, in the map's unit

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from minihuman.study.plan import EpisodePlan
 
 if TYPE_CHECKING:
-    from minihuman.worlds.adapt import World
+    from minihuman.worlds.adapt.world import World
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ def shortest(plan: EpisodePlan) -> Shortest:
 @lru_cache(maxsize=100_000)
 def _of_layout(world_id: str, options: str, seed: int) -> Shortest:
     # here, as the worlds' kernels take a second to load and most tables are made without them
-    from minihuman.worlds.first_person import planner as first_person_planner
     from minihuman.worlds.first_person.layouts.goal import GoalEnv
+    from minihuman.worlds.first_person.way import planner as first_person_planner
     from minihuman.worlds.grid import planner as grid_planner
     from minihuman.worlds.grid.engine import GridEngine
 
@@ -57,6 +57,6 @@ def _of_layout(world_id: str, options: str, seed: int) -> Shortest:
 
 @lru_cache(maxsize=16)
 def _world(world_id: str, options: str) -> "World":
-    from minihuman.worlds.adapt import World
+    from minihuman.worlds.adapt.world import World
 
     return World(world_id, json.loads(options))

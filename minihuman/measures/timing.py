@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from minihuman.log.episode import Episode
+from minihuman.recorded.episode import Episode
 from minihuman.study.events import Noted, Paused, Resumed
 
 Pauses = tuple[tuple[int, int | None], ...]  # begin and end, ns

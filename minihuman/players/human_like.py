@@ -14,7 +14,7 @@ from minihuman.errors import PlayerError
 from minihuman.players.port import Player, Press
 from minihuman.players.ways import shortest_way
 from minihuman.study.plan import EpisodePlan
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from minihuman.worlds.hashing import hash64
 
 _UNDO = {"left": "right", "right": "left", "turn_left": "turn_right", "turn_right": "turn_left"}

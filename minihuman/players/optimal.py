@@ -6,7 +6,7 @@ from minihuman.errors import PlayerError
 from minihuman.players.port import Player, Press
 from minihuman.players.ways import shortest_way
 from minihuman.study.plan import EpisodePlan
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 DELAY_MS = 250.0
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from minihuman.study.plan import EpisodePlan
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 
 @dataclass(frozen=True, slots=True)

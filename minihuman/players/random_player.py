@@ -4,7 +4,7 @@ import numpy as np
 
 from minihuman.players.port import Player, Press
 from minihuman.study.plan import EpisodePlan
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 
 class RandomPlayer(Player):

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from minihuman.errors import PlayerError
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
 from minihuman.worlds.grid.engine import GridEngine
 
@@ -21,7 +21,7 @@ def shortest_way(world: World) -> tuple[str, ...]:
 
         actions = plan_in_grid(env.state) or ()
     elif isinstance(env, GoalEnv):
-        from minihuman.worlds.first_person.planner import plan as plan_in_rooms
+        from minihuman.worlds.first_person.way.planner import plan as plan_in_rooms
 
         actions = plan_in_rooms(env, env.box) or ()
     else:

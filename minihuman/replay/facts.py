@@ -1,6 +1,6 @@
 """The facts of a session as one readable page (Markdown)."""
 
-from minihuman.log.episode import Episode, SessionLog
+from minihuman.recorded.episode import Episode, SessionLog
 
 
 def facts_page(log: SessionLog) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import rerun.blueprint as rrb
 
-from minihuman.log.episode import SessionLog
+from minihuman.recorded.episode import SessionLog
 from minihuman.replay.moments import ALIGNED, SESSION_TIME
 from minihuman.replay.scene import session_root
 

@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
-from minihuman.log.episode import SessionLog
+from minihuman.recorded.episode import SessionLog
 
 SESSION_TIME = "session_time"  # since the session began
 STEP = "step"  # counts on through the session; every episode's first picture counts as one too

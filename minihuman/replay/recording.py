@@ -7,7 +7,7 @@ from pathlib import Path
 import rerun as rr
 
 from minihuman.errors import LogError
-from minihuman.log.episode import SessionLog
+from minihuman.recorded.episode import SessionLog
 from minihuman.replay.layout import layout
 from minihuman.replay.moments import Moments, common_starts
 from minihuman.replay.scene import send_session, send_views, session_root

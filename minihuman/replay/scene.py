@@ -14,7 +14,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from PIL import Image
 
-from minihuman.log.episode import Episode, SessionLog
+from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.replay.facts import facts_page
 from minihuman.replay.moments import Moments
 from minihuman.replay.views import pictures

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import LogError, WorldError
-from minihuman.log.episode import Episode
 from minihuman.log.observations import checked, is_picture
-from minihuman.worlds.adapt import World
+from minihuman.recorded.episode import Episode
+from minihuman.worlds.adapt.world import World
 
 SIZE_PX = (240, 180)
 

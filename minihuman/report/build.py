@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pandas as pd
 
+from minihuman.data.opened import Skipped
+from minihuman.data.rows import Rows
+from minihuman.data.study import Reading, Session, read_study
+from minihuman.data.writing import write_tables
 from minihuman.errors import ReportError
 from minihuman.figures.files import save
 from minihuman.figures.learning import learning_figure
 from minihuman.figures.paths import session_paths
-from minihuman.log.read import open_log
-from minihuman.opened import Skipped
+from minihuman.log.read.open_log import open_log
 from minihuman.report.page import Page, page
 from minihuman.report.results import Results, results
-from minihuman.report.rows import Rows
-from minihuman.report.study import Reading, Session, read_study
-from minihuman.report.writing import write_tables
 from minihuman.study.plan import SessionPlan
 
 _CURVES = (

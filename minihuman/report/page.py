@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from minihuman.opened import Skipped
+from minihuman.data.opened import Skipped
 from minihuman.report.published import SOURCE, published
 from minihuman.report.results import MEASURES, Results, group_rewards
 from minihuman.report.statistics import Comparison, MixedModel, Power

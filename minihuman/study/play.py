@@ -12,7 +12,7 @@ from minihuman.errors import WorldError
 from minihuman.study.events import EpisodeEnded, EpisodeStarted, FrameShown, ObservationStored, Outcome, Stepped
 from minihuman.study.inputs import Shown
 from minihuman.study.plan import EpisodePlan
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 NS_PER_MS = 1_000_000
 NO_PICTURE = np.zeros((0, 0, 3), dtype=np.uint8)

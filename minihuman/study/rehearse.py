@@ -2,7 +2,7 @@
 
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.study.protocol import Block, Protocol
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 
 def rehearse(protocol: Protocol, source: str = "protocol") -> None:

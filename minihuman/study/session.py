@@ -32,7 +32,7 @@ from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, SessionPlan
 from minihuman.study.play import Play, WorldBrokeError, world_calls
 from minihuman.study.present import Scene, screen_of
 from minihuman.study.screens import Screen, TextScreen
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 NS_PER_S = 1_000_000_000
 ENTER = ("enter", "kp_enter")

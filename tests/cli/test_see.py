@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from minihuman.cli import export, see
 from minihuman.cli import session as cli_session
+from minihuman.data.marks import read_marks
 from minihuman.errors import LogError
-from minihuman.marks import read_marks
 from tests.builders import session, write_log
 
 pytestmark = pytest.mark.program

@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from minihuman.cli import session
 from minihuman.errors import AllocationError, LogError, ProtocolError, ReportError
-from minihuman.log.register import read_register
+from minihuman.lab.register import read_register
 from minihuman.study.expand import enrol, expand
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import decode

@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from minihuman.export.port import Chosen
-from minihuman.log.episode import Episode, SessionLog
-from minihuman.worlds.adapt import World
+from minihuman.data.chosen import Chosen
+from minihuman.recorded.episode import Episode, SessionLog
+from minihuman.worlds.adapt.world import World
 from tests.builders import made, plan, session_of
 
 

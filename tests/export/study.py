@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from minihuman.seats.simulate import simulate
 from minihuman.study.protocol import decode
-from minihuman.windows.simulate import simulate
 
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
 

@@ -15,7 +15,7 @@ from minihuman.errors import ExportError
 from minihuman.export import imitation, lerobot
 from minihuman.export import minari as minari_export
 from minihuman.export.resimulate import Resimulator
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from tests.export.played import chosen, played
 
 WORLDS = ["minihuman/MiniGrid-FourRooms-v0", "minihuman/MiniWorld-FourRooms-v0", "minigrid:MiniGrid-DoorKey-5x5-v0"]

@@ -6,12 +6,12 @@ import shutil
 import pandas as pd
 import pytest
 
+from minihuman.data.columns import NEED_WORLD, TABLES
+from minihuman.data.marks import Mark, add_mark
+from minihuman.data.selection import Filters
 from minihuman.errors import ExportError, LogError
-from minihuman.export.choose import Filters
 from minihuman.export.run import export
-from minihuman.log.read import open_log
-from minihuman.marks import Mark, add_mark
-from minihuman.report.columns import NEED_WORLD, TABLES
+from minihuman.log.read.open_log import open_log
 from tests.export.study import DEMO, recorded
 
 pytestmark = pytest.mark.program

@@ -11,10 +11,10 @@ from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from minihuman.cli import export as cli
+from minihuman.data.selection import Filters
 from minihuman.errors import ExportError, LogError
-from minihuman.export.choose import Filters
 from minihuman.export.run import export
-from minihuman.log.read import open_log, read_events
+from minihuman.log.read.open_log import open_log, read_events
 from minihuman.replay.recording import save_recording
 from minihuman.study.well_formed import complaints
 from tests.export import changing

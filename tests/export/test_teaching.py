@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from minihuman.export.choose import Filters
+from minihuman.data.selection import Filters
 from minihuman.export.run import export
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from tests.counts import count
 from tests.export.study import recorded
 

@@ -5,7 +5,7 @@ import dataclasses
 from matplotlib.figure import Figure
 
 from minihuman.figures.overview import draw_different_keys, draw_keys, draw_steps, draw_time, overview_figure
-from minihuman.log.columns import EventColumns
+from minihuman.recorded.columns import EventColumns
 from minihuman.study.events import KeyPressed
 from tests.builders import session, session_of
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from minihuman.learn.job import RESULT
-from minihuman.learn.study_folder import open_folder
+from minihuman.learn.transfer.folder import open_folder
+from minihuman.learn.transfer.job import RESULT
 from tests.learn.test_study import TINY, result_of
 
 pytestmark = pytest.mark.program

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 import torch
 
+from minihuman.data.selection import Filters
 from minihuman.errors import LearnError
-from minihuman.export.choose import Filters
-from minihuman.learn.clone import Cloning, clone, split
-from minihuman.learn.clone_study import CloneStudy, clone_study
-from minihuman.learn.demonstrations import read_demonstrations
-from minihuman.learn.evaluate import at_random, evaluate, held_out_seed, sampling
-from minihuman.learn.observe import Eyesight, whole_grid
-from minihuman.learn.policy_file import load_policy
-from minihuman.log.protocol_file import read_protocol
-from minihuman.log.read import open_log
-from minihuman.windows.simulate import simulate
+from minihuman.lab.protocol_file import read_protocol
+from minihuman.learn.agent.evaluate import at_random, evaluate, held_out_seed, sampling
+from minihuman.learn.agent.observe import Eyesight, whole_grid
+from minihuman.learn.agent.policy_file import load_policy
+from minihuman.learn.clone.clone import Cloning, clone, split
+from minihuman.learn.clone.demonstrations import read_demonstrations
+from minihuman.learn.clone.study import CloneStudy, clone_study
+from minihuman.log.read.open_log import open_log
+from minihuman.seats.simulate import simulate
 
 pytestmark = pytest.mark.program
 
@@ -123,8 +123,8 @@ def test_held_out_episodes_are_not_training_episodes():
 def test_what_is_ahead_is_above_the_middle():
     import gymnasium
 
-    from minihuman.worlds.grid.cells import kind_of
-    from minihuman.worlds.grid.tasks import front
+    from minihuman.worlds.grid.core.cells import kind_of
+    from minihuman.worlds.grid.core.tasks import front
 
     world = gymnasium.make(FOUR_ROOMS, disable_env_checker=True).unwrapped
     for seed in range(12):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from minihuman.learn.curves import area_under, improvement, wilson
+from minihuman.learn.transfer.curves import area_under, improvement, wilson
 
 
 def test_the_area_under_a_straight_rise_is_half():

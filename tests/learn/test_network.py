@@ -4,7 +4,7 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 
-from minihuman.learn.network import Policy, policy_settings
+from minihuman.learn.agent.network import Policy, policy_settings
 
 
 @pytest.fixture(params=[("grid", (3, 7, 7), 7), ("atari", (3, 60, 80), 3)], ids=["grid", "atari"])

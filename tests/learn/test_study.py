@@ -7,13 +7,13 @@ import pytest
 from rich.console import Console
 
 from minihuman.errors import LearnError
-from minihuman.learn.cells import BASELINE, SOURCE, Cell, Job, Ppo, Study
-from minihuman.learn.engines import LocalPool, RayCluster, open_engine
-from minihuman.learn.job import Result
-from minihuman.learn.report import Run, read_published, speed, table, write_report
-from minihuman.learn.run_study import run_study
-from minihuman.learn.study_folder import open_folder, read_results
-from minihuman.learn.training import Point
+from minihuman.learn.agent.training import Point
+from minihuman.learn.transfer.engines import LocalPool, RayCluster, open_engine
+from minihuman.learn.transfer.folder import open_folder, read_results
+from minihuman.learn.transfer.job import Result
+from minihuman.learn.transfer.plan import BASELINE, SOURCE, Cell, Job, Ppo, Study
+from minihuman.learn.transfer.run import run_study
+from minihuman.learn.transfer.summary import Run, read_published, speed, table, write_report
 
 pytestmark = pytest.mark.program
 

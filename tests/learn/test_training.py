@@ -12,10 +12,10 @@ import pytest
 import torch
 
 from minihuman.errors import LearnError
-from minihuman.learn.cells import SOURCE, Cell, Job, Ppo, Study
-from minihuman.learn.job import CHECKPOINT, LOCK, POLICY, RESULT, prepare, read_result, run_job, steps_so_far
-from minihuman.learn.policy_file import load_weights
-from minihuman.learn.training import train
+from minihuman.learn.agent.policy_file import load_weights
+from minihuman.learn.agent.training import train
+from minihuman.learn.transfer.job import CHECKPOINT, LOCK, POLICY, RESULT, prepare, read_result, run_job, steps_so_far
+from minihuman.learn.transfer.plan import SOURCE, Cell, Job, Ppo, Study
 
 pytestmark = pytest.mark.program
 
@@ -63,7 +63,7 @@ def test_a_killed_job_goes_on_to_the_same_result(finished, tmp_path):
 def test_workers_end_with_a_killed_study(tmp_path):
     script = (
         "import sys; from pathlib import Path; from tests.learn.test_training import *\n"
-        "from minihuman.learn.engines import LocalPool; from minihuman.learn.run_study import run_study\n"
+        "from minihuman.learn.transfer.engines import LocalPool; from minihuman.learn.transfer.run import run_study\n"
         "if __name__ == '__main__':\n"
         "    run_study(small_study(source_steps=10**6), Path(sys.argv[1]), lambda: LocalPool(1), device='cpu')"
     )

@@ -4,8 +4,8 @@ import torch
 from gymnasium import spaces
 
 from minihuman.errors import LearnError
-from minihuman.learn.network import PARTS, bare_policy, part_parameters
-from minihuman.learn.transfer import transfer_as_published, transfer_in_place
+from minihuman.learn.agent.network import PARTS, bare_policy, part_parameters
+from minihuman.learn.transfer.weights import transfer_as_published, transfer_in_place
 
 
 def space(height, width):

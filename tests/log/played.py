@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minihuman.log.recorder import McapRecorder
+from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.study.events import (
     Event,
     FrameShown,
@@ -16,7 +16,7 @@ from minihuman.study.events import (
 )
 from minihuman.study.plan import SessionPlan
 from minihuman.study.play import Play
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from tests.log.samples import STARTED_NS
 
 KEYS = ("3", "1", "7")

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from minihuman.cli import logs
 from minihuman.errors import LogError
-from minihuman.log.read import read_events
-from minihuman.log.recorder import McapRecorder
+from minihuman.log.read.open_log import read_events
+from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.study.events import Stepped
 from tests.log.played import played_events, record
 from tests.log.samples import STARTED_NS, session_events, session_plan

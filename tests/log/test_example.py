@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from minihuman.log.read import open_log
-from minihuman.log.verify import Verified, verify
+from minihuman.lab.verify import Verified, verify
+from minihuman.log.read.open_log import open_log
 
 EXAMPLE = Path(__file__).parents[2] / "sessions/example/demo/sub-01/ses-01/sub-01_ses-01.mcap"
 

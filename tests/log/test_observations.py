@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 
 from minihuman.errors import LogError
-from minihuman.log.episode import Episode
-from minihuman.log.finish import recover
+from minihuman.lab.verify import verify
 from minihuman.log.observations import checked, pack, unpack
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.read import open_log, read_events
-from minihuman.log.verify import verify
+from minihuman.log.read.open_log import open_log, read_events
+from minihuman.log.record.finish import recover
+from minihuman.recorded.episode import Episode
 from minihuman.study.events import ObservationStored
 from minihuman.study.plan import SessionPlan
 from minihuman.worlds.hashing import hash64

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from mcap.records import Attachment, Metadata
 
-from minihuman.log.chunk import LogMessage
-from minihuman.log.recorder import McapRecorder
-from minihuman.log.scan import Scan
+from minihuman.log.read.chunk import LogMessage
+from minihuman.log.read.scan import Scan
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.seats.machine import machine_facts
 from minihuman.study.events import SessionStarted
-from minihuman.windows.machine import machine_facts
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from minihuman.log.decode import decode
 from minihuman.log.encode import for_viewers, truth
-from minihuman.log.read import read_events
-from minihuman.log.recorder import McapRecorder
+from minihuman.log.read.open_log import read_events
+from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.study import events as ev
 from tests.counts import count
 from tests.log.samples import EVENTS, EVENTS_BY_TYPE, STARTED_NS, STARTS, session_events, session_plan

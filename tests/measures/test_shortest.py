@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from minihuman.measures.shortest import UNKNOWN, shortest
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from tests.builders import plan
 
 

@@ -2,19 +2,19 @@ import numpy as np
 import pytest
 
 from minihuman.errors import PlayerError
-from minihuman.log.port import MemoryRecorder
+from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.players.choose import make_player
 from minihuman.players.human_like import Person
 from minihuman.players.ways import shortest_way
+from minihuman.seats.run import run_session
+from minihuman.seats.simulated import SimulatedWindow
 from minihuman.study.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped
 from minihuman.study.expand import enrol, expand
 from minihuman.study.protocol import decode
 from minihuman.study.session import Session
 from minihuman.study.well_formed import complaints
-from minihuman.windows.run import run_session
 from minihuman.windows.scripted import VirtualClock
-from minihuman.windows.simulated import SimulatedWindow
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 GRID = "minihuman/MiniGrid-FourRooms-v0"
 ROOMS = "minihuman/MiniWorld-FourRooms-v0"

@@ -8,7 +8,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from minihuman.errors import LogError
-from minihuman.log.columns import EventColumns
+from minihuman.recorded.columns import EventColumns
 from minihuman.replay.facts import facts_page
 from minihuman.replay.moments import ALIGNED, EPISODE, SESSION_TIME, STEP
 from minihuman.replay.recording import save_recording

@@ -10,10 +10,10 @@ import msgspec
 import pandas as pd
 import pytest
 
+from minihuman.data.marks import Mark, add_mark
 from minihuman.errors import LogError, ReportError
-from minihuman.log.episode import SessionLog
-from minihuman.log.read import open_log
-from minihuman.marks import Mark, add_mark
+from minihuman.log.read.open_log import open_log
+from minihuman.recorded.episode import SessionLog
 from minihuman.report.build import build
 from tests.builders import episode, session, session_of, write_log
 

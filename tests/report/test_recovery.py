@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from minihuman.data.exclusions import Rules
+from minihuman.data.study import Reading, read_study
+from minihuman.data.tables import session_tables
 from minihuman.measures.shortest import UNKNOWN
-from minihuman.report.exclusions import Rules
 from minihuman.report.results import results
 from minihuman.report.statistics import compare_groups
-from minihuman.report.study import Reading, read_study
-from minihuman.report.tables import session_tables
+from minihuman.seats.simulate import simulate
 from minihuman.study.protocol import decode
-from minihuman.windows.simulate import simulate
 from tests.builders import made, plan, session_of
 from tests.counts import count
 

@@ -1,13 +1,13 @@
 """Small sessions for tests: a protocol in a few lines, and inputs by name."""
 
-from minihuman.log.port import MemoryRecorder
+from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.study.events import EpisodeStarted, KeyPressed
 from minihuman.study.expand import enrol, expand
 from minihuman.study.inputs import Input, KeyDown, KeyUp, Shown, Tick
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import decode
 from minihuman.study.session import Session
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 MS = 1_000_000
 

@@ -21,7 +21,7 @@ from minihuman.study.phases import Phase
 from minihuman.study.screens import PlayScreen
 from minihuman.study.session import Session
 from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from tests.study.sessions import MS, Desk, corridor_plan, key_of
 
 

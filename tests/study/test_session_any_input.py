@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
 from minihuman.study.session import Session
 from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 from tests.counts import count
 from tests.study.sessions import MS, corridor_plan
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minihuman.errors import WorldError
-from minihuman.worlds.adapt import World
+from minihuman.worlds.adapt.world import World
 
 CORRIDOR = "tests.worlds.corridor:tests/Corridor-v0"
 DOOR_KEY = "minigrid:MiniGrid-DoorKey-8x8-v0"

@@ -10,7 +10,7 @@ from minihuman.worlds.compiling import LINE
 
 pytestmark = pytest.mark.program
 
-CODE = "from minihuman.worlds.grid.cells import kind_of, lets_pass; kind_of(5), lets_pass(5)"
+CODE = "from minihuman.worlds.grid.core.cells import kind_of, lets_pass; kind_of(5), lets_pass(5)"
 
 
 def said(folder):

@@ -2,15 +2,15 @@
 
 import numpy as np
 
+from minihuman.worlds.first_person.building.floor import finish
+from minihuman.worlds.first_person.building.outline import rectangle
+from minihuman.worlds.first_person.building.rooms import Room
 from minihuman.worlds.first_person.collision import touches_wall
-from minihuman.worlds.first_person.floor import finish
 from minihuman.worlds.first_person.library import library
-from minihuman.worlds.first_person.outline import rectangle
 from minihuman.worlds.first_person.render.draw import visible_things
 from minihuman.worlds.first_person.render.layout import lay_out
 from minihuman.worlds.first_person.render.scene import Camera, SceneRoom, Surface
 from minihuman.worlds.first_person.render.shade import resolve
-from minihuman.worlds.first_person.rooms import Room
 from minihuman.worlds.first_person.scenery import room_tables
 
 

@@ -14,14 +14,14 @@ from minihuman.worlds.compiling import announce
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.agent import Agent
+from minihuman.worlds.first_person.building.outline import Outline, Point, outline_of, rectangle
+from minihuman.worlds.first_person.building.passages import Limits
+from minihuman.worlds.first_person.building.rooms import WALL_HEIGHT, Room
 from minihuman.worlds.first_person.compile_apart import PIECES
 from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.map import floor_map
-from minihuman.worlds.first_person.outline import Outline, Point, outline_of, rectangle
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
-from minihuman.worlds.first_person.passages import Limits
 from minihuman.worlds.first_person.picture import Glimpse, Pictures, glimpse
-from minihuman.worlds.first_person.rooms import WALL_HEIGHT, Room
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
 from minihuman.worlds.pose import Map, Pose

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.first_person.building.floor import FloorPlan
 from minihuman.worlds.first_person.entities import Entity, Position
-from minihuman.worlds.first_person.floor import FloorPlan
 from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render, render_depth, render_top, visible_things
 from minihuman.worlds.first_person.render.layout import furnish

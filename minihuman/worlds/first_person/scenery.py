@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette
+from minihuman.worlds.first_person.building.floor import FloorPlan, RoomPlan
+from minihuman.worlds.first_person.building.masonry import CEILING, corners_of, room_faces
 from minihuman.worlds.first_person.colours import rgb
 from minihuman.worlds.first_person.entities import Box, ColouredMesh, Entity, ImageFrame, Mesh, TextFrame
-from minihuman.worlds.first_person.floor import FloorPlan, RoomPlan
-from minihuman.worlds.first_person.masonry import CEILING, corners_of, room_faces
 from minihuman.worlds.first_person.render.assets import Library
 from minihuman.worlds.first_person.render.scene import (
     BoxLook,

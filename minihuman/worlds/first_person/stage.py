@@ -6,14 +6,14 @@ import numpy as np
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.agent import Agent
+from minihuman.worlds.first_person.building.floor import FloorPlan, finish
+from minihuman.worlds.first_person.building.outline import check_convex
+from minihuman.worlds.first_person.building.passages import Limits, passage
+from minihuman.worlds.first_person.building.rooms import Room
 from minihuman.worlds.first_person.chance import uniform, weighted
 from minihuman.worlds.first_person.collision import touches_wall
 from minihuman.worlds.first_person.entities import Entity, Length, Position
-from minihuman.worlds.first_person.floor import FloorPlan, finish
-from minihuman.worlds.first_person.outline import check_convex
 from minihuman.worlds.first_person.parameters import Parameters
-from minihuman.worlds.first_person.passages import Limits, passage
-from minihuman.worlds.first_person.rooms import Room
 
 _MOST_TRIES = 100_000  # a world that needs more to place one thing has no room for it
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from minihuman.errors import WorldError
+from minihuman.worlds.first_person.building.rooms import Room
 from minihuman.worlds.first_person.entities import Entity
-from minihuman.worlds.first_person.rooms import Room
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.hashing import hash64
 

@@ -13,12 +13,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.chance import Words, read_words
+from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.compiled import kernel
-from minihuman.worlds.grid.env import GridEnv
-from minihuman.worlds.grid.pictures import draw
-from minihuman.worlds.grid.rules import TERMINATED, TRUNCATED, act
-from minihuman.worlds.grid.state import (
+from minihuman.worlds.grid.core.chance import Words, read_words
+from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
+from minihuman.worlds.grid.core.state import (
     ACTIONS,
     DIRECTION,
     FAILED,
@@ -31,7 +30,8 @@ from minihuman.worlds.grid.state import (
     State,
     clear,
 )
-from minihuman.worlds.grid.view import see
+from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.grid.env import GridEnv
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from minihuman.worlds.grid.pictures import draw
-from minihuman.worlds.grid.rules import step
-from minihuman.worlds.grid.state import DIRECTION, HEIGHT, WIDTH, Row, X, Y, clear, row_length
-from minihuman.worlds.grid.view import see
+from minihuman.worlds.grid.art.pictures import draw
+from minihuman.worlds.grid.core.rules import step
+from minihuman.worlds.grid.core.state import DIRECTION, HEIGHT, WIDTH, Row, X, Y, clear, row_length
+from minihuman.worlds.grid.core.view import see
 
 
 def rules() -> None:

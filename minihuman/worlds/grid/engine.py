@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
-from minihuman.worlds.grid.chance import Words, read_words, write_words
+from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.compile_apart import PIECES
-from minihuman.worlds.grid.floor_plan import floor_plan
-from minihuman.worlds.grid.missions import MissionSpace
-from minihuman.worlds.grid.pictures import draw
-from minihuman.worlds.grid.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, step
-from minihuman.worlds.grid.state import (
+from minihuman.worlds.grid.core.chance import Words, read_words, write_words
+from minihuman.worlds.grid.core.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, step
+from minihuman.worlds.grid.core.state import (
     ACTIONS,
     FAILED,
     HEIGHT,
@@ -35,8 +33,10 @@ from minihuman.worlds.grid.state import (
     clear,
     row_length,
 )
+from minihuman.worlds.grid.core.view import see, see_size
+from minihuman.worlds.grid.floor_plan import floor_plan
+from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.text import to_text
-from minihuman.worlds.grid.view import see, see_size
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
 

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from minihuman.worlds.grid.core.state import FAILED, MISSION
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.families import recipe
-from minihuman.worlds.grid.state import FAILED, MISSION
 
 SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette"})
 
@@ -56,7 +56,7 @@ def in_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: A
     """A grid world as it is, or seen from inside."""
     if view == "grid":
         return grid(**options)
-    from minihuman.worlds.first_person.grid_view import first_person
+    from minihuman.worlds.inside.grid_view import first_person
 
     picture = {name: options.pop(name) for name in ("obs_width", "obs_height") if name in options}
     return first_person(grid(**options), view, **picture)

@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import BALL, BOX, GREY_WALL, KEY, KINDS, RED_LAVA
+from minihuman.worlds.grid.core.cells import BALL, BOX, GREY_WALL, KEY, KINDS, RED_LAVA
 from minihuman.worlds.grid.layouts import crossing as crossing_layout
 from minihuman.worlds.grid.layouts import multi_room as multi_room_layout
 from minihuman.worlds.grid.layouts import objects, open_floor, rooms, unlocking

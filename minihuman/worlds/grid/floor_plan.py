@@ -3,9 +3,9 @@
 import numpy as np
 
 from minihuman.worlds.contract import Palette
-from minihuman.worlds.grid.cells import COLOURS, EMPTY, KINDS, LAVA, WALL, colour_of, kind_of
-from minihuman.worlds.grid.palettes import hex_colour
-from minihuman.worlds.grid.state import State
+from minihuman.worlds.grid.art.palettes import hex_colour
+from minihuman.worlds.grid.core.cells import COLOURS, EMPTY, KINDS, LAVA, WALL, colour_of, kind_of
+from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.outlines import wall_outlines
 from minihuman.worlds.pose import Map, Thing
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import COLOURS, DOOR_STATES, KINDS
+from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES, KINDS
 
 Colour = Literal["red", "green", "blue", "purple", "yellow", "grey"]
 

@@ -6,11 +6,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid import place as verbs
-from minihuman.worlds.grid.cells import COLOURS, DOOR_STATES, EMPTY, KINDS, pack
-from minihuman.worlds.grid.chance import Words, read_words, write_words
+from minihuman.worlds.grid.core import place as verbs
+from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES, EMPTY, KINDS, pack
+from minihuman.worlds.grid.core.chance import Words, read_words, write_words
+from minihuman.worlds.grid.core.state import FAILED, HEIGHT, TARGET, TASK, WIDTH, Row, contents_index, make, put
 from minihuman.worlds.grid.items import Item, wall
-from minihuman.worlds.grid.state import FAILED, HEIGHT, TARGET, TASK, WIDTH, Row, contents_index, make, put
 
 T = TypeVar("T")
 Place = tuple[int, int]  # column, row

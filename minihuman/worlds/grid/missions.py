@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import COLOURS, KINDS
+from minihuman.worlds.grid.core.cells import COLOURS, KINDS
 
 
 class MissionSpace(spaces.Space[str]):

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import GOAL
-from minihuman.worlds.grid.search import FAR, FOUND, FULL, distances, search
-from minihuman.worlds.grid.state import TARGET, TASK, State
-from minihuman.worlds.grid.tasks import (
+from minihuman.worlds.grid.core.cells import GOAL
+from minihuman.worlds.grid.core.search import FAR, FOUND, FULL, distances, search
+from minihuman.worlds.grid.core.state import TARGET, TASK, State
+from minihuman.worlds.grid.core.tasks import (
     DODGE,
     FETCH,
     FORWARD,

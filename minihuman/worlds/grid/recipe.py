@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from minihuman.worlds.grid.chance import Words
+from minihuman.worlds.grid.core.chance import Words
+from minihuman.worlds.grid.core.state import Row
 from minihuman.worlds.grid.missions import MissionSpace
-from minihuman.worlds.grid.state import Row
 
 LayoutFunction = Callable[..., None]  # (row, words, *numbers)
 

@@ -6,7 +6,7 @@ stands on, what it carries and what boxes contain is not shown.
 """
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import (
+from minihuman.worlds.grid.core.cells import (
     COLOURS,
     DOOR_STATES,
     EMPTY,
@@ -16,9 +16,9 @@ from minihuman.worlds.grid.cells import (
     kind_of,
     state_of,
 )
+from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.grid.items import Item
 from minihuman.worlds.grid.layout import Layout
-from minihuman.worlds.grid.state import State
 
 AGENT = (">>", "vv", "<<", "^^")  # by direction
 COLOUR_LETTERS = "rgbpy-"  # by colour number

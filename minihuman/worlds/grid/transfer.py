@@ -4,12 +4,12 @@ from typing import Any
 
 from minihuman.errors import WorldError
 from minihuman.worlds.go_to_obj import COLOURS, KINDS, arrange
+from minihuman.worlds.grid.core.state import TARGET
+from minihuman.worlds.grid.core.tasks import REACH, TOGGLE, front, prize
 from minihuman.worlds.grid.env import in_view
 from minihuman.worlds.grid.items import Item
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.missions import MissionSpace
-from minihuman.worlds.grid.state import TARGET
-from minihuman.worlds.grid.tasks import REACH, TOGGLE, front, prize
 from minihuman.worlds.grid.world import GridWorld
 
 

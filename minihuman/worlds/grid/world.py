@@ -4,10 +4,10 @@ import abc
 from operator import index
 from typing import Any, ClassVar
 
+from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
+from minihuman.worlds.grid.core.state import OVER, PHASE
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.layout import Layout
-from minihuman.worlds.grid.rules import TERMINATED, TRUNCATED, act
-from minihuman.worlds.grid.state import OVER, PHASE
 
 
 class GridWorld(GridEngine, abc.ABC):

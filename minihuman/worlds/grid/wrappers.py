@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette, View
-from minihuman.worlds.grid.cells import AGENT, COLOURS, DOOR_STATES, EMPTY, GOAL, KINDS
+from minihuman.worlds.grid.art.pictures import draw
+from minihuman.worlds.grid.core.cells import AGENT, COLOURS, DOOR_STATES, EMPTY, GOAL, KINDS
+from minihuman.worlds.grid.core.view import see_all, see_size
 from minihuman.worlds.grid.engine import GridEngine
-from minihuman.worlds.grid.pictures import draw
-from minihuman.worlds.grid.view import see_all, see_size
 
 Observation = dict[str, Any]
 Step = tuple[Any, float, bool, bool, dict[str, Any]]

@@ -5,7 +5,7 @@ import pytest
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.planner import least_steps, plan
+from minihuman.worlds.first_person.way.planner import least_steps, plan
 from tests.counts import count
 
 pytestmark = pytest.mark.long

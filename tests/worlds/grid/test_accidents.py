@@ -15,11 +15,11 @@ from minigrid.minigrid_env import MiniGridEnv
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import BALL, BOX, DOOR, EMPTY
+from minihuman.worlds.grid.core.cells import BALL, BOX, DOOR, EMPTY
+from minihuman.worlds.grid.core.tasks import front
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.items import wall
 from minihuman.worlds.grid.planner import plan
-from minihuman.worlds.grid.tasks import front
 from minihuman.worlds.grid.world import GridWorld
 
 

@@ -3,7 +3,7 @@ import pytest
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.cells import BALL, KEY
+from minihuman.worlds.grid.core.cells import BALL, KEY
 from minihuman.worlds.grid.missions import COLOUR_WORDS, MissionSpace, kind_words
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid import tasks
+from minihuman.worlds.grid.core import tasks
 from minihuman.worlds.grid.items import box, door, goal, key
 from minihuman.worlds.grid.world import GridWorld
 

@@ -10,11 +10,11 @@ import pytest
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.catalogue import ENTRIES
-from minihuman.worlds.grid.cells import KINDS, kind_of
+from minihuman.worlds.grid.core.cells import KINDS, kind_of
+from minihuman.worlds.grid.core.rules import ACTION_NAMES
+from minihuman.worlds.grid.core.state import TASK
+from minihuman.worlds.grid.core.tasks import DODGE, front
 from minihuman.worlds.grid.planner import plan
-from minihuman.worlds.grid.rules import ACTION_NAMES
-from minihuman.worlds.grid.state import TASK
-from minihuman.worlds.grid.tasks import DODGE, front
 from tests.counts import count
 
 pytestmark = pytest.mark.long

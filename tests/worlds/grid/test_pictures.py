@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import minihuman  # noqa: F401
-from minihuman.worlds.grid.cells import COLOURS, KINDS
+from minihuman.worlds.grid.art.palettes import OBJECT_COLOURS, UNSEEN
+from minihuman.worlds.grid.core.cells import COLOURS, KINDS
 from minihuman.worlds.grid.items import Item
-from minihuman.worlds.grid.palettes import OBJECT_COLOURS, UNSEEN
 from minihuman.worlds.grid.text import from_text
 from minihuman.worlds.grid.world import GridWorld
 

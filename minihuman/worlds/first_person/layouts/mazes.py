@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from minihuman.errors import WorldError
+from minihuman.worlds.first_person.building.outline import Point
+from minihuman.worlds.first_person.building.rooms import Room
 from minihuman.worlds.first_person.chance import uniform
 from minihuman.worlds.first_person.entities import Box, Position
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
-from minihuman.worlds.first_person.outline import Point
-from minihuman.worlds.first_person.rooms import Room
 
 _GAP = 0.25  # between the rooms of a maze
 

@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
+from minihuman.worlds.first_person.building.rooms import Room
 from minihuman.worlds.first_person.entities import Box, Mesh
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
-from minihuman.worlds.first_person.rooms import Room
 
 
 class Sidewalk(GoalEnv):

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.cells import BALL, BOX, CLOSED, DOOR, GREEN, GREY_WALL, KEY, SORTED_COLOURS
-from minihuman.worlds.grid.chance import Words, integer
 from minihuman.worlds.grid.compiled import kernel, part
-from minihuman.worlds.grid.place import (
+from minihuman.worlds.grid.core.cells import BALL, BOX, CLOSED, DOOR, GREEN, GREY_WALL, KEY, SORTED_COLOURS
+from minihuman.worlds.grid.core.chance import Words, integer
+from minihuman.worlds.grid.core.place import (
     FOR_EVER,
     across,
     draw_place,
@@ -17,8 +17,8 @@ from minihuman.worlds.grid.place import (
     stand,
     wall_rect,
 )
-from minihuman.worlds.grid.state import FAILED, HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
-from minihuman.worlds.grid.tasks import FETCH, MATCH, PUT_NEAR, STAND_BY
+from minihuman.worlds.grid.core.state import FAILED, HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
+from minihuman.worlds.grid.core.tasks import FETCH, MATCH, PUT_NEAR, STAND_BY
 
 KINDS_DRAWN = (KEY, BALL, BOX)
 

@@ -8,13 +8,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.cells import CLOSED, DOOR, EMPTY, LOCKED, WALL, kind_of
-from minihuman.worlds.grid.chance import Words, integer
 from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.grid.core.cells import CLOSED, DOOR, EMPTY, LOCKED, WALL, kind_of
+from minihuman.worlds.grid.core.chance import Words, integer
+from minihuman.worlds.grid.core.place import place_agent, stand, wall_rect
+from minihuman.worlds.grid.core.state import FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at, make, put
+from minihuman.worlds.grid.core.tasks import front
 from minihuman.worlds.grid.layouts.objects import draw_colour
-from minihuman.worlds.grid.place import place_agent, stand, wall_rect
-from minihuman.worlds.grid.state import FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at, make, put
-from minihuman.worlds.grid.tasks import front
 
 Plan = NDArray[np.int64]  # (rooms, 13)
 

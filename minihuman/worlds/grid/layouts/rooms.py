@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from minihuman.worlds.grid.cells import (
+from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.grid.core.cells import (
     BLUE,
     CLOSED,
     DOOR,
@@ -15,10 +16,8 @@ from minihuman.worlds.grid.cells import (
     SORTED_COLOURS,
     YELLOW,
 )
-from minihuman.worlds.grid.chance import Words, integer
-from minihuman.worlds.grid.compiled import kernel, part
-from minihuman.worlds.grid.layouts.objects import draw_colour, draw_kind
-from minihuman.worlds.grid.place import (
+from minihuman.worlds.grid.core.chance import Words, integer
+from minihuman.worlds.grid.core.place import (
     across,
     down,
     outer_walls,
@@ -29,8 +28,9 @@ from minihuman.worlds.grid.place import (
     stand,
     wall_rect,
 )
-from minihuman.worlds.grid.state import HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
-from minihuman.worlds.grid.tasks import IN_ORDER
+from minihuman.worlds.grid.core.state import HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
+from minihuman.worlds.grid.core.tasks import IN_ORDER
+from minihuman.worlds.grid.layouts.objects import draw_colour, draw_kind
 
 
 @kernel()

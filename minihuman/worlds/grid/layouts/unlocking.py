@@ -3,9 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.cells import BALL, BLUE, BOX, GREEN, GREY, KEY, SORTED_COLOURS, identity_of
-from minihuman.worlds.grid.chance import Words, integer
 from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.grid.core.cells import BALL, BLUE, BOX, GREEN, GREY, KEY, SORTED_COLOURS, identity_of
+from minihuman.worlds.grid.core.chance import Words, integer
+from minihuman.worlds.grid.core.state import MISSION, TARGET, TASK, Row, contents_index, make, put
+from minihuman.worlds.grid.core.tasks import OPEN_DOOR, PICK
 from minihuman.worlds.grid.layouts.objects import draw_colour
 from minihuman.worlds.grid.layouts.room_grid import (
     DOOR_X,
@@ -20,8 +22,6 @@ from minihuman.worlds.grid.layouts.room_grid import (
     remove_wall,
     rooms,
 )
-from minihuman.worlds.grid.state import MISSION, TARGET, TASK, Row, contents_index, make, put
-from minihuman.worlds.grid.tasks import OPEN_DOOR, PICK
 
 SIZE = 6  # of the rooms of all these worlds but KeyCorridor
 

@@ -1,0 +1,1 @@
+"""A study once it is read: sessions, marks, what counts, and its tables."""

@@ -1,0 +1,111 @@
+"""Rows of the tables, kept as plain columns until those of many sessions are made one Arrow table.
+
+A column costs Arrow as much for one session as for a hundred, and a session travels sooner from process to process
+as what it is made of.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from minihuman.data.columns import TABLES, schema
+from minihuman.recorded.categorical import Words
+
+_NUMPY: dict[pa.DataType, type] = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some rows of a table: of each column n values, in an array, a list or ``Words``, or the one that all have."""
+
+    count: int  # n
+    columns: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, Any]]) -> "Part":
+        """As many rows as there are mappings from column to value; each has the same columns."""
+        return cls(len(rows), {name: [row[name] for row in rows] for name in (rows[0] if rows else ())})
+
+    @classmethod
+    def below(cls, parts: Sequence["Part"], **shared: Any) -> "Part":
+        """Put parts of one table one below the other; ``shared`` are further columns with one value for all rows."""
+        counts = [part.count for part in parts]
+        columns = {
+            name: _below([part.columns[name] for part in parts if part.count], [count for count in counts if count])
+            for name in (parts[0].columns if parts else ())
+        }
+        return cls(sum(counts), columns | shared)
+
+
+def _below(values: Sequence[Any], counts: Sequence[int]) -> Any:
+    match values:
+        case [np.ndarray(), *_]:
+            return np.concatenate(values)
+        case [Words(), *_]:
+            return Words.joined(values)
+        case [list(), *_]:
+            return list(chain.from_iterable(values))
+        case [str(), *_]:
+            once = Words.of(values)
+            return Words(np.repeat(once.codes, counts), once.words)
+    return np.repeat(values, counts)
+
+
+@dataclass(frozen=True, slots=True)
+class Rows(Mapping[str, pa.Table]):
+    """A session's rows of every table, by the table's name; as Arrow when one is looked at."""
+
+    parts: Mapping[str, Part]
+
+    def __getitem__(self, name: str) -> pa.Table:
+        return together(name, [self])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(TABLES)
+
+    def __len__(self) -> int:
+        return len(TABLES)
+
+    def count(self, name: str) -> int:
+        """How many rows one of the tables has."""
+        return self.parts[name].count
+
+
+def together(name: str, sessions: Sequence[Rows]) -> pa.Table:
+    """One table's rows of several sessions. A NaN becomes empty."""
+    part = Part.below([session.parts[name] for session in sessions if session.parts[name].count])
+    arrow = schema(name)
+    columns = [(field.type, part.columns.get(field.name, [])) for field in arrow]
+    return pa.Table.from_arrays(
+        [_texts(values) if kind == pa.string() else _numbers(values, kind) for kind, values in columns], schema=arrow
+    )
+
+
+# from their bytes, as pa.array would import pandas, half a second, to see that it was given nothing of that
+
+
+def _texts(values: Words | list[str]) -> pa.Array:
+    words = Words.of(values)
+    encoded = [word.encode() for word in words.words]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    return pa.Array.from_buffers(pa.string(), len(encoded), buffers).take(_numbers(words.codes, pa.int64()))
+
+
+def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa.Array:
+    dtype = _NUMPY[kind]
+    numbers: NDArray[Any]
+    if isinstance(values, list):
+        missing = np.array([value is None for value in values], np.bool_)
+        numbers = np.array([0 if value is None else value for value in values], dtype)
+    else:
+        missing = np.isnan(values)
+        numbers = values.astype(dtype)
+    bits = np.packbits(numbers, bitorder="little") if dtype is np.bool_ else numbers
+    there = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
+    return pa.Array.from_buffers(kind, len(values), [there, pa.py_buffer(bits)])

@@ -1,0 +1,102 @@
+"""A study's sessions at a glance: one row each, kept in a small table beside them so that none is read twice.
+
+The table, ``sessions.sqlite`` in the study's folder, is a cache: whenever it is asked it is first brought up to date,
+by comparing file sizes and times, and it may be deleted at any time. Rows are handed out one by one, so that ten
+thousand sessions take no more memory than ten.
+"""
+
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+from minihuman.errors import LogError
+from minihuman.lab.summary import Summary, summarise
+from minihuman.log.paths import sessions_among
+
+FILE_NAME = "sessions.sqlite"
+_COLUMNS = tuple(f'"{field.name}"' for field in fields(Summary))
+_TABLE = f"sessions_v1 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
+_PAGE = f"SELECT log, path, problem, {', '.join(_COLUMNS)} FROM sessions_v1 WHERE log > ? ORDER BY log LIMIT 100"
+BUSY_S = 2.0  # how long another process may hold the table before we do without it
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRow:
+    """One session of a study: where it is, and what is in it or why it cannot be read."""
+
+    path: Path  # the finished log; the live or cut-off segment where there is none yet
+    summary: Summary | None  # None: unreadable
+    problem: str  # why; "" if it is readable
+
+
+def sessions(study: Path) -> Iterator[SessionRow]:
+    """Yield a row for every session log below a folder, in order of path; the unreadable ones say why.
+
+    Raises:
+        LogError: if the folder does not exist.
+    """
+    if not study.is_dir():
+        raise LogError(f"{study} is not a folder; name a study's folder, or a session log's own")
+    with closing(_up_to_date(study)) as table:
+        after = ""
+        while page := table.execute(_PAGE, (after,)).fetchall():  # no page is open while a caller works on its rows
+            for _, path, problem, *values in page:
+                yield SessionRow(study / path, None if problem else Summary(*values), problem)
+            after = page[-1][0]
+
+
+def _up_to_date(study: Path) -> sqlite3.Connection:
+    """Open the table as of now; one in memory where the file cannot be written, is busy, or is no table."""
+    try:
+        return _refreshed(sqlite3.connect(study / FILE_NAME, timeout=BUSY_S), study)
+    except sqlite3.Error:
+        return _refreshed(sqlite3.connect(":memory:"), study)
+
+
+def _refreshed(table: sqlite3.Connection, study: Path) -> sqlite3.Connection:
+    try:
+        with table:
+            table.execute(f"CREATE TABLE IF NOT EXISTS {_TABLE}")
+            table.execute("CREATE TEMP TABLE present (log TEXT PRIMARY KEY)")
+            _refresh(table, study)
+    except sqlite3.Error:
+        table.close()
+        raise
+    return table
+
+
+def _refresh(table: sqlite3.Connection, study: Path) -> None:
+    for log, files in _sessions_below(study):
+        key, fingerprint = str(log.relative_to(study)), _fingerprint(files)
+        table.execute("INSERT INTO present VALUES (?)", (key,))
+        known = table.execute("SELECT fingerprint FROM sessions_v1 WHERE log = ?", (key,)).fetchone()
+        if known != (fingerprint,):
+            row = (key, fingerprint, str(files[0].relative_to(study)), *_summary_or_problem(files))
+            table.execute(f"INSERT OR REPLACE INTO sessions_v1 VALUES ({', '.join('?' * len(row))})", row)
+    table.execute("DELETE FROM sessions_v1 WHERE log NOT IN (SELECT log FROM present)")
+
+
+def _sessions_below(study: Path) -> Iterator[tuple[Path, list[Path]]]:
+    for folder, _, names in os.walk(study):
+        yield from sessions_among(Path(folder), names).items()
+
+
+def _fingerprint(files: list[Path]) -> str:
+    found = []
+    for file in files:
+        try:
+            facts = file.stat()
+            found.append(f"{file.name} {facts.st_size} {facts.st_mtime_ns}")
+        except FileNotFoundError:  # finished just now; the next listing finds it under its new name
+            found.append(f"{file.name} gone")
+    return "\n".join(found)
+
+
+def _summary_or_problem(files: list[Path]) -> tuple[object, ...]:
+    try:
+        return ("", *astuple(summarise(files)))
+    except LogError as error:
+        return (str(error), *(None for _ in _COLUMNS))

@@ -1,0 +1,50 @@
+"""A study's state of play as lines: who has been here, how far they came, and what needs a hand."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from minihuman.lab.register import read_register
+from minihuman.lab.session_table import SessionRow, sessions
+from minihuman.log.paths import PART_SUFFIX
+
+
+def status_lines(study_dir: Path) -> Iterator[str]:
+    """One line a session, then one a slot that was taken but never played.
+
+    Raises:
+        LogError: if there is no such folder.
+        AllocationError: if the register cannot be read.
+    """
+    rows = list(sessions(study_dir))
+    yield f"{'participant':12} {'group':16} {'session':>7} {'episodes':>9} {'steps':>7}  state"
+    for row in rows:
+        yield _line(row)
+    played = {row.summary.participant for row in rows if row.summary}
+    for slot in read_register(study_dir):
+        if slot.participant not in played:
+            yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
+
+
+def _line(row: SessionRow) -> str:
+    found = row.summary
+    if found is None:
+        return f"{row.path}  cannot be read: {row.problem}"
+    episodes = f"{found.episodes_completed}/{found.episodes_planned}"
+    return f"{found.participant:12} {found.group:16} {found.session:7} {episodes:>9} {found.steps:7}  {_state(row)}"
+
+
+def _state(row: SessionRow) -> str:
+    summary = row.summary
+    assert summary is not None
+    parts = [
+        "complete" if summary.episodes_completed == summary.episodes_planned else f"unfinished: {summary.end_reason}"
+    ]
+    if row.path.name.endswith(PART_SUFFIX):
+        parts.append("live, or cut off: finished at its next start")
+    elif not summary.clean:
+        parts.append("unclean: recovered after a cut")
+    if summary.segments > 1:
+        parts.append(f"{summary.segments} segments")
+    if summary.player != "human":
+        parts.append(summary.player)
+    return ", ".join(parts)

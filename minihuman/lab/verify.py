@@ -1,0 +1,94 @@
+"""The proof: a log's episodes played again from world id, options, seed and actions, every number compared."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from minihuman.recorded.episode import Episode, SessionLog, pose_row
+from minihuman.study.events import EpisodeStarted, Stepped
+from minihuman.study.play import Play, WorldBrokeError
+from minihuman.worlds.adapt.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """What playing a log again gave."""
+
+    episodes: int
+    steps: int
+    difference: str  # the first, "episode 3 step 17: state hash ..."; "" if the log replays exactly
+
+
+def verify(log: SessionLog) -> Verified:
+    """Play every episode of a log again, up to the first number that differs.
+
+    Raises:
+        WorldError: if a world of the log cannot be made here.
+    """
+    episodes = steps = 0
+    for (world_id, options), group in groupby(log.episodes, lambda episode: (episode.plan.world, episode.plan.options)):
+        with closing(World(world_id, options)) as world:
+            for episode in group:
+                difference = _first_difference(episode, world)
+                if difference:
+                    return Verified(episodes, steps, difference)
+                episodes += 1
+                steps += len(episode.actions)
+    return Verified(episodes, steps, "")
+
+
+def _first_difference(episode: Episode, world: World) -> str:
+    try:
+        return next(_differences(episode, world), "")
+    except WorldBrokeError as error:
+        return f"episode {episode.plan.episode}: the world raises {error}"
+
+
+def _differences(episode: Episode, world: World) -> Iterator[str]:
+    plan = episode.plan
+    play = Play(plan, world, picture_px=None)
+    yield from _at_start(episode.start, play.start(episode.start.t_ns), f"episode {plan.episode} reset")
+    for index, action in enumerate(episode.actions):
+        where = f"episode {plan.episode} step {index + 1}"
+        if play.outcome is not None:
+            yield f"{where}: logged, but the episode now ends at step {index} with {play.outcome!r}"
+        again = play.step(0, int(action), key=episode.step_keys[index], key_t_ns=0)
+        yield from _at_step(episode, index, again, where)
+    if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
+        yield f"episode {plan.episode}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
+
+
+def _at_start(logged: EpisodeStarted, again: EpisodeStarted, where: str) -> Iterator[str]:
+    for name in ("action_names", "mission", "map", "pose"):
+        if getattr(logged, name) != getattr(again, name):
+            yield f"{where}: {name} {getattr(logged, name)!r} in the log, now {getattr(again, name)!r}"
+    yield from _hashes(where, logged.state_hash, again.state_hash, logged.observation_hash, again.observation_hash)
+
+
+def _at_step(episode: Episode, index: int, again: Stepped, where: str) -> Iterator[str]:
+    yield from _hashes(
+        where,
+        int(episode.state_hashes[index + 1]),
+        again.state_hash,
+        int(episode.observation_hashes[index + 1]),
+        again.observation_hash,
+    )
+    for name, logged, now in (
+        ("reward", float(episode.rewards[index]), again.reward),
+        ("terminated", bool(episode.terminated[index]), again.terminated),
+        ("truncated", bool(episode.truncated[index]), again.truncated),
+    ):
+        if logged != now:
+            yield f"{where}: {name} {logged!r} in the log, now {now!r}"
+    pose = pose_row(again.pose)
+    if not np.array_equal(episode.poses[index + 1], pose, equal_nan=True):
+        yield f"{where}: pose {episode.poses[index + 1].tolist()} in the log, now {list(pose)}"
+
+
+def _hashes(where: str, state: int, state_now: int, observation: int, observation_now: int) -> Iterator[str]:
+    for name, logged, now in (("state", state, state_now), ("observation", observation, observation_now)):
+        if logged != now:
+            yield f"{where}: {name} hash {logged:016x} in the log, now {now:016x}"

@@ -1,0 +1,1 @@
+"""One agent: what it observes, its network, how it is trained and kept."""

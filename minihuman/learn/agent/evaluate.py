@@ -1,0 +1,82 @@
+"""How well a policy plays: fixed held-out episodes, successes counted, and how sure one can be of the rate."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+
+from minihuman.learn.agent.network import Policy
+from minihuman.learn.agent.observe import Eyesight, Observation
+from minihuman.learn.agent.training_world import episode_seed
+from minihuman.learn.transfer.curves import wilson
+
+HELD_OUT = "held out"
+
+Choose = Callable[[Observation], int]  # an action from what is seen
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Episodes played and how many succeeded: ended by themselves with a reward."""
+
+    episodes: int
+    successes: int
+    mean_return: float
+    mean_steps: float
+
+    @property
+    def rate(self) -> float:
+        """The success rate."""
+        return self.successes / self.episodes
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its 95 % Wilson interval."""
+        return wilson(self.successes, self.episodes)
+
+    def __str__(self) -> str:
+        """The rate with its interval."""
+        low, high = self.interval
+        return f"{self.rate:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def evaluate(
+    choose: Choose, world_id: str, options: dict[str, Any], eyesight: Eyesight, *, episodes: int, seed: int
+) -> Evaluation:
+    """Play held-out episodes; their seeds come from ``seed`` and are the same for every policy."""
+    world: Any = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
+    returns, steps, successes = [], [], 0
+    for episode in range(episodes):
+        raw, _ = world.reset(seed=held_out_seed(seed, episode))
+        total, length, ended = 0.0, 0, False
+        while not ended:
+            raw, reward, terminated, truncated, _ = world.step(choose(eyesight.see(world, raw)))
+            total, length, ended = total + float(reward), length + 1, terminated or truncated
+        returns.append(total)
+        steps.append(length)
+        successes += terminated and reward > 0
+    return Evaluation(episodes, successes, float(np.mean(returns)), float(np.mean(steps)))
+
+
+def held_out_seed(seed: int, episode: int) -> int:
+    """The reset seed of a held-out episode: above 2**31, where no training or session seed of ours lies."""
+    return 2**31 + episode_seed(seed, episode)
+
+
+def sampling(policy: Policy, seed: int) -> Choose:
+    """A policy that draws each action from its own probabilities, repeatably."""
+    random = torch.Generator().manual_seed(seed)
+
+    def choose(seen: Observation) -> int:
+        return int(torch.multinomial(policy.probabilities(seen), 1, generator=random))
+
+    return choose
+
+
+def at_random(actions: int, seed: int) -> Choose:
+    """Any action at any time: what a policy has to beat."""
+    rng = np.random.default_rng(seed)
+    return lambda _: int(rng.integers(actions))

@@ -1,0 +1,162 @@
+"""The agent's network: mission to 32, image to 64, 96 together, and its named parts M, A and C."""
+
+from typing import Literal
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, NatureCNN
+from torch import nn
+
+from minihuman.learn.agent.observe import Observation
+
+Eyes = Literal["grid", "atari", "map"]
+
+MISSION_FEATURES = 32
+IMAGE_FEATURES = 64
+
+# What can move from one policy to another, by the names of parameters. The image's layers never do: the worlds'
+# pictures have nothing in common. Shared feature layers are listed once, under "features_extractor".
+PARTS = {
+    "M": ("features_extractor.mission.",),
+    "A": ("mlp_extractor.policy_net.", "action_net."),
+    "C": ("mlp_extractor.value_net.", "value_net."),
+}
+ACTOR_HEAD = "action_net."
+
+
+def part_parameters(policy: nn.Module, part: str) -> dict[str, nn.Parameter]:
+    """The parameters of one part ("M", "A" or "C") by name."""
+    return {name: parameter for name, parameter in policy.named_parameters() if name.startswith(PARTS[part])}
+
+
+class GridEyes(nn.Sequential):
+    """Three 2x2 convolutions (16, 32, 64) and a linear layer: for views of a few cells."""
+
+    def __init__(self, space: spaces.Box) -> None:
+        channels, height, width = space.shape
+        super().__init__(
+            nn.Conv2d(channels, 16, 2),
+            nn.ReLU(),
+            nn.Conv2d(16, 32, 2),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 2),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(64 * (height - 3) * (width - 3), IMAGE_FEATURES),
+            nn.ReLU(),
+        )
+
+
+class MapEyes(nn.Sequential):
+    """Three 3x3 convolutions (16, 32, 64) of stride 2 and a linear layer: for a whole grid seen from above."""
+
+    def __init__(self, space: spaces.Box) -> None:
+        channels, height, width = space.shape
+        super().__init__(
+            nn.Conv2d(channels, 16, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(16, 32, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(64 * -(-height // 8) * -(-width // 8), IMAGE_FEATURES),
+            nn.ReLU(),
+        )
+
+
+class MissionAndImage(BaseFeaturesExtractor):
+    """Features of an observation {"image", "mission"}: the image's 64, then the mission's 32 where there is one."""
+
+    def __init__(self, observation_space: spaces.Dict, eyes: Eyes) -> None:
+        image = observation_space["image"]
+        assert isinstance(image, spaces.Box)
+        mission = observation_space.spaces.get("mission")
+        super().__init__(observation_space, IMAGE_FEATURES + (MISSION_FEATURES if mission is not None else 0))
+        self.image: nn.Module
+        match eyes:
+            case "grid":
+                self.image = GridEyes(image)
+            case "map":
+                self.image = MapEyes(image)
+            case "atari":
+                self.image = NatureCNN(image, IMAGE_FEATURES)
+        self.mission: nn.Module | None = None
+        if mission is not None:
+            assert mission.shape is not None
+            self.mission = nn.Linear(mission.shape[0], MISSION_FEATURES)
+
+    def forward(self, observation: dict[str, torch.Tensor]) -> torch.Tensor:
+        """float32[batch, 64 or 96]."""
+        # a third faster on the CPU, the same numbers
+        image: torch.Tensor = self.image(observation["image"].contiguous(memory_format=torch.channels_last))
+        if self.mission is None:
+            return image
+        return torch.cat((image, self.mission(observation["mission"])), dim=1)
+
+
+class Policy(MultiInputActorCriticPolicy):
+    """Stable-Baselines3's actor-critic for {"image", "mission"}, without its distribution objects.
+
+    The same numbers (a test compares them); choosing an action takes half the time, which is a quarter of a step.
+    """
+
+    def forward(
+        self,
+        obs: dict[str, torch.Tensor],  # type: ignore[override]
+        deterministic: bool = False,
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Actions int64[batch], values float32[batch, 1], and the actions' log-probabilities float32[batch]."""
+        log_probs, values = self._think(obs)
+        if deterministic:
+            actions = log_probs.argmax(dim=1, keepdim=True)
+        else:
+            actions = torch.multinomial(log_probs.exp(), 1, replacement=True)
+        return actions.squeeze(1), values, log_probs.gather(1, actions).squeeze(1)
+
+    def evaluate_actions(
+        self,
+        obs: dict[str, torch.Tensor],  # type: ignore[override]
+        actions: torch.Tensor,
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Values, the actions' log-probabilities, and the entropy of each choice."""
+        log_probs, values = self._think(obs)
+        chosen = log_probs.gather(1, actions.long().unsqueeze(1)).squeeze(1)
+        return values, chosen, -(log_probs.exp() * log_probs).sum(dim=1)
+
+    def probabilities(self, seen: Observation) -> torch.Tensor:
+        """The probability of each action for one observation, float32[actions]."""
+        with torch.no_grad():
+            return self._think({name: torch.as_tensor(part)[None] for name, part in seen.items()})[0][0].exp()
+
+    def log_probabilities(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
+        """The logarithm of each action's probability, float32[batch, actions]; gradients flow."""
+        return self._think(obs)[0]
+
+    def _think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
+        features = self.features_extractor({**obs, "image": obs["image"].float() / 255})
+        logits = self.action_net(self.mlp_extractor.policy_net(features))
+        return torch.log_softmax(logits, dim=1), self.value_net(self.mlp_extractor.value_net(features))
+
+
+def policy_settings(eyes: Eyes) -> dict[str, object]:
+    """Keyword arguments for Stable-Baselines3: two layers of 64 tanh units each for actor and critic."""
+    return {
+        "features_extractor_class": MissionAndImage,
+        "features_extractor_kwargs": {"eyes": eyes},
+        "net_arch": {"pi": [64, 64], "vf": [64, 64]},
+        "activation_fn": nn.Tanh,
+        # Stable-Baselines3's own optimiser and epsilon, each step in one call
+        "optimizer_kwargs": {"eps": 1e-5, "fused": True},
+    }
+
+
+def bare_policy(observation_space: spaces.Dict, actions: int, eyes: Eyes) -> Policy:
+    """A policy without a training algorithm round it, on the CPU."""
+    return Policy(
+        observation_space,
+        spaces.Discrete(actions),
+        lambda _: 3e-4,
+        **policy_settings(eyes),  # type: ignore[arg-type]
+    )

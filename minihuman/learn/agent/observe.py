@@ -1,0 +1,103 @@
+"""What an agent sees: a picture or the grid's codes, channels first, and the mission as one-hot numbers."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.errors import LearnError
+from minihuman.worlds.go_to_obj import COLOURS, KINDS
+from minihuman.worlds.grid.core.cells import colour_of, kind_of, state_of
+from minihuman.worlds.grid.engine import GridEngine
+
+Observation = dict[str, NDArray[Any]]
+Scaling = Literal["spread", "raw"]
+Sight = Literal["view", "whole"]
+
+# The largest object, colour and state codes of a grid cell are 10, 5 and 2: spread over 0 to 255 they are as far apart
+# as a picture's colours. "raw" leaves them in the darkest 4 %, where the published agent saw them.
+_SPREAD = np.array([25, 51, 127], dtype=np.uint8)
+_QUARTER_TURNS = (3, 2, 1, 0)  # that bring what is ahead to the top, by direction
+
+
+def mission_numbers(mission: str) -> NDArray[np.float32]:
+    """One-hot float32[9] of a mission such as "go to the red ball": six colours, then three kinds of object.
+
+    Raises:
+        LearnError: if the words name no colour or no object of the pair of worlds.
+    """
+    words = mission.lower().split()
+    numbers = np.zeros(len(COLOURS) + len(KINDS), dtype=np.float32)
+    for offset, known in ((0, COLOURS), (len(COLOURS), KINDS)):
+        named = [known.index(word) for word in words if word in known]
+        if len(named) != 1:
+            raise LearnError(f"the mission {mission!r} names {len(named)} of {', '.join(known)}; it has to name one")
+        numbers[offset + named[0]] = 1
+    return numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Eyesight:
+    """How a world's observations become an agent's. Nothing is remembered between steps."""
+
+    missions: bool  # whether the mission differs between episodes and is observed
+    scaling: Scaling = "spread"  # what becomes of grid codes; pictures are left as they are
+    sight: Sight = "view"  # the world's own observation, or the whole grid from above, turned the agent's way up
+
+    def space(self, world: Any) -> spaces.Dict:
+        """The agent's observation space in a world.
+
+        Raises:
+            LearnError: if the world shows no image, or is not a grid where the whole is asked for.
+        """
+        image = spaces.Box(0, 255, self._image_shape(world), np.uint8)
+        if not self.missions:
+            return spaces.Dict({"image": image})
+        return spaces.Dict({"image": image, "mission": spaces.Box(0, 1, (len(COLOURS) + len(KINDS),), np.float32)})
+
+    def see(self, world: Any, raw: Any) -> Observation:
+        """One observation, ready for the network; ``raw`` is the world's own, ``world`` the world it comes from."""
+        codes = isinstance(raw, dict)  # a grid's cells, not a picture
+        image = whole_grid(world) if self.sight == "whole" else raw["image"] if codes else raw
+        if codes and self.scaling == "spread":
+            image = image * _SPREAD
+        seen: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
+        if self.missions:
+            seen["mission"] = mission_numbers(world.mission)
+        return seen
+
+    def _image_shape(self, world: Any) -> tuple[int, int, int]:
+        if self.sight == "whole":
+            if not isinstance(world, GridEngine):
+                raise LearnError(f"{world} is no grid of ours; only a grid can be seen whole")
+            side = 2 * max(world.state.width, world.state.height) - 1
+            return 3, side, side
+        inner = world.observation_space
+        picture = inner["image"] if isinstance(inner, spaces.Dict) and "image" in inner.spaces else inner
+        if not isinstance(picture, spaces.Box) or len(picture.shape) != 3 or picture.shape[-1] != 3:
+            raise LearnError(f"{world} shows {inner}; an agent here needs an image of three channels")
+        return 3, picture.shape[0], picture.shape[1]
+
+
+def image_shape(space: spaces.Dict) -> tuple[int, int, int]:
+    """Channels, height and width of an observation space's image."""
+    shape = space["image"].shape
+    assert shape is not None
+    return shape[0], shape[1], shape[2]
+
+
+def whole_grid(world: GridEngine) -> NDArray[np.uint8]:
+    """Codes of the whole grid, uint8[2 n - 1, 2 n - 1, 3], the agent in the middle, what is ahead of it upwards.
+
+    n is the longer side of the grid; outside it everything is 0 (unseen). Indexed [x, y] like Minigrid's views.
+    """
+    state = world.state
+    reach = max(state.width, state.height) - 1
+    canvas = np.zeros((state.width + 2 * reach, state.height + 2 * reach, 3), np.uint8)
+    cells: Any = state.cells  # the packed numbers' readers take arrays too
+    inside = canvas[reach : reach + state.width, reach : reach + state.height]
+    inside[...] = np.stack((kind_of(cells), colour_of(cells), state_of(cells)), axis=-1)
+    x, y = state.position
+    return np.rot90(canvas[x : x + 2 * reach + 1, y : y + 2 * reach + 1], _QUARTER_TURNS[state.direction])

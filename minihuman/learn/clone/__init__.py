@@ -1,0 +1,1 @@
+"""Cloning: policies learned from demonstrations."""

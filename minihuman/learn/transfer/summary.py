@@ -1,0 +1,192 @@
+"""The study's outputs: the table of improvements, the curves, what was run and where the time went."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from minihuman.errors import LearnError
+from minihuman.learn.agent.policy_file import versions
+from minihuman.learn.transfer.curves import improvement
+from minihuman.learn.transfer.job import Result, write_atomically
+from minihuman.learn.transfer.plan import BASELINE, DEFECTS, SOURCE, Job, Study
+
+SOLVED = 0.9  # a world counts as solved from this mean reward of the last 100 episodes
+
+Results = dict[Job, Result]
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """How the results were made: what a report says beside the numbers."""
+
+    command: str
+    engine: str
+    wall_s: float  # of this sitting
+
+
+def table(study: Study, results: Results, *, beside: pd.Series | None = None) -> pd.DataFrame:
+    """One row a cell: runs, area, final reward, steps until solved, and the improvement over the baseline.
+
+    ``beside`` holds published improvements by row label; they become the column "published". Improvements are
+    fractions, not percent. A cell without finished runs is left out.
+    """
+    rng = np.random.default_rng(study.seed)
+    baseline = _areas(results, BASELINE)
+    rows = []
+    for cell in study.cells:
+        found = [result for job, result in results.items() if job.cell == cell]
+        if not found:
+            continue
+        row: dict[str, Any] = {
+            "cell": cell.label,
+            "runs": len(found),
+            "area": np.mean([result.area for result in found]),
+            "final_reward": np.mean([result.points[-1].reward for result in found]),
+            "runs_solved": sum(_solved_at(result) is not None for result in found),
+            "steps_to_solve": np.mean(
+                [_solved_at(result) or np.nan for result in found if _solved_at(result)] or [np.nan]
+            ),
+        }
+        if cell.parts and len(baseline):
+            gain = improvement(np.array([result.area for result in found]), baseline, rng=rng)
+            row |= {"improvement": gain.mean, "sd": gain.sd, "low": gain.low, "high": gain.high}
+        if beside is not None:
+            row["published"] = beside.get(cell.label, np.nan)
+        rows.append(row)
+    return pd.DataFrame(rows).set_index("cell") if rows else pd.DataFrame()
+
+
+def curves(results: Results) -> pd.DataFrame:
+    """Every point of every curve: cell, run, seed, steps, reward, length."""
+    return pd.DataFrame(
+        [
+            (job.cell.label, job.run, job.seed, point.steps, point.reward, point.length)
+            for job, result in results.items()
+            for point in result.points
+        ],
+        columns=["cell", "run", "seed", "steps", "reward", "length"],
+    )
+
+
+def read_published(path: Path) -> pd.Series:
+    """Published improvements from a CSV with columns cell and improvement (fractions).
+
+    Raises:
+        LearnError: if the file is missing or lacks a column.
+    """
+    try:
+        found = pd.read_csv(path).set_index("cell")["improvement"]
+    except FileNotFoundError:
+        raise LearnError(f"{path} is not there; --beside takes a CSV with columns cell and improvement") from None
+    except (KeyError, ValueError) as error:
+        raise LearnError(f"{path}: {error}; --beside takes a CSV with columns cell and improvement") from None
+    return found
+
+
+def speed(results: Results) -> pd.DataFrame:
+    """Steps per second in each kind of world, and the share of time in world, acting and learning."""
+    rows = []
+    for name, chosen in (
+        ("grid (source)", [result for job, result in results.items() if job.cell.name == SOURCE]),
+        ("3D (baseline and transfers)", [result for job, result in results.items() if job.cell.name != SOURCE]),
+    ):
+        if not chosen:
+            continue
+        spent = {part: sum(result.seconds[part] for result in chosen) for part in ("world", "acting", "learning")}
+        total = sum(spent.values())
+        steps = sum(result.steps for result in chosen)
+        rows.append({"where": name, "steps_per_s": steps / total} | {key: spent[key] / total for key in spent})
+    return pd.DataFrame(rows).set_index("where") if rows else pd.DataFrame()
+
+
+def write_report(study: Study, results: Results, out: Path, run: Run, *, beside: pd.Series | None = None) -> str:
+    """Write table.csv, curves.csv, speed.csv, run.json, report.md and curves.png; return the report's text."""
+    from minihuman.learn.transfer.figure import curves_figure
+
+    rows, points, speeds = table(study, results, beside=beside), curves(results), speed(results)
+    for name, frame in (("table", rows), ("speed", speeds)):
+        write_atomically(frame.to_csv(), out / f"{name}.csv")
+    write_atomically(points.to_csv(index=False), out / "curves.csv")
+    facts = {
+        "command": run.command,
+        "engine": run.engine,
+        "wall_s": round(run.wall_s, 1),
+        "quick": study.quick,
+        "jobs_done": len(results),
+        "jobs": len(study.jobs()),
+        "seeds": {job.name: job.seed for job in results},
+        "versions": versions(),
+        "defects_reproduced": list(DEFECTS) if study.protocol == "as-published" else [],
+    }
+    write_atomically(json.dumps(facts, indent=1), out / "run.json")
+    text = report_text(study, rows, speeds, facts)
+    write_atomically(text, out / "report.md")
+    figure = curves_figure(study, points)
+    figure.savefig(out / "curves.png", dpi=150)
+    return text
+
+
+def report_text(study: Study, rows: pd.DataFrame, speeds: pd.DataFrame, facts: dict[str, Any]) -> str:
+    """The report in Markdown."""
+    lines = [f"# Transfer study, {study.protocol}", ""]
+    if study.quick:
+        lines += ["**QUICK: far fewer steps than the study; the numbers only show that everything runs.**", ""]
+    source_steps = study.jobs()[0].steps
+    lines += [
+        (
+            f"{study.runs} run(s), {study.steps:,} steps a run, {source_steps:,} for the source, seed {study.seed}; "
+            f"{facts['jobs_done']} of {facts['jobs']} jobs done."
+        ),
+        "",
+        (
+            "Improvement is (transfer area - baseline area) / baseline area, area under the curve of the mean reward "
+            "of the last 100 episodes; the 95 % interval (low, high) resamples transfer and baseline runs. Reward "
+            f"{SOLVED} counts as solved."
+        ),
+        "",
+        _markdown(rows),
+        "",
+        "Where the time goes (shares of the jobs' own time):",
+        "",
+        _markdown(speeds),
+        "",
+    ]
+    if facts["defects_reproduced"]:
+        lines += ["Reproduced from the published code:", "", *[f"- {defect}" for defect in DEFECTS], ""]
+    lines += [
+        f"Command: `{facts['command']}` ({facts['engine']}, {facts['wall_s'] / 60:.1f} min in the last sitting)",
+        "",
+        "Versions: " + ", ".join(f"{name} {number}" for name, number in facts["versions"].items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _markdown(frame: pd.DataFrame) -> str:
+    if frame.empty:
+        return "(nothing yet)"
+    columns = [str(frame.index.name), *map(str, frame.columns)]
+    lines = ["| " + " | ".join(columns) + " |", "|" + " --- |" * len(columns)]
+    for label, values in frame.iterrows():
+        lines.append("| " + " | ".join([str(label), *[_cell(value) for value in values]]) + " |")
+    return "\n".join(lines)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, (int, np.integer)) or (float(value).is_integer() and abs(value) >= 1):
+        return f"{int(value):,}"
+    if np.isnan(value):
+        return "-"
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3f}"
+
+
+def _areas(results: Results, cell: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([result.area for job, result in results.items() if job.cell.name == cell])
+
+
+def _solved_at(result: Result) -> int | None:
+    """The step at which the reward first reached SOLVED; None where it never did."""
+    return next((point.steps for point in result.points if point.reward >= SOLVED), None)

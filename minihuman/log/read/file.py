@@ -1,0 +1,106 @@
+"""One log file as the events in it: its version checked, its damage said, its segments' facts gathered on the way."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from mcap.records import Metadata
+
+from minihuman.errors import LogError
+from minihuman.log.decode import decode
+from minihuman.log.paths import PART_SUFFIX
+from minihuman.log.read.chunk import LogMessage, Messages
+from minihuman.log.read.scan import Scan
+from minihuman.log.topics import END_METADATA, PLAN, SCHEMA_VERSION, SEGMENT_METADATA
+from minihuman.study.events import Event
+
+
+class Reading:
+    """A file being read. ``starts`` and ``ends`` are complete once its messages are read.
+
+    A live or cut-off log (``.mcap.part``) gives what is whole; a finished one must be whole.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.starts: list[dict[str, str]] = []  # one a segment whose plan is there: version, wall clock, study
+        self.ends: list[dict[str, str]] = []  # one a finished segment: reason, clean
+
+    def messages(self) -> Iterator[LogMessage]:
+        """Yield every message in file order.
+
+        Raises:
+            LogError: as ``chunks``.
+        """
+        for chunk in self.chunks():
+            yield from chunk
+
+    def chunks(self) -> Iterator[Messages]:
+        """Yield every chunk of messages in file order.
+
+        Raises:
+            LogError: if the file cannot be opened, is no session log, of another schema version, or damaged.
+        """
+        scan = Scan(self.path)
+        start: dict[str, str] = {}
+        for record in scan.records():
+            match record:
+                case Messages():
+                    if not start:
+                        raise LogError(f"{self.path} is not a minihuman log: nothing in it says which version it has")
+                    self.starts += [start] * record.count(PLAN)
+                    yield record
+                case Metadata() if record.name == SEGMENT_METADATA:
+                    start = self._checked(record.metadata)
+                case Metadata() if record.name == END_METADATA:
+                    self.ends.append(record.metadata)
+        if not scan.finished and not self.path.name.endswith(PART_SUFFIX):
+            reason = scan.stopped or "never finished"
+            raise LogError(f"{self.path} is {reason}; rename it to *{PART_SUFFIX}, then run: minihuman recover")
+
+    def events(self) -> Iterator[Event]:
+        """Yield every event in the order it was recorded.
+
+        Raises:
+            LogError: as ``messages``, and if a message is none of ours.
+        """
+        for message in self.messages():
+            event = self.event(message.channel.topic, message.data)
+            if event is not None:
+                yield event
+
+    def event(self, topic: str, data: bytes) -> Event | None:
+        """Read the event in a message's bytes; None in one that is for viewers.
+
+        Raises:
+            LogError: if it cannot be read.
+        """
+        try:
+            return decode(topic, data)
+        except Exception as error:  # a foreign or newer message can make protobuf raise anything
+            raise LogError(f"{self.path}: a message on {topic} cannot be read: {error}") from error
+
+    def _checked(self, facts: dict[str, str]) -> dict[str, str]:
+        version = facts.get("schema_version", "none")
+        if version != str(SCHEMA_VERSION):
+            raise LogError(
+                f"{self.path} has log schema version {version}, this minihuman reads version {SCHEMA_VERSION}; "
+                f"read it with the version that wrote it (minihuman {facts.get('minihuman', 'unknown')})"
+            )
+        return facts
+
+
+def all_clean(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
+    """Say whether every segment that started also ended by itself."""
+    return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
+
+
+def segment_starts(path: Path) -> dict[int, str]:
+    """Read which segments a file holds, and the wall clock at which each started.
+
+    Raises:
+        LogError: as ``Reading.chunks``.
+    """
+    reading = Reading(path)
+    for _ in reading.chunks():
+        pass
+    return {int(facts["segment"]): facts["started_unix_ns"] for facts in reading.starts}

@@ -1,0 +1,1 @@
+"""Recording: events appended to a live file, finished into a session's log."""

@@ -1,0 +1,95 @@
+"""Sole ownership of a live log: made exclusively, locked while its writer lives, never taken from a living one.
+
+The lock is the kernel's (``flock``): it ends with the process, however that ends, and needs no clean-up.
+"""
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from minihuman.errors import LogError
+from minihuman.log.paths import SegmentPath
+from minihuman.log.read.file import segment_starts
+
+
+def create(where: SegmentPath) -> int:
+    """Make a segment's live file, locked, and return its file descriptor.
+
+    Raises:
+        LogError: if the live file or a finished log with this segment exists, or the folder cannot be written.
+    """
+    while True:
+        try:
+            where.part.parent.mkdir(parents=True, exist_ok=True)
+            fd = os.open(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        except FileExistsError:
+            raise LogError(
+                f"{where.part} already exists: that session runs elsewhere or was cut off; "
+                f"end it, or run: minihuman recover {where.part}"
+            ) from None
+        except OSError as error:
+            raise LogError(f"{where.part} cannot be made: {error.strerror}; choose another --data") from error
+        fcntl.flock(fd, fcntl.LOCK_EX)
+        if _is_at(fd, where.part):
+            break
+        os.close(fd)  # a recovery took the empty file away between open and lock
+    if where.log.exists() and where.segment in (1, *segment_starts(where.log)):
+        where.part.unlink()
+        os.close(fd)
+        raise LogError(
+            f"{where.log} already exists and holds segment {where.segment}; choose another --session or move it"
+        )
+    for folder in where.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
+        sync_folder(folder)
+    return fd
+
+
+@contextlib.contextmanager
+def taken(part: Path) -> Iterator[None]:
+    """Hold a leftover live file's lock.
+
+    Raises:
+        LogError: if a living process still writes it, or it is gone.
+    """
+    try:
+        fd = os.open(part, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        raise LogError(f"{part} does not exist; it may have been recovered already") from None
+    try:
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise LogError(f"{part} is still being written by a running session; let it end first") from None
+        if not _is_at(fd, part):
+            raise LogError(f"{part} has just been recovered by another process")
+        yield
+    finally:
+        os.close(fd)
+
+
+def is_live(part: Path) -> bool:
+    """Say whether a running process holds a live file."""
+    try:
+        with taken(part):
+            return False
+    except LogError:
+        return part.exists()
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a folder's entries durable: a new or renamed file is safe only when its folder is."""
+    fd = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def _is_at(fd: int, path: Path) -> bool:
+    try:
+        there = os.stat(path)
+    except FileNotFoundError:
+        return False
+    return os.path.samestat(os.fstat(fd), there)

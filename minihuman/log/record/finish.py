@@ -1,0 +1,190 @@
+"""A live log made into the session's log: read as far as it is whole, rewritten with index and checksums, renamed.
+
+The same for a session that ended well (``finish``) and for one that was cut off (``recover``). Every message of the
+live file, and of the session's earlier segments, is in the result unchanged; only then is the live file removed, or,
+if it could not be read to its end, put aside.
+"""
+
+import itertools
+import os
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.writer import Writer
+
+from minihuman.errors import LogError
+from minihuman.log import topics
+from minihuman.log.decode import decode
+from minihuman.log.paths import PART_SUFFIX, SegmentPath
+from minihuman.log.read.chunk import LogMessage
+from minihuman.log.read.file import segment_starts
+from minihuman.log.read.scan import Scan
+from minihuman.log.record.claim import is_live, sync_folder, taken
+from minihuman.log.record.live_file import LIBRARY
+from minihuman.recorded.episode import CUT_OFF
+from minihuman.study.events import SessionEnded
+
+CHUNK_BYTES = 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """What became of a live file."""
+
+    path: Path  # the session's log, or where an unreadable live file was put aside
+    readable: bool  # False: not even the session's plan was in it
+    steps: int  # of this segment
+    episodes: int  # of this segment, started
+    end_reason: str  # an EndReason, or "cut_off"
+    stopped: str  # where and why reading stopped before the live file's end; "" if it did not
+
+    def line(self) -> str:
+        """Say it in one line."""
+        if not self.readable:
+            return f"{self.path}: kept nothing; {self.stopped}"
+        told = f"{self.path}: kept {self.steps} steps of {self.episodes} episodes; ended: {self.end_reason}"
+        return f"{told}; the file was {self.stopped}" if self.stopped else told
+
+
+def finish(where: SegmentPath, *, clean: bool) -> Finished:
+    """Turn a live file into the session's log, or merge it into it. The caller holds the file's lock.
+
+    Raises:
+        LogError: if the session's log is damaged or holds another run of this segment; the live file stays.
+        OSError: if the disk is full; the live file stays.
+    """
+    starts = segment_starts(where.part)
+    if not starts:  # nothing was played yet, or the file's start is gone
+        aside = _put_aside(where.part, "unreadable")
+        return Finished(aside, False, steps=0, episodes=0, end_reason=CUT_OFF, stopped="it holds no session plan")
+    earlier = segment_starts(where.log) if where.log.exists() else {}
+    new = starts.items() - earlier.items()
+    if new and where.segment in earlier:
+        raise LogError(f"{where.log} already holds another segment {where.segment}; move it away, then recover again")
+    temporary = where.log.with_name(f"{where.log.name}.finishing")
+    try:
+        result = _rewrite(where, temporary, with_log=bool(earlier), clean=clean)
+        if new:  # else a finish that was cut off before it removed the live file
+            os.replace(temporary, where.log)
+            sync_folder(where.log.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+    if result.stopped:
+        _put_aside(where.part, "as-found")  # what could not be read may yet be of use to somebody
+    else:
+        where.part.unlink()
+        sync_folder(where.part.parent)
+    return result
+
+
+def recover(part: Path) -> Finished:
+    """Finish a cut-off log; it is marked as not clean.
+
+    Raises:
+        LogError: if a running session still writes it, it is gone, its session's log is damaged, or the disk is full;
+            the live file stays.
+    """
+    where = SegmentPath.of_part(part)
+    with taken(part):
+        try:
+            return finish(where, clean=False)
+        except OSError as error:
+            raise LogError(f"{part} could not be finished and stays as it is: {error.strerror}") from error
+
+
+def leftovers(folder: Path) -> list[Path]:
+    """List the cut-off logs anywhere below a folder, those still being written left out."""
+    return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_live(part)]
+
+
+def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -> Finished:
+    with target.open("wb") as file:
+        writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
+        writer.start(profile=topics.PROFILE, library=LIBRARY)
+        copy = _Copy(writer)
+        if with_log:
+            copy.all_of(Scan(where.log))
+        part = Scan(where.part)
+        copy.all_of(part)
+        end_reason = copy.end_reason or CUT_OFF
+        facts = {"segment": where.segment, "reason": end_reason, "clean": clean, "steps": copy.counts[topics.STEP]}
+        facts |= {"stopped": part.stopped}
+        writer.flush()
+        writer.add_metadata(topics.END_METADATA, {name: str(value).lower() for name, value in facts.items()})
+        writer.finish()
+        file.flush()
+        os.fsync(file.fileno())
+    return Finished(
+        path=where.log,
+        readable=True,
+        steps=copy.counts[topics.STEP],
+        episodes=copy.counts[topics.EPISODE_START],
+        end_reason=end_reason,
+        stopped=part.stopped,
+    )
+
+
+class _Copy:
+    """Copies whole files into one writer, giving schemas and channels that recur one number."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._channels: dict[tuple[str, int], int] = {}
+        self._attachments: set[tuple[str, bytes]] = set()
+        self.counts: Counter[str] = Counter()  # messages a topic
+        self.end_reason = ""  # of the last file copied; "" if it holds none
+
+    def all_of(self, scan: Scan) -> None:
+        """Copy every record that the scan finds."""
+        self.counts.clear()
+        self.end_reason = ""
+        for record in scan:
+            match record:
+                case LogMessage():
+                    self._message(record, scan)
+                case Metadata():
+                    self._writer.flush()  # else it would come before the messages that it follows
+                    self._writer.add_metadata(record.name, record.metadata)
+                case Attachment() if (record.name, record.data) not in self._attachments:
+                    self._attachments.add((record.name, record.data))
+                    self._writer.add_attachment(
+                        record.create_time, record.log_time, record.name, record.media_type, record.data
+                    )
+
+    def _message(self, message: LogMessage, scan: Scan) -> None:
+        topic = message.channel.topic
+        self._writer.add_message(
+            self._channel(message.channel, scan.schemas[message.channel.schema_id]),
+            log_time=message.log_time,
+            data=message.data,
+            publish_time=message.publish_time,
+            sequence=message.sequence,
+        )
+        self.counts[topic] += 1
+        if topic == topics.SESSION_END and isinstance(ended := decode(topic, message.data), SessionEnded):
+            self.end_reason = ended.reason
+
+    def _channel(self, channel: Channel, schema: Schema) -> int:
+        known = (schema.name, schema.data)
+        if known not in self._schemas:
+            self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        key = (channel.topic, self._schemas[known])
+        if key not in self._channels:
+            self._channels[key] = self._writer.register_channel(
+                channel.topic, channel.message_encoding, self._schemas[known], channel.metadata
+            )
+        return self._channels[key]
+
+
+def _put_aside(part: Path, why: str) -> Path:
+    """Keep a live file as it is, under a name that nothing else has."""
+    for number in itertools.count(1):
+        aside = part.with_name(f"{part.name}.{why}-{number}")
+        if not aside.exists():
+            break
+    part.rename(aside)
+    sync_folder(part.parent)
+    return aside

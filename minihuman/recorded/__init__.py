@@ -1,0 +1,1 @@
+"""What a session left behind, as values: no file is opened here and nothing is known of the log's format."""

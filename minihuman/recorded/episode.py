@@ -1,0 +1,88 @@
+"""The read side: a session log as values. Everything that looks at data looks at these."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.recorded.columns import EventColumns
+from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Noted, Outcome, Paused, Resumed
+from minihuman.study.plan import EpisodePlan, SessionPlan
+from minihuman.worlds.pose import Pose
+
+CUT_OFF = "cut_off"  # instead of an outcome or an end reason, where the log broke off before one was said
+
+
+def pose_row(pose: Pose | None) -> tuple[float, float, float, float]:
+    """A pose as a row of ``Episode.poses``: NaN where the world could not tell."""
+    return (np.nan,) * 4 if pose is None else (pose.x, pose.y, pose.z, pose.yaw_rad)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Episode:
+    """One played episode. ``n`` steps have ``n + 1`` poses, times and hashes; checked when made."""
+
+    start: EpisodeStarted  # plan, action names, mission, map, initial pose and hashes
+    poses: NDArray[np.float64]  # (n + 1, 4) x, y, z, yaw_rad; NaN where the world cannot tell
+    t_ns: NDArray[np.int64]  # (n + 1,) reset, then each step
+    actions: NDArray[np.int64]  # (n,)
+    step_keys: Sequence[str]  # (n,) causing key, "" for a tick's no-op
+    key_t_ns: NDArray[np.int64]  # (n,)
+    rewards: NDArray[np.float64]  # (n,)
+    terminated: NDArray[np.bool_]  # (n,)
+    truncated: NDArray[np.bool_]  # (n,)
+    rt_ms: NDArray[np.float64]  # (n,) NaN where there is none
+    state_hashes: NDArray[np.uint64]  # (n + 1,)
+    observation_hashes: NDArray[np.uint64]  # (n + 1,)
+    keys: EventColumns[KeyPressed]  # every press and release while it ran
+    frames: EventColumns[FrameShown]
+    outcome: Outcome | None  # None: the log was cut off inside this episode
+    observations: Sequence[Any] | None = None  # (n + 1,) read when looked at; None where the log holds none
+    segment: int = 1  # of the session: one more after each resume; t_ns starts again at 0
+
+    def __post_init__(self) -> None:
+        """Refuse lengths that do not belong together."""
+        n = len(self.actions)
+        for name in ("poses", "t_ns", "state_hashes", "observation_hashes"):
+            if len(getattr(self, name)) != n + 1:
+                raise ValueError(
+                    f"episode {self.plan.episode}: {name} has {len(getattr(self, name))} rows, not {n + 1}"
+                )
+        for name in ("step_keys", "key_t_ns", "rewards", "terminated", "truncated", "rt_ms"):
+            if len(getattr(self, name)) != n:
+                raise ValueError(f"episode {self.plan.episode}: {name} has {len(getattr(self, name))} rows, not {n}")
+
+    @property
+    def plan(self) -> EpisodePlan:
+        """What was to be played."""
+        return self.start.plan
+
+    @property
+    def outcome_word(self) -> str:
+        """The outcome, or "cut_off" where the log broke off before there was one: the word in every table."""
+        return self.outcome or CUT_OFF
+
+    @property
+    def return_(self) -> float:
+        """Sum of rewards."""
+        return float(self.rewards.sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionLog:
+    """A session, read. ``clean`` is False if the log was cut off and recovered or is still live."""
+
+    path: Path
+    plan: SessionPlan
+    player: str  # "human", "human-like", "optimal", "random", "policy:..."
+    started_at: str  # ISO 8601 UTC, the only wall clock
+    clean: bool
+    end_reason: str  # an EndReason, or "cut_off"
+    facts: dict[str, str]
+    episodes: tuple[Episode, ...]
+    notes: tuple[Noted | Paused | Resumed, ...]
+    keys: EventColumns[KeyPressed]  # the whole session's, outside episodes too
+    metadata: dict[str, Any] = field(default_factory=dict)

@@ -1,0 +1,146 @@
+"""The loop around a session: wait, receive, write, show. Every effect is here, nothing is decided here."""
+
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from minihuman.errors import LogError
+from minihuman.log.record.recorder import Recorder
+from minihuman.study.events import SessionEnded
+from minihuman.study.inputs import Input, KeyDown, Stop, Tick
+from minihuman.study.screens import Screen
+from minihuman.study.session import Session
+from minihuman.windows.port import Clock, Window
+
+# A toolkit that blocks in C lets no Python signal handler run: come up for air this often.
+SIGNAL_CHECK_NS = 200_000_000
+# Python's threads take turns every 5 ms: the log's could keep a picture waiting for that long.
+THREAD_TURN_S = 0.0002
+_NS_PER_S = 1_000_000_000
+
+
+def run_session(
+    session: Session, window: Window, recorder: Recorder, clock: Clock, *, last_screen_s: float = 60.0
+) -> Path | None:
+    """Run a session to its end, whatever ends it; the log is finished before this returns or raises.
+
+    Args:
+        last_screen_s: how long a screen that says what failed waits for a key, seconds.
+
+    Returns:
+        Where the log is; None if it was kept in memory.
+
+    Raises:
+        LogError: if the log could not be written; what was written before is kept.
+        Exception: what the window or a bug of ours raised.
+    """
+    loop = _Loop(session, window, recorder, clock)
+    try:
+        with _signals(loop), _short_turns():
+            try:
+                loop.run()
+            except Exception as error:
+                loop.take(Stop(clock(), "internal_error", f"{type(error).__name__}: {error}"))
+                raise
+            loop.hold_last_screen(last_screen_s)
+    finally:
+        session.close()
+        path = recorder.close()
+    if loop.log_error:
+        raise loop.log_error
+    return path
+
+
+class _Loop:
+    """A session between its window and its log."""
+
+    def __init__(self, session: Session, window: Window, recorder: Recorder, clock: Clock) -> None:
+        self.log_error: LogError | None = None
+        self.signal_name = ""
+        self._session = session
+        self._window = window
+        self._recorder = recorder
+        self._clock = clock
+        self._shown: Screen | None = None
+        self._failed = False
+
+    def run(self) -> None:
+        """Run until the session is over."""
+        self.take(Tick(self._clock()))
+        while not self._session.over:
+            self._show()
+            for happened in self._next_inputs():
+                self.take(happened)
+
+    def take(self, happened: Input) -> None:
+        """Let the session have an input, and write what it says. A log that cannot be written stops the session."""
+        events = self._session.receive(happened)
+        self._failed |= any(isinstance(event, SessionEnded) and event.reason == "world_error" for event in events)
+        if self.log_error:
+            return
+        try:
+            self._recorder.write(events)
+        except LogError as error:
+            self.log_error = error
+            self.take(Stop(self._clock(), "disk_full", str(error)))
+
+    def hold_last_screen(self, last_screen_s: float) -> None:
+        """Leave on the screen what failed, until a key, the window's cross, a signal or the time ends it."""
+        if not (self._failed or self.log_error):
+            return
+        self._window.show(self._session.screen)
+        until_ns = self._clock() + round(last_screen_s * _NS_PER_S)
+        while self._clock() < until_ns and not self.signal_name:
+            inputs = self._window.wait(min(until_ns, self._clock() + SIGNAL_CHECK_NS))
+            if any(isinstance(happened, KeyDown | Stop) for happened in inputs):
+                return
+
+    def _show(self) -> None:
+        """Show the session's screen if it is a new one; what it answers to was written before."""
+        screen = self._session.screen
+        if screen is not self._shown:
+            self._shown = screen
+            self.take(self._window.show(screen))
+
+    def _next_inputs(self) -> list[Input]:
+        tick_ns = self._session.next_tick_ns
+        air_ns = self._clock() + SIGNAL_CHECK_NS
+        inputs = self._window.wait(air_ns if tick_ns is None else min(air_ns, tick_ns))
+        if self.signal_name:
+            inputs.append(Stop(self._clock(), "signal", self.signal_name))
+        elif not inputs and tick_ns is not None and self._clock() >= tick_ns:
+            inputs.append(Tick(self._clock()))
+        return inputs
+
+
+@contextmanager
+def _short_turns() -> Iterator[None]:
+    """Let the loop have the interpreter back soon after it asks for it."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(THREAD_TURN_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
+
+@contextmanager
+def _signals(loop: _Loop) -> Iterator[None]:
+    """SIGINT and SIGTERM end the session instead of the process; only the main thread can be told of signals."""
+
+    def remember(number: int, _: FrameType | None) -> None:
+        loop.signal_name = signal.Signals(number).name
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,50 @@
+"""Simulated participants: the very session that people sit in, with a player at the keys and no time to lose."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from minihuman.lab.next_session import next_session
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.players.choose import make_player
+from minihuman.players.port import Player
+from minihuman.seats.machine import machine_facts
+from minihuman.seats.run import run_session
+from minihuman.seats.simulated import SimulatedWindow
+from minihuman.study.plan import SessionPlan
+from minihuman.study.protocol import Protocol
+from minihuman.study.session import Session
+from minihuman.windows.scripted import VirtualClock
+from minihuman.worlds.adapt.world import World
+
+
+def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, player: str) -> Iterator[Path]:
+    """Run simulated participants one after the other, in the next free slots; yield each one's log.
+
+    Each has a stream of chance of its own, from ``seed`` and its place in the allocation list.
+
+    Raises:
+        AllocationError: if there are not so many free slots.
+        LogError: if a log cannot be written.
+        PlayerError: if there is no such player, or it cannot play a block's world.
+    """
+    facts = {"player": player, "player_seed": str(seed), **machine_facts()}
+    make_player(player, np.random.default_rng(seed))  # an unknown name must not cost a slot
+    for _ in range(participants):
+        plan = next_session(protocol, data)
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(plan.participant.index,)))
+        yield _play(plan, make_player(player, rng), data, facts)
+
+
+def _play(plan: SessionPlan, player: Player, data: Path, facts: dict[str, str]) -> Path:
+    clock = VirtualClock()
+    session = Session(plan, World, facts | {"window": "simulated"}, picture_px=None)
+    recorder = McapRecorder(data, plan, started_ns=time.time_ns())
+    window = SimulatedWindow(player, session, clock, at_rest=recorder.drain)
+    path = run_session(session, window, recorder, clock)
+    assert path is not None
+    if session.failure is not None:
+        raise session.failure
+    return path

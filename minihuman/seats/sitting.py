@@ -1,0 +1,38 @@
+"""A participant sits down: their plan, a window and a log on disk around one session."""
+
+from pathlib import Path
+
+from minihuman.errors import WorldError
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.seats.machine import SessionClock, machine_facts
+from minihuman.seats.run import run_session
+from minihuman.study.plan import SessionPlan
+from minihuman.study.session import Session
+from minihuman.windows.port import Window
+from minihuman.worlds.adapt.world import World
+
+
+def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> Path | None:
+    """Run a session in an open window and return its log.
+
+    Raises:
+        LogError: if the log exists already or cannot be written.
+        WorldError: if the world failed; the log says so too, and everything before is in it.
+        OSError: if the data folder cannot be written.
+    """
+    facts = {"player": "human", **machine_facts(), **window.facts()}
+    recorder = McapRecorder(data, plan, started_ns=clock.started_unix_ns)
+    session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
+    path = run_session(session, window, recorder, clock)
+    if session.failure is not None:
+        failure = f"{type(session.failure).__name__}: {session.failure}"
+        raise WorldError(f"the world failed ({failure}); everything before that is in {path}") from session.failure
+    return path
+
+
+def _four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:
+    """The largest 4:3 picture in a room: everyone sees the same angle of a first-person world, on any display."""
+    if room_px is None:
+        return None
+    width = min(room_px[0], room_px[1] * 4 // 3)
+    return width, width * 3 // 4

@@ -1,0 +1,154 @@
+"""Warming up: every world of a protocol is played a step before the window opens, so that nothing compiles later.
+
+Code from the cache is loaded in a second or two. Where there is none yet, compiling takes most of the time and keeps
+one core busy: a second process then compiles too, from the last piece on, and this one finds that code in the cache.
+"""
+
+import gc
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+from minihuman.study.protocol import Block, Protocol
+from minihuman.study.rehearse import rehearse
+from minihuman.worlds.adapt.world import World
+from minihuman.worlds.compiling import at_first_compile
+from minihuman.worlds.hashing import hash64
+
+
+def warm_up(protocol: Protocol, source: str = "protocol") -> None:
+    """Rehearse a protocol, and play a step of every block's world; ``source`` names the file in errors.
+
+    Raises:
+        ProtocolError: at the first block whose world cannot be played as it says, or fails at a step.
+    """
+    with _no_collection(), Companion(protocol.blocks) as companion:
+        with at_first_compile(companion.start):
+            rehearse(protocol, source)
+        for number, block in enumerate(protocol.blocks):
+            try:
+                with at_first_compile(companion.start):
+                    companion.compile_with(block)
+                    play_a_step(block)
+            except Exception as error:  # whatever somebody's world may raise
+                reason = f"{type(error).__name__}: {error}"
+                raise ProtocolError(f"{source}: $.blocks[{number}].world: {block.world} fails ({reason})") from error
+
+
+def play_a_step(block: Block) -> None:
+    """Do everything once that an episode of a block does with its world."""
+    world = World(block.world, block.options)
+    try:
+        world.reset(seed=0)
+        world.map(), world.pose(), world.state_hash()
+        world.step(world.action_names.index(block.actions[0]))
+        world.frame(block.view, palette=block.palette)
+    finally:
+        world.close()
+
+
+class Companion:
+    """A second process that compiles what some blocks need, for the code it leaves in the cache.
+
+    What fails there fails here, where it is reported. Each piece of the work is a file in a folder that both processes
+    know, made by the one that begins it.
+    """
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self._blocks = blocks
+        self._folder = TemporaryDirectory(prefix="minihuman-")
+        self._pieces = len({_name(block) for block in blocks})  # as far as is known: one a world, or more
+        self._seen: set[str] = set()  # those that this process began or waited for
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> "Companion":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        self._folder.cleanup()
+
+    def start(self) -> None:
+        """Set it to work, unless it has been, there is nothing to share, or there is no core for it."""
+        if self._process is not None or self._pieces == 1 or (os.cpu_count() or 1) == 1:
+            return
+        with suppress(OSError):  # no second process, no help
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", f"from {__name__} import companion; companion()"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            )
+            assert self._process.stdin is not None
+            self._process.stdin.write(msgspec.json.encode((self._folder.name, self._blocks)))
+            self._process.stdin.close()
+
+    def compile_with(self, block: Block) -> None:
+        """Compile the pieces of a block's world that nobody has begun, and wait where the other process has.
+
+        A world that is all one piece is only begun here: it is compiled where it is played.
+        """
+        pieces = {name: piece for name, piece in _pieces(block).items() if name not in self._seen}
+        self._seen.update(pieces)
+        self._pieces += max(len(pieces) - 1, 0)
+        elsewhere = False
+        for name, piece in pieces.items():
+            if not _begin(self._folder.name, name):
+                elsewhere = True
+            elif piece is not None:
+                piece()
+        if elsewhere and self._process is not None:
+            self._process.wait()
+
+
+def companion() -> None:
+    """What the second process does, with a folder and blocks on its standard input."""
+    folder, blocks = msgspec.json.decode(sys.stdin.buffer.read(), type=tuple[str, list[Block]])
+    with _no_collection():
+        for block in reversed(blocks):
+            for name, piece in reversed(_pieces(block).items()):
+                if _begin(folder, name):
+                    (piece or partial(play_a_step, block))()
+
+
+def _pieces(block: Block) -> dict[str, Callable[[], None] | None]:
+    """What there is to compile of a block's world, by names that all processes agree on; None stands for all of it."""
+    world = World(block.world, block.options)
+    world.close()
+    return {f"{_name(block)}-{nth}": piece for nth, piece in enumerate(world.compile_apart or (None,))}
+
+
+def _name(block: Block) -> str:
+    return f"{hash64(msgspec.json.encode((block.world, block.options))):x}"
+
+
+def _begin(folder: str, name: str) -> bool:
+    """Begin a piece, unless it has been begun."""
+    try:
+        Path(folder, name).touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Without the collection of cycles: the compiler makes millions of small objects, and scanning them is a tenth."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

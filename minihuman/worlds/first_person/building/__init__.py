@@ -1,0 +1,1 @@
+"""Building: from rooms and passages to walls and faces."""

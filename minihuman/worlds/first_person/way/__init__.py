@@ -1,0 +1,1 @@
+"""Ways to a goal by the real moves, and bounds on their length."""

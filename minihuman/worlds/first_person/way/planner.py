@@ -1,0 +1,201 @@
+"""The way to a goal by a world's real motion rules, and how many steps any way takes at least."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.building.floor import FloorPlan
+from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.stage import Stage
+from minihuman.worlds.first_person.way.route import clearance_map, distance_map, search
+from minihuman.worlds.first_person.way.sight import lies_on, shortest_way
+
+_MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that rounding never decides a move
+
+
+def plan(world: FirstPersonEnv, goal: Entity) -> tuple[int, ...] | None:
+    """Actions that bring the agent from where it is near the goal; None where none were found.
+
+    It takes one action at the goal too: a world looks whether the agent is near after a step.
+
+    Where step and turn vary from step to step, the way is made of their defaults: plan again after a few steps.
+
+    Raises:
+        WorldError: if the world lacks a turn or the forward step, or the agent carries something.
+    """
+    stage = world.stage
+    moves = _moves(world)
+    if stage.agent.carrying is not None:
+        raise WorldError(f"a way with the {stage.agent.carrying.name} in hand cannot be planned; drop it first")
+    step, turn = _default(stage, "forward_step"), math.radians(_default(stage, "turn_step"))
+    x, _, z = stage.agent.pos
+    radius = float(stage.agent.radius) + _MARGIN
+    walls, discs, zones = stage.floor.walls, _obstacles(stage), _zones(world)
+    bounds = np.array(stage.floor.bounds)
+    cell = min(step / 2, 0.1)
+    place = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
+    reach = _reach(stage, goal) - _MARGIN
+    if math.hypot(x - goal.pos[0], z - goal.pos[2]) < reach:
+        return moves[:1]
+    free = clearance_map(walls, discs, zones, bounds, cell, radius)
+    column, row = int((goal.pos[0] - bounds[0]) / cell), int((goal.pos[2] - bounds[1]) / cell)
+    distance = distance_map(free, column, row, reach / cell)
+    found = search(
+        walls,
+        discs,
+        zones,
+        np.array(place),
+        np.array((goal.pos[0], goal.pos[2], reach)),
+        np.array((step, turn, radius)),
+        bounds,
+        distance,
+        cell,
+    )
+    return tuple(moves[move] for move in found.tolist()) or None
+
+
+def least_steps(world: FirstPersonEnv, goal: Entity) -> int:
+    """A number of steps that no way to the goal undercuts: what it takes to cover the ground, and to turn first.
+
+    It is 1 at the goal too: a world looks whether the agent is near after a step.
+
+    The ground is the shortest way of a point round the walls, covered in steps as long as the world's longest.
+    Things in the way, most of the body's width, and later turns are left out.
+    """
+    stage = world.stage
+    x, _, z = stage.agent.pos
+    dx, dz = goal.pos[0] - x, goal.pos[2] - z
+    straight, reach = math.hypot(dx, dz), _reach(stage, goal)
+    if straight < reach:
+        return 1
+    drift = max(abs(_low(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
+    longest = math.hypot(stage.reach, drift)
+    way = straight
+    if longest < 2 * stage.agent.radius:  # a longer step could jump across a wall
+        barriers = _barriers(stage, goal, reach, longest)
+        ends = np.array(((x, z), (goal.pos[0], goal.pos[2])))
+        way = shortest_way(barriers, np.concatenate((ends, _turning_points(stage.floor, barriers))))
+    steps = max(math.ceil((way - reach) / longest - 1e-9), 1)
+    if "move_back" in world.action_names:
+        return steps
+    off = abs((math.atan2(-dz, dx) - stage.agent.dir + math.pi) % (2 * math.pi) - math.pi)
+    spared = math.asin(reach / straight) + math.atan2(drift, _low(stage, "forward_step"))
+    return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
+
+
+def _moves(world: FirstPersonEnv) -> tuple[int, ...]:
+    """The world's actions for a turn left, a turn right and a step."""
+    try:
+        return tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
+    except ValueError:
+        raise WorldError(f"no way can be planned with {world.action_names}: it takes both turns and a step") from None
+
+
+def _default(stage: Stage, name: str) -> float:
+    return stage.parameters.number(name, None)
+
+
+def _low(stage: Stage, name: str) -> float:
+    value = stage.parameters[name].low
+    assert not isinstance(value, tuple)
+    return value
+
+
+def _reach(stage: Stage, goal: Entity) -> float:
+    """How far from the goal's middle the agent's may be, on the ground, to be near it."""
+    threshold = float(goal.radius + stage.agent.radius + 1.1 * stage.reach)
+    rise = goal.pos[1] - stage.agent.pos[1]
+    return math.sqrt(max(threshold * threshold - rise * rise, 0.0))
+
+
+def _zones(world: FirstPersonEnv) -> NDArray[np.float64]:
+    """The rooms that end the episode, (rooms, edges, 4): where each edge starts, and its normal into the room."""
+    rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
+    most = max(map(len, rooms), default=0)
+    padded = [edges + edges[-1:] * (most - len(edges)) for edges in rooms]
+    return np.array(padded, dtype=np.float64).reshape(len(rooms), most, 4)
+
+
+def _obstacles(stage: Stage) -> NDArray[np.float64]:
+    """Every thing but the agent: x, z, and how far the agent's middle stays away."""
+    rows = [
+        (thing.pos[0], thing.pos[2], float(stage.agent.radius + thing.radius) + _MARGIN)
+        for thing in stage.entities
+        if thing is not stage.agent
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _barriers(stage: Stage, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:
+    """Segments that no way to the goal crosses, and that no stop near the goal has between itself and the goal.
+
+    A stop keeps the body's radius from every wall, and the line between two stops ``kept``: so walls reach that much
+    beyond their ends. Where the line from a stop near the goal to the goal crosses a segment, the segment is closer to
+    the goal than ``reach`` less what the stop keeps from it: of such segments, what is in reach is left out.
+    """
+    radius = float(stage.agent.radius)
+    kept = 0.999 * math.sqrt(radius * radius - longest * longest / 4)
+    middle = np.array((goal.pos[0], goal.pos[2]))
+    segments: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
+    for wall in _merged(stage.floor.walls):
+        a, b = wall[:2], wall[2:]
+        ahead = (b - a) / math.hypot(*(b - a))
+        segments += [(a, b, radius), (a + 0.01 * ahead, a - kept * ahead, radius - kept)]
+        segments += [(b - 0.01 * ahead, b + kept * ahead, radius - kept)]
+    rows = [row for a, b, margin in segments for row in _out_of_reach(a, b, middle, reach, margin)]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _out_of_reach(
+    a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64], reach: float, margin: float
+) -> list[tuple[float, ...]]:
+    """A segment whole where it is far enough from the goal, otherwise the parts of it that are out of reach."""
+    length = math.hypot(*(b - a))
+    share = float((middle - a) @ (b - a)) / length**2
+    foot = a + (b - a) * min(max(share, 0.0), 1.0)
+    if math.hypot(*(foot - middle)) + margin >= reach:
+        return [(*a, *b)]
+    across = math.hypot(*(a + (b - a) * share - middle))
+    half = math.sqrt(reach**2 - across**2) / length
+    before = [(*a, *(a + (b - a) * (share - half)))] if share > half else []
+    return before + ([(*(a + (b - a) * (share + half)), *b)] if share + half < 1 else [])
+
+
+def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The ends of barriers a way may bend at: those inside a room that no other barrier runs across, (n, 2) x, z."""
+    ends = barriers.reshape(-1, 2)
+    inside = np.zeros(len(ends), dtype=np.bool_)
+    for room in floor.rooms:
+        within = np.ones(len(ends), dtype=np.bool_)
+        for (x, z), _, _, _, (normal_x, normal_z) in room.outline.edges:
+            within &= normal_x * (ends[:, 0] - x) + normal_z * (ends[:, 1] - z) > -1e-6
+        inside |= within
+    return ends[inside & ~lies_on(barriers, ends)]
+
+
+def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same walls with pieces that continue each other joined into one."""
+    rows = [tuple(row) for row in walls.tolist()]
+    starts = {row[:2]: row for row in rows}
+    joined: dict[tuple[float, ...], None] = {}
+    continued = {
+        after[:2]
+        for row in rows
+        if (after := starts.get(row[2:])) is not None and after != row and _straight(row, after)
+    }
+    for row in rows:
+        if row[:2] in continued:
+            continue
+        end = row
+        while (after := starts.get(end[2:])) is not None and _straight(end, after):
+            end = after
+        joined[(*row[:2], *end[2:])] = None
+    return np.array(list(joined), dtype=np.float64).reshape(-1, 4)
+
+
+def _straight(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    ax, az, bx, bz = a[2] - a[0], a[3] - a[1], b[2] - b[0], b[3] - b[1]
+    return abs(ax * bz - az * bx) <= 1e-9 * math.hypot(ax, az) * math.hypot(bx, bz) and ax * bx + az * bz > 0

@@ -1,0 +1,1 @@
+"""How the grid is drawn: shapes, palettes, tiles and pictures."""

@@ -1,0 +1,192 @@
+"""Pictures: a whole grid or the agent's view, tile by tile, in one compiled pass over an atlas of drawn tiles."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.grid.art.tiles import agent, in_hand, tile, unseen
+from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.grid.core.cells import (
+    BALL,
+    BOX,
+    COLOURS,
+    DOOR,
+    DOOR_STATES,
+    EMPTY,
+    FLOOR,
+    GOAL,
+    KEY,
+    RED_LAVA,
+    WALL,
+    pack,
+)
+from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y
+from minihuman.worlds.grid.core.view import see
+
+LOOKS = 512  # kind, colour and state make nine bits
+LIT = 0.13  # how much lighter a cell is that the agent sees
+CARRIED = 0.56  # the size of a carried object's picture, in tiles
+Pixels = NDArray[np.uint8]
+Words = NDArray[np.uint64] | Pixels  # pixels in runs of eight bytes, where a tile's line is whole runs, or byte by byte
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Atlas:
+    """Every tile at one size in one palette. ``number[look]`` is a tile's place in the arrays; 0 is "unseen"."""
+
+    number: NDArray[np.int64]  # (512,)
+    tiles: Words  # (2, tiles, px, words) as they are, and lit; a line of pixels is one run of words
+    agents: Pixels  # (4, px, px, 4) by direction, colour and opacity
+    carried: Pixels  # (tiles, half px, half px, 4) objects alone
+
+
+@lru_cache(maxsize=16)
+def atlas(tile_px: int, palette: Palette) -> Atlas:
+    """Draw every tile of a size once."""
+    looks = [EMPTY, RED_LAVA]
+    for colour in range(len(COLOURS)):
+        looks += [pack(kind, colour, 0, 0) for kind in (WALL, FLOOR, KEY, BALL, BOX, GOAL)]
+        looks += [pack(DOOR, colour, state, 0) for state in range(len(DOOR_STATES))]
+    number = np.zeros(LOOKS, np.int64)
+    number[looks] = np.arange(1, len(looks) + 1)
+    plain = np.stack([unseen(tile_px).rgb] + [tile(look, tile_px, palette).rgb for look in looks])
+    lit = plain + (255 - plain) * LIT
+    small = max(1, round(tile_px * CARRIED))
+    carried = np.zeros((len(looks) + 1, small, small, 4), np.uint8)
+    for look in looks:
+        canvas = in_hand(look, small, palette)
+        carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
+    tiles = np.stack([plain, lit]).round().astype(np.uint8).reshape(2, -1, tile_px, 3 * tile_px)
+    agents = [agent(direction, tile_px, palette) for direction in range(4)]
+    return Atlas(
+        number,
+        tiles.view(np.uint64) if tile_px % 8 == 0 else tiles,
+        np.stack([np.dstack([canvas.rgb, 255 * canvas.alpha]) for canvas in agents]).round().astype(np.uint8),
+        carried,
+    )
+
+
+def draw(
+    row: Row,
+    *,
+    view: View,
+    view_size: int,
+    tile_px: int,
+    palette: Palette,
+    lit: bool = True,
+    by_bytes: bool = False,
+) -> Pixels:
+    """A picture, uint8[rows * tile_px, columns * tile_px, 3].
+
+    Args:
+        row: The state.
+        view: "partial": what the agent sees, looking up; "full": everything, what it sees ``lit``.
+        view_size: Cells on a side of the agent's view.
+        tile_px: Pixels on a side of a tile.
+        palette: The colours.
+        lit: In the full view, make the cells lighter that the agent sees.
+        by_bytes: Copy tiles byte by byte whatever their size, which is one kernel for all sizes, and slower.
+    """
+    drawn = atlas(tile_px, palette)
+    columns, rows = (view_size, view_size) if view == "partial" else (row[WIDTH], row[HEIGHT])
+    out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
+    lines = out.reshape(rows * tile_px, -1)
+    tiles = drawn.tiles.view(np.uint8) if by_bytes else drawn.tiles
+    image = np.zeros((view_size, view_size, 3), np.uint8)
+    if lit or view == "partial":
+        see(row, image)
+    words = lines.view(tiles.dtype)
+    draw_cells(row, image, view == "full", drawn.number, tiles, drawn.agents, drawn.carried, words, lines)
+    return out
+
+
+@part("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])")
+def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
+    """Blend a figure with transparency into a picture."""
+    for v in range(figures.shape[1]):
+        for u in range(figures.shape[2]):
+            alpha = np.int64(figures[figure, v, u, 3])
+            if alpha > 0:
+                for part in range(3):
+                    byte = 3 * (left + u) + part
+                    under = np.int64(out[top + v, byte])
+                    over = np.int64(figures[figure, v, u, part])
+                    out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
+
+
+@kernel()
+def draw_cells(
+    row: Row,
+    image: NDArray[np.uint8],
+    full: bool,
+    number: NDArray[np.int64],
+    tiles: Words,
+    agents: Pixels,
+    carried: Pixels,
+    words: Words,
+    out: Pixels,
+) -> None:
+    """Draw the whole grid, what the agent sees (``image``) lit, or with ``full`` false only what it sees.
+
+    ``words`` and ``out`` (lines, bytes) are the same memory.
+    """
+    view_size, px = image.shape[0], tiles.shape[2]
+    middle, bottom = view_size // 2, view_size - 1
+    width, height = row[WIDTH], row[HEIGHT]
+    x, y, direction = row[X], row[Y], row[DIRECTION]
+    columns, lines = (width, height) if full else (view_size, view_size)
+    lit = np.zeros((columns, lines), np.int64)
+    if full:
+        forward_x = (1 - direction) * (1 - direction % 2)
+        forward_y = (2 - direction) * (direction % 2)
+        for i in range(view_size):
+            for j in range(view_size):
+                ahead, aside = bottom - j, i - middle
+                column = x + forward_x * ahead - forward_y * aside
+                line = y + forward_y * ahead + forward_x * aside
+                if image[i, j, 0] != 0 and 0 <= column < width and 0 <= line < height:
+                    lit[column, line] = 1
+    for column in range(columns):
+        for line in range(lines):
+            if full:
+                look = np.int64(row[HEADER + column * height + line])
+            elif column == middle and line == bottom:
+                look = np.int64(row[HEADER + x * height + y])
+            else:
+                kind, colour = np.int64(image[column, line, 0]), np.int64(image[column, line, 1])
+                look = kind | colour << 4 | np.int64(image[column, line, 2]) << 7
+            lay_tile(tiles, lit[column, line], number[look & LOOKS - 1], column, line, words)
+    if not full:
+        x, y, direction = middle, bottom, 3
+    put_agent(row, agents, direction, carried, number, x * px, y * px, out)
+
+
+@part(into_caller=True)
+def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
+    """Copy a tile into a picture, to a column and row of cells."""
+    height, width = tiles.shape[2], tiles.shape[3]
+    for v in range(height):
+        for word in range(width):
+            words[row * height + v, column * width + word] = tiles[lit, tile, v, word]
+
+
+@njit(cache=True, inline="always")
+def put_agent(
+    row: Row,
+    agents: Pixels,
+    direction: int,
+    carried: Pixels,
+    number: NDArray[np.int64],
+    left: int,
+    top: int,
+    out: Pixels,
+) -> None:
+    """Lay the agent over its tile, and what it carries, small, into its lower right corner."""
+    lay_over(agents, direction, left, top, out)
+    if row[CARRYING] != EMPTY:
+        inset = agents.shape[1] - carried.shape[1]
+        lay_over(carried, number[row[CARRYING] & (LOOKS - 1)], left + inset, top + inset, out)

@@ -1,0 +1,161 @@
+"""What an action does: the seven actions of Minigrid on one row of state."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.grid.core.cells import (
+    BOX,
+    CLOSED,
+    DOOR,
+    EMPTY,
+    GOAL,
+    KEY,
+    LAVA,
+    LOCKED,
+    OPEN,
+    can_be_carried,
+    colour_of,
+    identity_of,
+    in_state,
+    kind_of,
+    lets_pass,
+    state_of,
+)
+from minihuman.worlds.grid.core.chance import Words
+from minihuman.worlds.grid.core.state import (
+    ACTIONS,
+    CARRYING,
+    DIRECTION,
+    HEIGHT,
+    MAX_STEPS,
+    OVER,
+    PHASE,
+    PLAYING,
+    STEP,
+    TARGET,
+    TASK,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    cell_at,
+    contents_index,
+    lift,
+    put,
+)
+from minihuman.worlds.grid.core.tasks import (
+    DODGE,
+    DROP,
+    FORWARD,
+    IN_ORDER,
+    LEFT,
+    MATCH,
+    PICKUP,
+    RIGHT,
+    TOGGLE,
+    faces_obstacle,
+    front,
+    is_open,
+    judge,
+    move_obstacles,
+    prize,
+)
+from minihuman.worlds.grid.core.view import see
+
+ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
+
+TERMINATED, TRUNCATED = 1, 2  # bits of a step's status
+NOT_PLAYING, NO_SUCH_ACTION = -1, -2  # a step that was refused and changed nothing
+
+
+@kernel()
+def step(row: Row, action: int, words: Words, image: NDArray[np.uint8]) -> tuple[int, int, float]:
+    """Make one step and see its result.
+
+    Returns:
+        status (TERMINATED and TRUNCATED as bits, negative when refused), direction, reward.
+    """
+    status, reward = act(row, action, words)
+    if status >= 0:
+        see(row, image)
+    return status, row[DIRECTION], reward
+
+
+@kernel()
+def act(row: Row, action: int, words: Words) -> tuple[int, float]:
+    """Make one step without looking: status and reward, as `step` returns them."""
+    if row[PHASE] != PLAYING:
+        return NOT_PLAYING, 0.0
+    if action < 0 or action >= row[ACTIONS]:
+        return NO_SUCH_ACTION, 0.0
+    row[STEP] += 1
+    task = row[TASK]
+    if task == MATCH and action == PICKUP:
+        action = TOGGLE
+    held_before = row[CARRYING]
+    first_was_open = task == IN_ORDER and is_open(row, row[TARGET], row[TARGET + 1])
+    collides = False
+    if task == DODGE:
+        collides = action == FORWARD and faces_obstacle(row)
+        move_obstacles(row, words)
+    reward, ended = apply(row, action)
+    reward, ended = judge(row, action, held_before, first_was_open, reward, ended)
+    if collides:
+        reward, ended = -1.0, True
+    status = TERMINATED if ended else 0
+    if row[STEP] >= row[MAX_STEPS]:
+        status |= TRUNCATED
+    if status:
+        row[PHASE] = OVER
+    return status, reward
+
+
+@part()
+def apply(row: Row, action: int) -> tuple[float, bool]:
+    """Do what the action does to agent, objects and doors: reward and end as goal and lava give them."""
+    if action == LEFT:
+        row[DIRECTION] = (row[DIRECTION] + 3) % 4
+        return 0.0, False
+    if action == RIGHT:
+        row[DIRECTION] = (row[DIRECTION] + 1) % 4
+        return 0.0, False
+    x, y = front(row)
+    code = cell_at(row, x, y)
+    if action == FORWARD:
+        if lets_pass(code):
+            row[X], row[Y] = x, y
+        if kind_of(code) == GOAL:
+            return prize(row), True
+        return 0.0, kind_of(code) == LAVA
+    if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
+        return 0.0, False
+    if action == PICKUP:
+        if row[CARRYING] == EMPTY and can_be_carried(code):
+            row[CARRYING] = lift(row, x, y)
+    elif action == DROP:
+        if row[CARRYING] != EMPTY and code == EMPTY:
+            put(row, x, y, row[CARRYING])
+            row[CARRYING] = EMPTY
+    elif action == TOGGLE:
+        toggle(row, x, y, code)
+    return 0.0, False
+
+
+@njit(cache=True, inline="always")
+def toggle(row: Row, x: int, y: int, code: int) -> None:
+    """Open or close a door, unlock it with the key of its colour, or open a box, which leaves its contents."""
+    if kind_of(code) == DOOR:
+        state = state_of(code)
+        if state == LOCKED:
+            held = row[CARRYING]
+            if kind_of(held) == KEY and colour_of(held) == colour_of(code):
+                put(row, x, y, in_state(code, OPEN))
+        else:
+            put(row, x, y, in_state(code, CLOSED if state == OPEN else OPEN))
+    elif kind_of(code) == BOX:
+        inside = row[contents_index(row, identity_of(code))]
+        lift(row, x, y)
+        if inside != 0:
+            put(row, x, y, inside)

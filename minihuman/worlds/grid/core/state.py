@@ -1,0 +1,185 @@
+"""A world's state: one row of int32, so that a batch of worlds is a matrix and a copy is a copy.
+
+A row is a header, then the cells (column by column: ``x * height + y``), then two numbers an object: the cell it
+lies in, and the code of what it contains. Kernels work on rows; `State` reads one by name.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.compiled import kernel
+from minihuman.worlds.grid.core.cells import EMPTY, GREY_WALL, identity_of, pack
+
+Row = NDArray[np.int32]
+
+WIDTH, HEIGHT = 0, 1
+X, Y, DIRECTION = 2, 3, 4  # direction: 0 right, 1 down, 2 left, 3 up
+CARRYING = 5  # code of the object in hand, EMPTY for none
+STEP, MAX_STEPS = 6, 7
+PHASE = 8
+SEE_THROUGH = 9  # 1: walls hide nothing
+ACTIONS = 10  # how many of the seven actions this world takes
+OBJECTS = 11  # how many objects were made so far
+TASK = 12  # which rule of tasks.py judges a step
+TARGET = 13  # 13..18: what the task is about
+MISSION = 19  # 19..22: the choices that fill the mission's template
+FAILED = 23  # 1: the layout found no place for something
+HEADER = 24
+
+NEW, PLAYING, OVER = 0, 1, 2  # phases
+
+NOWHERE = -1  # an object's cell while it is carried, contained or gone
+
+
+def row_length(width: int, height: int) -> int:
+    """How many numbers the state of a world of this size takes."""
+    return HEADER + 3 * width * height
+
+
+@njit(cache=True, inline="always")
+def _place_of(row: Row, identity: int) -> int:
+    return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
+
+
+@njit(cache=True, inline="always")
+def where_is(row: Row, identity: int) -> int:
+    """The cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
+    return row[_place_of(row, identity)]
+
+
+@njit(cache=True, inline="always")
+def contents_index(row: Row, identity: int) -> int:
+    """Where in the row the code of an object's contents is; 0 there means nothing inside."""
+    return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
+
+
+@kernel()
+def clear(row: Row) -> None:
+    """Make the row an empty floor before a layout: no objects, no agent, step 0; sizes and settings stay."""
+    row[X] = row[Y] = row[DIRECTION] = -1
+    row[CARRYING] = EMPTY
+    row[STEP] = 0
+    row[PHASE] = NEW
+    for k in range(OBJECTS, len(row)):
+        row[k] = 0
+    for k in range(HEADER, HEADER + row[WIDTH] * row[HEIGHT]):
+        row[k] = EMPTY
+
+
+@kernel("int64(int32[::1], int64, int64)")
+def cell_at(row: Row, x: int, y: int) -> int:
+    """The code in a cell; outside the grid everything is wall."""
+    if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
+        return GREY_WALL
+    return row[HEADER + x * row[HEIGHT] + y]
+
+
+@kernel("int64(int32[::1], int64, int64)")
+def lift(row: Row, x: int, y: int) -> int:
+    """Empty a cell and return what lay there."""
+    code = row[HEADER + x * row[HEIGHT] + y]
+    row[HEADER + x * row[HEIGHT] + y] = EMPTY
+    identity = identity_of(code)
+    if identity > 0:
+        row[_place_of(row, identity)] = NOWHERE
+    return code
+
+
+@kernel("void(int32[::1], int64, int64, int64)")
+def put(row: Row, x: int, y: int, code: int) -> None:
+    """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie."""
+    lift(row, x, y)
+    row[HEADER + x * row[HEIGHT] + y] = code
+    identity = identity_of(code)
+    if identity > 0:
+        row[_place_of(row, identity)] = x * row[HEIGHT] + y
+
+
+@kernel()
+def move(row: Row, identity: int, cell: int) -> None:
+    """Move an object that lies in a cell to an empty one (x * height + y)."""
+    place = _place_of(row, identity)
+    row[HEADER + cell] = row[HEADER + row[place]]
+    row[HEADER + row[place]] = EMPTY
+    row[place] = cell
+
+
+@kernel("int64(int32[::1], int64, int64, int64)")
+def make(row: Row, kind: int, colour: int, state: int) -> int:
+    """Make a new object with its own identity, lying nowhere yet. More objects than cells mark the row FAILED."""
+    if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:
+        row[FAILED] = 1
+        return EMPTY
+    row[OBJECTS] += 1
+    row[_place_of(row, row[OBJECTS])] = NOWHERE
+    return pack(kind, colour, state, row[OBJECTS])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """One row, by name. The arrays are views: they change with the world, and writing to them changes it."""
+
+    row: Row
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return int(self.row[WIDTH])
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.row[HEIGHT])
+
+    @property
+    def position(self) -> tuple[int, int]:
+        """The agent's column and row."""
+        return int(self.row[X]), int(self.row[Y])
+
+    @property
+    def direction(self) -> int:
+        """Where the agent looks: 0 right, 1 down, 2 left, 3 up."""
+        return int(self.row[DIRECTION])
+
+    @property
+    def carrying(self) -> int:
+        """Code of the object in hand; EMPTY for none."""
+        return int(self.row[CARRYING])
+
+    @property
+    def step(self) -> int:
+        """Steps taken in this episode."""
+        return int(self.row[STEP])
+
+    @property
+    def max_steps(self) -> int:
+        """Steps after which the episode is truncated."""
+        return int(self.row[MAX_STEPS])
+
+    @property
+    def cells(self) -> NDArray[np.int32]:
+        """Codes, (width, height), indexed [x, y]; read them with the functions of ``cells``."""
+        return self.row[HEADER : HEADER + self.width * self.height].reshape(self.width, self.height)
+
+    @property
+    def kinds(self) -> NDArray[np.int64]:
+        """Kinds, (width, height), indexed [x, y]: places in ``cells.KINDS``."""
+        return self.cells.astype(np.int64) & 15
+
+    @property
+    def colours(self) -> NDArray[np.int64]:
+        """Colours, (width, height), indexed [x, y]: places in ``cells.COLOURS``."""
+        return self.cells.astype(np.int64) >> 4 & 7
+
+    @property
+    def contents(self) -> NDArray[np.int32]:
+        """Code of what each object contains, by identity - 1; 0 for nothing."""
+        return self.row[HEADER + 2 * self.width * self.height :]
+
+    def find(self, identity: int) -> tuple[int, int] | None:
+        """Where an object lies; None while it is carried, inside a box, or gone."""
+        cell = int(self.row[HEADER + self.width * self.height + identity - 1])
+        return None if cell == NOWHERE else divmod(cell, self.height)

@@ -1,0 +1,138 @@
+"""What the agent sees: the cells in front of it, turned so that it looks up, without what walls and doors hide."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.grid.core.cells import AGENT, DOOR, GREY_WALL, OPEN, RED, WALL, colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
+
+LARGEST_VIEW = 61  # a row of the view is the bits of one int64
+USUAL_VIEW = 7
+
+LOOKS = 512  # kind, colour and state of a cell make nine bits
+_LOOK = np.arange(LOOKS)
+LETS_SEE = ((_LOOK & 15) != WALL) & (((_LOOK & 15) != DOOR) | ((_LOOK >> 7) == OPEN))  # what is behind it
+
+
+def see_size(size: int) -> int:
+    """The size, if a view can have it.
+
+    Raises:
+        WorldError: if it cannot.
+    """
+    if size % 2 == 0 or not 3 <= size <= LARGEST_VIEW:
+        raise WorldError(f"agent_view_size is {size!r}; it is odd, 3 to {LARGEST_VIEW}")
+    return size
+
+
+@kernel()
+def see(row: Row, image: NDArray[np.uint8]) -> None:
+    """Fill ``image`` (size, size, 3: kind, colour, state; indexed [right, down]) with the agent's view.
+
+    The agent is at the bottom's middle; its own cell shows what it carries. Unseen cells are 0. Sight spreads from
+    the agent row by row, as Minigrid defines it: within a row first rightwards, then leftwards, and every seen cell
+    that lets see passes it on to its neighbour in that direction and to the two cells ahead of both.
+    """
+    if image.shape[0] == USUAL_VIEW:
+        see_cells(row, image, USUAL_VIEW)  # a constant here makes straight code of its loops, twice as fast
+    else:
+        see_cells(row, image, image.shape[0])
+
+
+@part()
+def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
+    """What `see` says, for a view of ``size`` cells. Without branches on what lies where: those cannot be foreseen."""
+    half = size // 2
+    x, y, width, height = row[X], row[Y], row[WIDTH], row[HEIGHT]
+    # rows of the view that lie in the grid, cells of a row left and right of the agent that do, and how far it is in
+    # the state from a cell to the one to its right and to the one ahead
+    direction = row[DIRECTION]
+    if direction == 0:
+        rows, left, right, aside, onward = width - x, y, height - 1 - y, 1, height
+    elif direction == 1:
+        rows, left, right, aside, onward = height - y, width - 1 - x, x, -height, 1
+    elif direction == 2:
+        rows, left, right, aside, onward = x + 1, height - 1 - y, y, -1, -height
+    else:
+        rows, left, right, aside, onward = y + 1, x, width - 1 - x, height, -1
+    first, last = half - left, half + right
+    everything = (1 << size) - 1
+    hiding = row[SEE_THROUGH] == 0
+    seen = everything
+    ahead = 1 << half  # bit i: cell i of the next row is seen
+    start = HEADER + x * height + y - half * aside  # of the row's first cell
+    for distance in range(size):
+        if distance >= rows:
+            last = -1
+        if hiding:
+            if ahead == 0:
+                leave_dark(image, size - distance)
+                break
+            clear = 0
+            for i in range(size):
+                inside = (first <= i) & (i <= last)
+                place = np.uint64(start + i * aside if inside else 0)  # unsigned: not looked for from the end
+                clear |= int(LETS_SEE[row[place] & LOOKS - 1] & inside) << i
+            giving = spread_right(ahead, clear) & everything >> 1
+            seen = ahead | giving << 1
+            ahead = giving | giving << 1
+            giving = spread_left(seen, clear, size) & ~1
+            seen |= giving >> 1
+            ahead |= giving | giving >> 1
+        for i in range(size):
+            inside = (first <= i) & (i <= last)
+            place = np.uint64(start + i * aside if inside else 0)
+            code = (row[place] if inside else GREY_WALL) & -(seen >> i & 1)
+            show(image, i, size - 1 - distance, code)
+        start += onward
+    show(image, half, size - 1, row[CARRYING])
+
+
+@part(into_caller=True)
+def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
+    """Write down a cell as the agent sees it: kind, colour, state."""
+    image[i, j, 0] = kind_of(code)
+    image[i, j, 1] = colour_of(code)
+    image[i, j, 2] = state_of(code)
+
+
+@njit(cache=True, inline="always")
+def leave_dark(image: NDArray[np.uint8], rows: int) -> None:
+    """Make the upper rows of a view unseen."""
+    for i in range(image.shape[0]):
+        for j in range(rows):
+            image[i, j, 0] = image[i, j, 1] = image[i, j, 2] = 0
+
+
+@njit(cache=True, inline="always")
+def spread_right(seen: int, clear: int) -> int:
+    """The clear cells of a row that are seen once sight has spread along it to higher bits."""
+    giving = seen & clear
+    return (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
+
+
+@njit(cache=True, inline="always")
+def spread_left(seen: int, clear: int, size: int) -> int:
+    """The clear cells of a row that are seen once sight has spread along it to lower bits."""
+    giving = seen & clear
+    run = clear  # bit i: the cells from i to where a stride of this length starts are all clear
+    stride = 1
+    while stride < size:
+        giving |= giving >> stride & run
+        run &= run >> stride
+        stride *= 2
+    return giving
+
+
+@kernel()
+def see_all(row: Row, image: NDArray[np.uint8]) -> None:
+    """Fill ``image`` (width, height, 3: kind, colour, state; indexed [x, y]) with the whole grid, agent included."""
+    for x in range(row[WIDTH]):
+        for y in range(row[HEIGHT]):
+            show(image, x, y, row[HEADER + x * row[HEIGHT] + y])
+    image[row[X], row[Y], 0] = AGENT
+    image[row[X], row[Y], 1] = RED
+    image[row[X], row[Y], 2] = row[DIRECTION]

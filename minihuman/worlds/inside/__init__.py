@@ -1,0 +1,1 @@
+"""A grid from inside: the grid's rules, a first-person picture."""

@@ -1,0 +1,217 @@
+"""The tidy tables: what is in a row, and what is left out."""
+
+import dataclasses
+import json
+
+import duckdb
+import msgspec
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from minihuman.data.columns import TABLES
+from minihuman.data.exclusions import UNFINISHED, Rules
+from minihuman.data.rows import together
+from minihuman.data.tables import session_tables
+from minihuman.data.writing import write_tables
+from minihuman.errors import ReportError
+from minihuman.measures.shortest import Shortest
+from minihuman.study.protocol import Exclusion
+from tests.builders import session, session_of
+from tests.counts import count
+
+RULES = Rules()
+
+
+def twenty(_plan) -> Shortest:
+    return Shortest(20, 25)
+
+
+def rows_of(log, *, tags=None, rules=RULES):
+    tables = session_tables(log, tags=tags or {}, rules=rules, shortest=twenty)
+    return {name: table.to_pandas() for name, table in tables.items()}
+
+
+@pytest.fixture(scope="module")
+def log():
+    return session(episodes=3)
+
+
+@pytest.fixture(scope="module")
+def tables(log):
+    return rows_of(log)
+
+
+def test_every_step_is_a_row(log, tables):
+    steps = tables["steps"]
+    assert len(steps) == sum(len(episode.actions) for episode in log.episodes)
+    second = log.episodes[1]
+    mine = steps[steps["episode"] == 2]
+    assert mine["step"].tolist() == list(range(1, len(second.actions) + 1))
+    assert mine["x"].tolist() == second.poses[1:, 0].tolist()
+    assert mine["reaction_ms"].tolist() == second.rt_ms.tolist()
+    assert mine["action"].tolist() == [second.start.action_names[action] for action in second.actions]
+    assert mine["t_s"].tolist() == (second.t_ns[1:] / 1e9).tolist()
+    assert mine["key"].tolist() == list(second.step_keys)
+    assert mine["reward"].tolist() == second.rewards.tolist()
+    assert mine["visible_effect"].tolist() == (np.diff(second.observation_hashes) != 0).tolist()
+    assert mine["z"].tolist() == second.poses[1:, 2].tolist()
+    assert mine["yaw_rad"].tolist() == second.poses[1:, 3].tolist()
+    assert mine["terminated"].tolist() == second.terminated.tolist()
+    assert mine["truncated"].tolist() == second.truncated.tolist()
+    whose = mine[["study", "participant", "group", "session", "block", "attempt"]].drop_duplicates()
+    assert whose.to_numpy().tolist() == [["transfer", "sub-01", "grid_first", 1, "grid", 1]]
+    assert set(steps.columns) == {column.name for column in TABLES["steps"]}
+
+
+def test_every_key_press_is_a_row(log, tables):
+    presses = tables["presses"]
+    assert presses["key"].tolist() == [press.key for episode in log.episodes for press in episode.keys]
+    assert set(presses["verdict"]) == {"accepted"}
+
+
+def test_an_episode_says_how_it_went_and_how_short_it_could_have_been(log, tables):
+    goal, timeout = tables["episodes"].iloc[0], tables["episodes"].iloc[1]
+    assert (goal["outcome"], bool(goal["success"])) == ("goal", True)
+    assert goal["reward"] == log.episodes[0].return_
+    assert goal["excess_steps"] == len(log.episodes[0].actions) - 20
+    assert (timeout["outcome"], bool(timeout["success"])) == ("timeout", False)
+    assert np.isnan(timeout["excess_steps"])
+
+
+def test_blocks_and_participants_sum_their_episodes_up(log, tables):
+    block = tables["blocks"].set_index("block").loc["room"]
+    rewards = [episode.return_ for episode in log.episodes if episode.plan.block_name == "room"]
+    assert block["reward_mean"] == pytest.approx(np.mean(rewards))
+    assert block["reward_sd"] == pytest.approx(np.std(rewards, ddof=1))
+    person = tables["participants"].iloc[0]
+    assert (person["episodes"], person["success"]) == (6, pytest.approx(5 / 6))
+    times = np.concatenate([episode.rt_ms for episode in log.episodes])
+    assert person["reaction_median_ms"] == pytest.approx(np.median(times))
+
+
+def test_an_episode_begun_again_is_told_apart_and_the_broken_one_does_not_count(log):
+    broken = dataclasses.replace(log.episodes[0], outcome="abandoned")
+    tables = rows_of(session_of([broken, log.episodes[0]]))
+    assert tables["episodes"]["attempt"].tolist() == [1, 2]
+    assert tables["episodes"]["left_out"].tolist() == [UNFINISHED, ""]
+    assert tables["participants"]["episodes"].tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("rules", "expected"),
+    [
+        (Rules(without=frozenset({"exclude"})), ["", "tagged exclude", ""]),
+        (Rules(only=frozenset({"exclude"})), ["not tagged exclude", "", "not tagged exclude"]),
+    ],
+)
+def test_tags_choose_the_episodes_that_count(log, rules, expected):
+    tables = rows_of(session_of(log.episodes[:3]), tags={2: frozenset({"exclude"})}, rules=rules)
+    assert tables["episodes"]["left_out"].tolist() == expected
+    assert tables["participants"]["episodes"].tolist() == [expected.count("")]
+
+
+def test_the_protocols_rules_leave_out_episodes_and_participants(log):
+    slow = Exclusion(reason="too slow", level="episode", measure="steps", above=len(log.episodes[0].actions) - 1)
+    lost = Exclusion(reason="never got there", level="participant", measure="success", below=0.99)
+    tables = rows_of(session_of(log.episodes[:3]), rules=Rules((slow, lost)))
+    assert tables["episodes"]["left_out"].tolist()[0] == "too slow"
+    assert tables["participants"]["left_out"].tolist() == ["never got there"]
+    assert tables["blocks"]["left_out"].tolist() == ["never got there"]
+
+
+def test_a_rule_about_a_column_that_is_not_there_is_refused(log):
+    toml = b"""
+[study]
+name = "x"
+version = "1"
+seed = 1
+participants = 2
+[[groups]]
+name = "a"
+blocks = ["b"]
+[[blocks]]
+name = "b"
+world = "minihuman/MiniGrid-FourRooms-v0"
+episodes = 1
+actions = ["left", "right", "forward"]
+max_steps = 10
+[[exclusions]]
+reason = "too tired"
+level = "episode"
+measure = "yawns"
+above = 3
+"""
+    with pytest.raises(ReportError, match=r"\[0\]\.measure is 'yawns', no measure of an episode; there are .*steps"):
+        Rules.of(msgspec.structs.replace(log.plan, protocol_toml=toml))
+
+
+def test_parquet_csv_pandas_and_duckdb_agree_and_every_column_is_explained(log, tables, tmp_path):
+    made = session_tables(log, tags={}, rules=RULES, shortest=twenty)
+    paths = write_tables([made, made], tmp_path)
+    explained = json.loads((tmp_path / "dictionary.json").read_text())
+    assert {path.name for path in paths} >= {"steps.parquet", "participants.csv", "dictionary.json"}
+    for name in TABLES:
+        frame = pd.read_parquet(tmp_path / f"{name}.parquet")
+        assert list(frame.columns) == list(explained[name])
+        assert all(entry["meaning"] for entry in explained[name].values())
+        pd.testing.assert_frame_equal(frame, pd.concat([tables[name]] * 2, ignore_index=True))
+        csv = pd.read_csv(tmp_path / f"{name}.csv", keep_default_na=False, na_values={"reaction_ms": [""]}, nrows=5)
+        assert list(csv.columns) == list(frame.columns)
+        queried = duckdb.sql(f"SELECT * FROM '{tmp_path / name}.parquet'").df()
+        pd.testing.assert_frame_equal(queried, frame, check_dtype=False)
+    steps = pd.read_csv(tmp_path / "steps.csv")
+    assert steps["x"].tolist() == pd.read_parquet(tmp_path / "steps.parquet")["x"].tolist()
+
+
+def test_several_sessions_rows_together_are_each_ones_in_turn(log):
+    """What is missing, whole, yes or no and text alike; a session without an episode among them."""
+    without = dataclasses.replace(log, episodes=())
+    made = [session_tables(one, tags={}, rules=RULES, shortest=twenty) for one in (log, without, log)]
+    for name, columns in TABLES.items():
+        table = together(name, made)
+        table.validate(full=True)
+        rows = [row for one in made for row in one[name].to_pylist()]
+        assert table.to_pylist() == rows
+        assert len(rows) == sum(one.count(name) for one in made)
+        assert set(table.column_names) == {column.name for column in columns}
+    assert together("episodes", made).column("excess_steps").null_count == 2
+    assert together("steps", []).num_rows == 0
+
+
+def test_a_number_that_does_not_fit_is_no_other_number(log):
+    plan = msgspec.structs.replace(log.episodes[0].plan, seed=2**63)
+    start = dataclasses.replace(log.episodes[0].start, plan=plan)
+    rows = session_tables(
+        session_of([dataclasses.replace(log.episodes[0], start=start)]), tags={}, rules=RULES, shortest=twenty
+    )
+    with pytest.raises(OverflowError):
+        rows["episodes"]
+
+
+def test_units_are_in_the_dictionary():
+    units = {column.name: column.unit for columns in TABLES.values() for column in columns}
+    assert (units["reaction_ms"], units["playing_s"], units["yaw_rad"]) == ("ms", "s", "rad")
+    for columns in TABLES.values():
+        for column in columns:
+            for ending, unit in (("_ms", "ms"), ("_s", "s"), ("_rad", "rad")):
+                assert not column.name.endswith(ending) or column.unit == unit
+
+
+@pytest.mark.long
+def test_ten_thousand_sessions_take_no_more_memory_than_a_few(log, tmp_path):
+    made = session_tables(session(), tags={}, rules=RULES, shortest=twenty)
+
+    def highest(sessions: int) -> int:
+        held = []
+
+        def stream():
+            for _ in range(sessions):
+                held.append(pa.total_allocated_bytes())
+                yield made
+
+        write_tables(stream(), tmp_path / str(sessions))
+        return max(held)
+
+    assert highest(count(160, 10_000)) < 1.2 * highest(80)

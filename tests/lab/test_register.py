@@ -1,0 +1,97 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from minihuman.errors import AllocationError
+from minihuman.lab.register import FILE_NAME, read_register, take_slot
+from minihuman.study.allocation import allocation
+from minihuman.study.protocol import decode
+
+PATH = Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml"
+PROTOCOL = decode(PATH.read_bytes())
+
+STATION = """
+import sys
+from pathlib import Path
+from minihuman.lab.register import take_slot
+from minihuman.study.protocol import decode
+protocol = decode(Path(sys.argv[1]).read_bytes())
+sys.stdin.readline()
+for _ in range(5):
+    print(take_slot(protocol, Path(sys.argv[2]))[0].index, flush=True)
+"""
+
+
+def test_slots_follow_the_list(tmp_path):
+    taken = [take_slot(PROTOCOL, tmp_path)[0] for _ in range(4)]
+    assert [(who.index, who.group) for who in taken] == [(slot.index, slot.group) for slot in allocation(PROTOCOL)[:4]]
+    assert [line.participant for line in read_register(tmp_path)] == ["sub-01", "sub-02", "sub-03", "sub-04"]
+
+
+@pytest.mark.program
+def test_many_stations_at_once_never_share_a_slot(tmp_path):
+    stations = [
+        subprocess.Popen(
+            [sys.executable, "-c", STATION, str(PATH), str(tmp_path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(6)
+    ]
+    indices = [int(line) for station in stations for line in station.communicate("go\n")[0].split()]
+    assert sorted(indices) == list(range(30))
+
+
+def test_a_participant_named_by_hand_is_passed_over_by_the_list(tmp_path):
+    who, line = take_slot(PROTOCOL, tmp_path, participant="sub-02", group="direct")
+    assert (who.index, who.group, line.overridden) == (1, "direct", True)
+    assert [take_slot(PROTOCOL, tmp_path)[0].id for _ in range(2)] == ["sub-01", "sub-03"]
+
+
+def test_a_known_participant_keeps_the_slot(tmp_path):
+    first, _ = take_slot(PROTOCOL, tmp_path)
+    again, line = take_slot(PROTOCOL, tmp_path, participant=first.id)
+    assert again == first
+    assert not line.overridden
+    assert len(read_register(tmp_path)) == 1
+
+
+def test_a_known_participant_cannot_change_group(tmp_path):
+    who, _ = take_slot(PROTOCOL, tmp_path)
+    other = next(group.name for group in PROTOCOL.groups if group.name != who.group)
+    with pytest.raises(AllocationError, match="leave --group out"):
+        take_slot(PROTOCOL, tmp_path, participant=who.id, group=other)
+
+
+def test_another_seed_under_the_same_name_is_refused(tmp_path):
+    take_slot(PROTOCOL, tmp_path)
+    changed = msgspec.structs.replace(PROTOCOL, study=msgspec.structs.replace(PROTOCOL.study, seed=1))
+    with pytest.raises(AllocationError, match="began with allocation list"):
+        take_slot(changed, tmp_path)
+
+
+def test_a_study_may_make_its_list_longer(tmp_path):
+    short = msgspec.structs.replace(PROTOCOL, study=msgspec.structs.replace(PROTOCOL.study, participants=1))
+    take_slot(short, tmp_path)
+    with pytest.raises(AllocationError, match="all 1 slots"):
+        take_slot(short, tmp_path)
+    assert take_slot(PROTOCOL, tmp_path)[0].index == 1
+
+
+def test_a_line_cut_off_by_a_crash_gives_its_slot_back(tmp_path):
+    for _ in range(2):
+        take_slot(PROTOCOL, tmp_path)
+    path = tmp_path / FILE_NAME
+    path.write_bytes(path.read_bytes()[:-10])
+    assert take_slot(PROTOCOL, tmp_path)[0].index == 1
+    assert [line.index for line in read_register(tmp_path)] == [0, 1]
+
+
+def test_a_damaged_line_stops_the_station(tmp_path):
+    (tmp_path / FILE_NAME).write_bytes(b'{"participant": 3}\n')
+    with pytest.raises(AllocationError, match=r"register\.jsonl:1: cannot be read"):
+        take_slot(PROTOCOL, tmp_path)

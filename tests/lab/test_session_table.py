@@ -1,0 +1,186 @@
+"""A study at a glance: a row a session, up to date, each log read once, the unreadable ones named."""
+
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from minihuman.errors import LogError
+from minihuman.lab import session_table as study_folder
+from minihuman.lab import summary
+from minihuman.lab.session_table import FILE_NAME, sessions
+from minihuman.lab.summary import Summary
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.study.events import SessionEnded
+from tests.counts import count
+from tests.log.played import record
+from tests.log.samples import STARTED_NS, session_events, session_plan
+
+
+def _record(data: Path, participant: str, *, episodes: int = 2, steps: int = 5) -> Path:
+    plan = session_plan(episodes=episodes, participant=participant)
+    return record(data, plan, session_events(plan, steps=steps))
+
+
+def test_a_row_says_what_a_session_holds(tmp_path: Path) -> None:
+    log = _record(tmp_path, "sub-01")
+    (row,) = sessions(tmp_path)
+    assert row.path == log
+    assert row.problem == ""
+    assert row.summary == Summary(
+        study="fourrooms",
+        participant="sub-01",
+        group="transfer",
+        session=1,
+        player="human",
+        started_at="2026-09-21T14:13:20.000000000Z",
+        segments=1,
+        clean=True,
+        end_reason="complete",
+        episodes_planned=2,
+        episodes_completed=2,
+        steps=10,
+        duration_s=pytest.approx(5.2, abs=0.001),
+    )
+
+
+def test_rows_come_in_order_and_follow_what_happens_in_the_folder(tmp_path: Path) -> None:
+    assert list(sessions(tmp_path)) == []
+    second = _record(tmp_path, "sub-02")
+    first = _record(tmp_path, "sub-01")
+    assert [row.path for row in sessions(tmp_path)] == [first, second]
+    first.unlink()
+    assert [row.path for row in sessions(tmp_path)] == [second]
+
+
+def test_a_live_session_has_a_row_that_grows(tmp_path: Path) -> None:
+    plan = session_plan(episodes=2)
+    events = session_events(plan, steps=5)
+    recorder = McapRecorder(tmp_path, plan, started_ns=STARTED_NS)
+    recorder.write(events[:20])
+    recorder.drain()
+    (row,) = sessions(tmp_path)
+    assert row.path == recorder.where.part
+    assert row.summary is not None
+    assert (row.summary.steps, row.summary.clean, row.summary.end_reason) == (4, False, "cut_off")
+    recorder.write(events[20:])
+    recorder.close()
+    (row,) = sessions(tmp_path)
+    assert row.path == recorder.where.log
+    assert row.summary is not None
+    assert (row.summary.steps, row.summary.clean) == (10, True)
+
+
+def test_a_resumed_session_is_one_row(tmp_path: Path) -> None:
+    plan, again = session_plan(episodes=2), session_plan(episodes=2, segment=2)
+    events = session_events(plan, steps=5)
+    record(tmp_path, plan, [*events[:10], SessionEnded(events[9].t_ns, "quit", "", 0)])
+    recorder = McapRecorder(tmp_path, again, started_ns=STARTED_NS + 10**12)
+    recorder.write(session_events(again, steps=5))
+    recorder.drain()
+    for _ in ("live", "closed"):
+        (row,) = sessions(tmp_path)
+        assert row.summary is not None
+        assert (row.summary.segments, row.summary.episodes_completed) == (2, 2)
+        recorder.close()
+
+
+def test_a_log_is_summed_up_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in (1, 2, 3):
+        _record(tmp_path, f"sub-{number:02d}")
+    read: list[Path] = []
+
+    def counting(files: list[Path]) -> Summary:
+        read.extend(files)
+        return summary.summarise(files)
+
+    monkeypatch.setattr(study_folder, "summarise", counting)
+    assert len(list(sessions(tmp_path))) == 3
+    assert len(list(sessions(tmp_path))) == 3
+    assert len(read) == 3
+    new = _record(tmp_path, "sub-04")
+    assert len(list(sessions(tmp_path))) == 4
+    assert read[3:] == [new]
+
+
+def test_unreadable_logs_are_named_with_their_reason_and_the_rest_is_read(tmp_path: Path) -> None:
+    good = _record(tmp_path, "sub-01")
+    cut = _record(tmp_path, "sub-02")
+    cut.write_bytes(cut.read_bytes()[:500])
+    (tmp_path / "empty.mcap").touch()
+    (tmp_path / "foreign.mcap").write_text("dear diary")
+    rows = {row.path: row for row in sessions(tmp_path)}
+    assert rows[good].summary is not None
+    assert "is cut off at byte" in rows[cut].problem
+    assert "never finished" in rows[tmp_path / "empty.mcap"].problem
+    assert "is not a session log" in rows[tmp_path / "foreign.mcap"].problem
+    assert all(rows[path].summary is None for path in rows if path != good)
+
+
+def test_the_table_may_be_deleted_spoilt_or_unwritable(tmp_path: Path) -> None:
+    log = _record(tmp_path, "sub-01")
+    list(sessions(tmp_path))
+    (tmp_path / FILE_NAME).unlink()
+    assert [row.path for row in sessions(tmp_path)] == [log]
+    (tmp_path / FILE_NAME).write_text("not a table" * 1000)
+    assert [row.path for row in sessions(tmp_path)] == [log]
+    (tmp_path / FILE_NAME).unlink()
+    (tmp_path / FILE_NAME).mkdir()
+    assert [row.path for row in sessions(tmp_path)] == [log]
+
+
+def test_a_table_that_another_process_holds_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study_folder, "BUSY_S", 0.01)
+    log = _record(tmp_path, "sub-01")
+    with closing(sqlite3.connect(tmp_path / FILE_NAME)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        assert [row.path for row in sessions(tmp_path)] == [log]
+
+
+def test_a_row_in_hand_keeps_nobody_from_the_table(tmp_path: Path) -> None:
+    for number in range(3):
+        _record(tmp_path, f"sub-{number:02d}")
+    rows = sessions(tmp_path)
+    next(rows)
+    with closing(sqlite3.connect(tmp_path / FILE_NAME, timeout=0)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+
+
+def test_the_table_is_read_by_sqlite(tmp_path: Path) -> None:
+    _record(tmp_path, "sub-01")
+    list(sessions(tmp_path))
+    with sqlite3.connect(tmp_path / FILE_NAME) as table:
+        assert table.execute("SELECT participant, steps FROM sessions_v1").fetchall() == [("sub-01", 10)]
+
+
+READ_ALL = """
+import sys, tracemalloc
+from pathlib import Path
+from minihuman.lab.session_table import sessions
+
+tracemalloc.start()
+print(sum(row.summary is not None for row in sessions(Path(sys.argv[1]))), tracemalloc.get_traced_memory()[1])
+"""
+
+
+@pytest.mark.long
+def test_a_study_of_ten_thousand_sessions_takes_no_more_memory_than_a_small_one(tmp_path: Path) -> None:
+    """In a fresh process: Python's table of names doubles at once, and another test may have brought it near that."""
+    log = _record(tmp_path / "one", "sub-01", episodes=1)
+    study = tmp_path / "study"
+    for number in range(count(40, 10_000)):
+        path = study / f"sub-{number:05d}" / "ses-01" / f"sub-{number:05d}_ses-01.mcap"
+        path.parent.mkdir(parents=True)
+        path.hardlink_to(log)
+    ran = subprocess.run([sys.executable, "-c", READ_ALL, study], capture_output=True, text=True, check=True)
+    read, peak_bytes = map(int, ran.stdout.split())
+    assert read == count(40, 10_000)
+    assert peak_bytes < 8 * 2**20
+
+
+def test_a_folder_that_does_not_exist_is_said(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="is not a folder"):
+        list(sessions(tmp_path / "none"))

@@ -1,0 +1,101 @@
+"""Messages read column by column: the same numbers and texts as protobuf's own parser reads, or a refusal."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.message import DecodeError, Message
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.log.read.wire import Column, read_columns
+
+VALUES = {
+    FieldDescriptor.TYPE_INT64: st.integers(-(2**63), 2**63 - 1) | st.integers(-300, 300),
+    FieldDescriptor.TYPE_BOOL: st.booleans(),
+    FieldDescriptor.TYPE_DOUBLE: st.floats(allow_nan=False),
+    FieldDescriptor.TYPE_FIXED64: st.integers(0, 2**64 - 1),
+    FieldDescriptor.TYPE_STRING: st.text(max_size=20) | st.just("long" * 50),
+}
+NEWER = (b"\x78\x96\x01", b"\xd1\x01" + bytes(8), b"\xd2\x01\x03abc", b"\xd5\x01" + bytes(4))  # one of each wire type
+
+
+def messages(kind: type[Message]) -> st.SearchStrategy[Message]:
+    fields = {
+        field.name: messages(v1.Pose) if field.message_type is not None else VALUES[field.type]
+        for field in kind.DESCRIPTOR.fields
+    }
+    return st.fixed_dictionaries({}, optional=fields).map(lambda given: kind(**given))
+
+
+ANY = st.sampled_from([v1.Step, v1.KeyEvent, v1.FrameShown])
+MANY = ANY.flatmap(lambda kind: st.lists(messages(kind), min_size=1, max_size=4))
+
+
+def columns(kind: type[Message], payloads: Sequence[bytes]) -> Mapping[str, Column]:
+    lengths = np.array([len(payload) for payload in payloads], np.int64)
+    ends = np.cumsum(lengths)
+    return dict(read_columns(kind, b"".join(payloads), ends - lengths, ends))  # every field looked at
+
+
+def assert_read(read: Mapping[str, Column], parsed: Sequence[Message]) -> None:
+    assert set(read) == set(parsed[0].DESCRIPTOR.fields_by_name)
+    for name, column in read.items():
+        values = [getattr(message, name) for message in parsed]
+        if isinstance(column.values, Mapping):
+            assert_read(column.values, values)
+        else:
+            assert list(column.values) == values
+        if parsed[0].DESCRIPTOR.fields_by_name[name].has_presence:
+            assert column.there.tolist() == [message.HasField(name) for message in parsed]
+
+
+@given(MANY)
+def test_every_field_is_what_the_parser_reads(sent: list[Message]) -> None:
+    assert_read(columns(type(sent[0]), [message.SerializeToString() for message in sent]), sent)
+
+
+@given(MANY, st.data())
+def test_a_newer_writers_fields_are_passed_over_wherever_they_stand(sent: list[Message], data: st.DataObject) -> None:
+    def with_newer(message: Message) -> bytes:
+        known = [type(message)(**{field.name: value}).SerializeToString() for field, value in message.ListFields()]
+        return b"".join(data.draw(st.permutations([*known, *NEWER])))
+
+    assert_read(columns(type(sent[0]), [with_newer(message) for message in sent]), sent)
+
+
+@given(ANY.flatmap(messages), st.data())
+def test_a_message_cut_off_anywhere_is_read_as_far_as_the_parser_reads_it_or_refused(
+    sent: Message, data: st.DataObject
+) -> None:
+    whole = (sent.SerializeToString() or b"\x08\x01") + NEWER[2]
+    cut = whole[: data.draw(st.integers(0, len(whole)))]
+    try:
+        parsed = type(sent).FromString(cut)
+    except DecodeError:
+        with pytest.raises(ValueError, match=r"cut off|utf-8"):
+            columns(type(sent), [cut, whole])
+    else:
+        assert_read(columns(type(sent), [cut]), [parsed])
+
+
+@pytest.mark.parametrize(
+    ("damaged", "why"),
+    [
+        (b"\x08" + b"\xff" * 11, "too long"),
+        (b"\x12\x02\xff\xfe", "utf-8"),
+        (b"\x12\xff\xff\xff\xff\xff\xff\xff\xff\xff\x01", "key is cut off"),
+        (b"\x7a\xff\xff\xff\xff\xff\xff\xff\xff\xff\x01", "unknown field is cut off"),
+        (b"\x00\x01", "no number"),
+        (b"\x7b\x7c", "wire type 3"),
+    ],
+)
+def test_bytes_that_are_no_message_are_refused(damaged: bytes, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        columns(v1.KeyEvent, [damaged])
+
+
+def test_no_messages_are_columns_without_rows() -> None:
+    assert all(len(column.there) == 0 for column in columns(v1.KeyEvent, []).values())

@@ -1,0 +1,132 @@
+"""Damaged live files: recovery keeps every complete step and never raises."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minihuman.log.read.open_log import open_log, read_events
+from minihuman.log.record.finish import recover
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.study.events import Event, Stepped
+from tests.counts import count
+from tests.log.samples import STARTED_NS, session_events, session_plan
+
+pytestmark = pytest.mark.long
+
+TAIL_BYTES = 4096
+EVENTS = session_events(session_plan(episodes=2), steps=12)
+
+
+class Live:
+    """A live file, and how many steps it held at each size it had on its way."""
+
+    def __init__(self, part: Path, steps_at: dict[int, int]) -> None:
+        self.part = part
+        self.bytes = part.read_bytes()
+        self.steps_at = steps_at
+
+    def steps_within(self, size: int) -> int:
+        return max((steps for at, steps in self.steps_at.items() if at <= size), default=0)
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Live:
+    recorder = McapRecorder(tmp_path_factory.mktemp("live"), session_plan(episodes=2), started_ns=STARTED_NS)
+    steps_at = {}
+    for event in EVENTS:
+        recorder.write([event])
+        recorder.drain()
+        steps_at[recorder.where.part.stat().st_size] = recorder.durable_steps
+    copy = recorder.where.part.with_name("copy.mcap.part")
+    shutil.copy(recorder.where.part, copy)
+    recorder.close()
+    return Live(copy, steps_at)
+
+
+def test_a_file_cut_anywhere_in_its_tail_keeps_every_complete_step(live: Live, tmp_path: Path) -> None:
+    size = len(live.bytes)
+    for cut in range(size - TAIL_BYTES, size + 1, count(193, 1)):
+        kept = _recovered(live.bytes[:cut], tmp_path)
+        assert _steps(kept) == live.steps_within(cut), cut
+
+
+def test_a_file_cut_before_its_plan_is_put_aside_as_it_is(live: Live, tmp_path: Path) -> None:
+    for cut in (0, 1, 8, 9, 40, 200, 1000):
+        part = _part(live.bytes[:cut], tmp_path)
+        finished = recover(part)
+        assert not finished.readable
+        assert finished.path.read_bytes() == live.bytes[:cut]
+        assert not part.exists()
+
+
+@pytest.mark.parametrize(
+    "tail",
+    [
+        b"\0" * 4096,
+        b"\xff" * 100,
+        b"\x05" + b"\xff" * 8,
+        b"\x06" + (50).to_bytes(8, "little") + b"\x07" * 50,
+        b"\x0c" + (30).to_bytes(8, "little") + b"\xf0" * 30,
+        b"\x09" + (30).to_bytes(8, "little") + b"\xf0" * 30,
+        b"\x0f" + (4).to_bytes(8, "little") + b"\0" * 4,
+    ],
+    ids=["zeros", "ones", "endless", "chunk of garbage", "metadata of garbage", "attachment of garbage", "false end"],
+)
+def test_a_garbage_tail_costs_no_step(live: Live, tmp_path: Path, tail: bytes) -> None:
+    assert _recovered(live.bytes + tail, tmp_path) == EVENTS
+
+
+def test_a_file_that_cannot_be_read_to_its_end_is_kept_as_it_was_found(live: Live, tmp_path: Path) -> None:
+    found = live.bytes + b"\xff" * 100
+    part = _part(found, tmp_path)
+    assert recover(part).stopped == f"cut off at byte {len(live.bytes)}"
+    assert part.with_name(f"{part.name}.as-found-1").read_bytes() == found
+    assert not part.exists()
+
+
+def test_random_tails_cost_no_step(live: Live, tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    for length in rng.integers(1, 3000, count(10, 500)):
+        assert _recovered(live.bytes + rng.bytes(int(length)), tmp_path) == EVENTS
+
+
+def test_a_flipped_bit_costs_only_what_follows_it(live: Live, tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    for at in rng.integers(len(live.bytes) - TAIL_BYTES, len(live.bytes), count(10, 500)):
+        flipped = bytearray(live.bytes)
+        flipped[at] ^= 1 << int(rng.integers(8))
+        kept = _recovered(bytes(flipped), tmp_path)
+        assert kept == EVENTS[: len(kept)]
+        assert _steps(kept) >= live.steps_within(int(at))
+
+
+def test_a_chunk_that_is_taken_for_something_else_is_missed(live: Live, tmp_path: Path) -> None:
+    at = max(size for size in live.steps_at if size < len(live.bytes) - 1000)
+    taken = bytearray(live.bytes)
+    assert taken[at] == 0x06, "a chunk starts where the one before ended"
+    taken[at] = 0x07  # an index record, which a reader may skip
+    kept = _recovered(bytes(taken), tmp_path)
+    assert kept == EVENTS[: len(kept)]
+    assert _steps(kept) == live.steps_within(at)
+
+
+def _part(content: bytes, folder: Path) -> Path:
+    part = folder / "sub-07_ses-01.mcap.part"
+    for old in folder.iterdir():
+        old.unlink()
+    part.write_bytes(content)
+    return part
+
+
+def _recovered(content: bytes, folder: Path) -> list[Event]:
+    finished = recover(_part(content, folder))
+    events = list(read_events(finished.path))
+    assert not open_log(finished.path).clean
+    assert finished.steps == _steps(events)
+    return events
+
+
+def _steps(events: list[Event]) -> int:
+    return sum(isinstance(event, Stepped) for event in events)

@@ -1,0 +1,271 @@
+"""Recorders: the contract of both, and what only the one on disk can do wrong."""
+
+import os
+import subprocess
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from minihuman.errors import LogError
+from minihuman.log.paths import SegmentPath
+from minihuman.log.read.open_log import open_log, read_events
+from minihuman.log.record.finish import recover
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.log.record.recorder import MemoryRecorder, Recorder
+from minihuman.log.record.space import RESERVE_BYTES
+from minihuman.study.events import Event, Stepped
+from tests.lab.station import play_until_full, stations, try_to_record
+from tests.log.samples import STARTED_NS, session_events, session_plan
+
+PLAN = session_plan(episodes=2)
+EVENTS = session_events(PLAN, steps=10)
+STEPS = sum(isinstance(event, Stepped) for event in EVENTS)
+
+
+@pytest.fixture(params=["memory", "mcap"])
+def recorder(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Recorder]:
+    recorder = MemoryRecorder() if request.param == "memory" else McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    yield recorder
+    recorder.close()
+
+
+def test_every_step_written_becomes_durable(recorder: Recorder) -> None:
+    assert recorder.durable_steps == 0
+    for event in EVENTS:
+        recorder.write([event])
+    recorder.close()
+    assert recorder.durable_steps == STEPS
+
+
+def test_events_may_come_many_at_once_or_not_at_all(recorder: Recorder) -> None:
+    recorder.write(EVENTS[:10])
+    recorder.write([])
+    recorder.write(EVENTS[10:])
+    recorder.close()
+    assert recorder.durable_steps == STEPS
+
+
+def test_a_second_close_says_the_same(recorder: Recorder) -> None:
+    recorder.write(EVENTS)
+    assert recorder.close() == recorder.close()
+
+
+def test_the_log_lies_where_the_design_says(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    log = tmp_path / "fourrooms" / "sub-07" / "ses-01" / "sub-07_ses-01.mcap"
+    assert recorder.where.part == log.with_name("sub-07_ses-01.mcap.part")
+    recorder.write(EVENTS)
+    assert recorder.close() == log
+    assert [path.name for path in log.parent.iterdir()] == [log.name]
+
+
+@pytest.mark.parametrize("name", ["../up", "", "a/b", ".hidden", "sub 07"])
+def test_a_name_that_is_no_folder_name_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(LogError, match="cannot name a folder"):
+        McapRecorder(tmp_path, session_plan(participant=name), started_ns=STARTED_NS)
+
+
+def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("a file")
+    with pytest.raises(LogError, match=r"cannot be made: Not a directory; choose another --data"):
+        McapRecorder(tmp_path / "data", PLAN, started_ns=STARTED_NS)
+
+
+def test_writing_never_waits_for_the_disk(tmp_path: Path) -> None:
+    disk = threading.Event()
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=lambda _fd: _stall(disk))
+    for event in EVENTS:
+        recorder.write([event])
+    assert recorder.durable_steps == 0, "a write waited for the disk, which has not answered yet"
+    disk.set()
+    recorder.drain()
+    assert recorder.durable_steps == STEPS
+    recorder.close()
+
+
+def _write_all(recorder: McapRecorder, events: Sequence[Event], *, waiting: bool = False) -> None:
+    for event in events:
+        recorder.write([event])
+        if waiting:
+            recorder.drain()
+
+
+def _stall(disk: threading.Event) -> None:
+    assert disk.wait(timeout=60)
+
+
+def test_a_disk_that_falls_far_behind_is_an_error_not_a_silent_loss(tmp_path: Path) -> None:
+    disk = threading.Event()
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=lambda _fd: _stall(disk), backlog=4)
+    with pytest.raises(LogError, match=r"4 writes behind; 0 steps are safe in .*minihuman recover"):
+        _write_all(recorder, EVENTS)
+    disk.set()
+    with pytest.raises(LogError, match="recording stopped"):
+        recorder.close()
+    kept = list(read_events(recorder.where.part))
+    assert kept == EVENTS[: len(kept)]
+    assert len(kept) >= 4, "what was queued before is written once the disk answers"
+
+
+def test_a_failing_disk_is_said_at_the_next_write(tmp_path: Path) -> None:
+    good = [True]
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=lambda _fd: _sync_while(good))
+    recorder.write(EVENTS[:20])
+    recorder.drain()
+    steps = recorder.durable_steps
+    good.clear()
+    recorder.write([EVENTS[20]])
+    with pytest.raises(LogError, match="Input/output error"):
+        recorder.drain()
+    with pytest.raises(LogError, match=f"Input/output error; {steps} steps are safe"):
+        recorder.write([EVENTS[21]])
+    with pytest.raises(LogError, match="Input/output error"):
+        recorder.close()
+    recover(recorder.where.part)
+    kept = list(read_events(recorder.where.log))
+    assert kept[:20] == EVENTS[:20]
+
+
+def _sync_while(good: list[bool]) -> None:
+    if not good:
+        raise OSError(5, os.strerror(5))
+
+
+def test_a_log_that_does_not_begin_with_the_plan_is_a_bug_that_is_said(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    recorder.write(EVENTS[1:2])
+    with pytest.raises(LogError, match="starts with SessionStarted"):
+        recorder.close()
+
+
+def test_after_close_nothing_is_taken(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    recorder.write(EVENTS)
+    recorder.close()
+    with pytest.raises(LogError, match="is closed"):
+        recorder.write(EVENTS[:1])
+
+
+def test_a_session_that_was_closed_without_its_end_is_not_clean(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    recorder.write(EVENTS[:30])
+    log = recorder.close()
+    assert log is not None
+    session = open_log(log)
+    assert (session.clean, session.end_reason) == (False, "cut_off")
+
+
+def test_a_full_disk_stops_the_recorder_and_keeps_what_was_written(tmp_path: Path) -> None:
+    said, durable = _until_full(tmp_path, file_bytes=50_000)
+    assert len(said) == 2
+    assert all("File too large" in line and "minihuman recover" in line for line in said), said
+    _check_kept(tmp_path, durable)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can mount a small tmpfs")
+def test_a_full_tmpfs_stops_the_recorder_and_keeps_what_was_written(tmp_path: Path) -> None:
+    size = RESERVE_BYTES + 2**20
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", tmp_path], capture_output=True)
+    if mounted.returncode != 0:
+        pytest.skip(f"no tmpfs can be mounted here: {mounted.stderr.decode().strip()}")
+    try:
+        recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+        recorder.write(EVENTS[:20])
+        recorder.drain()
+        with pytest.raises(OSError, match="No space left"):
+            (tmp_path / "ballast").write_bytes(b"x" * size)
+        with pytest.raises(LogError, match=r"No space left on device; \d+ steps are safe in"):
+            _write_all(recorder, EVENTS[20:], waiting=True)
+        with pytest.raises(LogError, match="No space left on device"):
+            recorder.close()
+        _check_kept(tmp_path, recorder.durable_steps, recovering=False)
+        (tmp_path / "ballast").unlink()
+        _check_kept(tmp_path, recorder.durable_steps)
+    finally:
+        subprocess.run(["umount", tmp_path], check=True)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can mount a small tmpfs")
+def test_an_episode_that_may_not_fit_is_not_begun(tmp_path: Path) -> None:
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2M", "tmpfs", tmp_path], capture_output=True)
+    if mounted.returncode != 0:
+        pytest.skip(f"no tmpfs can be mounted here: {mounted.stderr.decode().strip()}")
+    try:
+        recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+        recorder.write(EVENTS)
+        with pytest.raises(LogError, match=r"MiB free; episode 0 needs 16\.2 MiB: free some space"):
+            recorder.drain()
+        with pytest.raises(LogError, match="MiB free"):
+            recorder.close()
+        assert list(read_events(recorder.where.part)) == EVENTS[:3]
+    finally:
+        subprocess.run(["umount", tmp_path], check=True)
+
+
+def _until_full(data: Path, *, file_bytes: int) -> tuple[list[str], int]:
+    context = stations()
+    told, tell = context.Pipe(duplex=False)
+    process = context.Process(target=play_until_full, args=(data, PLAN, EVENTS, tell, file_bytes))
+    process.start()
+    tell.close()
+    said, durable = told.recv()
+    process.join()
+    return said, durable
+
+
+def _check_kept(data: Path, durable: int, *, recovering: bool = True) -> None:
+    where = SegmentPath.of_plan(data, PLAN)
+    path = recover(where.part).path if recovering else where.part
+    kept = list(read_events(path))
+    assert kept == EVENTS[: len(kept)]
+    assert 0 < durable <= sum(isinstance(event, Stepped) for event in kept) < STEPS
+    assert not open_log(path).clean
+
+
+def test_a_finished_session_is_never_recorded_over(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    recorder.write(EVENTS)
+    log = recorder.close()
+    assert log is not None
+    before = log.read_bytes()
+    with pytest.raises(LogError, match="already exists and holds segment 1; choose another --session or move it"):
+        McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    assert log.read_bytes() == before
+    assert [path.name for path in log.parent.iterdir()] == [log.name]
+
+
+def test_a_live_session_is_neither_recorded_over_nor_recovered(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    recorder.write(EVENTS[:20])
+    recorder.drain()
+    with pytest.raises(LogError, match=r"already exists: that session runs elsewhere or was cut off"):
+        McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
+    with pytest.raises(LogError, match="still being written by a running session"):
+        recover(recorder.where.part)
+    recorder.write(EVENTS[20:])
+    log = recorder.close()
+    assert log is not None
+    assert list(read_events(log)) == EVENTS
+
+
+@pytest.mark.program
+def test_of_many_stations_that_start_at_once_one_records(tmp_path: Path) -> None:
+    stations_count = 8
+    context = stations()
+    ready = context.Barrier(stations_count)
+    ends = []
+    for _ in range(stations_count):
+        told, tell = context.Pipe(duplex=False)
+        process = context.Process(target=try_to_record, args=(tmp_path, PLAN, EVENTS, tell, ready))
+        process.start()
+        tell.close()
+        ends.append((told, process))
+    results = [told.recv() for told, _ in ends]
+    for _, process in ends:
+        process.join()
+    logs = [path for kind, path in results if kind == "log"]
+    assert len(logs) == 1, results
+    assert list(read_events(Path(logs[0]))) == EVENTS
+    assert all("already exists" in said for kind, said in results if kind == "error"), results

@@ -1,0 +1,167 @@
+import os
+import signal
+import time
+from collections.abc import Sequence
+
+import pytest
+
+from minihuman.errors import LogError
+from minihuman.log.record.recorder import MemoryRecorder
+from minihuman.seats.run import run_session
+from minihuman.study.events import EpisodeEnded, Event, FrameShown, KeyPressed, SessionEnded, Stepped
+from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp
+from minihuman.study.screens import PlayScreen, Screen
+from minihuman.study.session import Session
+from minihuman.study.well_formed import complaints
+from minihuman.windows.scripted import ScriptedWindow, VirtualClock
+from minihuman.worlds.adapt.world import World
+from tests.study.sessions import MS, corridor_plan, key_of
+
+PLAN = corridor_plan(episodes=1)
+FORWARD = key_of(PLAN, "forward")
+
+
+def taps(*keys: str, from_ms: int = 10, every_ms: int = 20) -> list[Input]:
+    script: list[Input] = []
+    for number, key in enumerate(keys):
+        at = (from_ms + number * every_ms) * MS
+        script += [KeyDown(at, key, key), KeyUp(at + 5 * MS, key, key)]
+    return script
+
+
+def run(script: list[Input], plan=PLAN, *, frame_ns: int = 0):
+    clock = VirtualClock()
+    window, recorder = ScriptedWindow(script, clock, frame_ns=frame_ns), MemoryRecorder()
+    run_session(Session(plan, World, {}), window, recorder, clock)
+    assert complaints(recorder.events) == []
+    return window, recorder.events
+
+
+def of(events: Sequence[Event], kind):
+    return [event for event in events if isinstance(event, kind)]
+
+
+def test_a_script_of_keys_becomes_a_complete_log():
+    window, events = run(taps("enter", FORWARD, FORWARD, FORWARD))
+    assert [event.outcome for event in of(events, EpisodeEnded)] == ["goal"]
+    assert of(events, SessionEnded)[0].reason == "complete"
+    assert [screen.step for screen in window.screens if isinstance(screen, PlayScreen)] == [0, 1, 2]
+
+
+def test_two_taps_within_one_frame_both_step():
+    plan = corridor_plan(episodes=1, max_steps=9)
+    both = [KeyDown(50 * MS, FORWARD), KeyUp(50 * MS, FORWARD), KeyDown(50 * MS, FORWARD), KeyUp(50 * MS, FORWARD)]
+    window, events = run([*taps("enter"), *both], plan)
+    assert [event.step for event in of(events, Stepped)] == [1, 2]
+    assert [screen.step for screen in window.screens if isinstance(screen, PlayScreen)] == [0, 2]
+
+
+def test_every_new_picture_is_shown_once_and_logged_with_its_times():
+    _, events = run(taps("enter", FORWARD, FORWARD, FORWARD, from_ms=60, every_ms=40), frame_ns=16 * MS)
+    told = [(event.step, event.flip_ns - event.submit_ns) for event in of(events, FrameShown)]
+    assert told == [(0, 16 * MS), (1, 16 * MS), (2, 16 * MS)]
+    # pressed 40 ms after the last press, whose picture took 16 ms to be seen
+    assert [event.rt_ms for event in of(events, Stepped)] == [24.0, 24.0, 24.0]
+
+
+def test_what_is_shown_was_written_before():
+    clock = VirtualClock()
+    recorder = MemoryRecorder()
+
+    class Watchful(ScriptedWindow):
+        def show(self, screen: Screen):
+            if isinstance(screen, PlayScreen) and screen.step:
+                assert of(recorder.events, Stepped)[-1].step == screen.step
+            return super().show(screen)
+
+    window = Watchful(taps("enter", FORWARD, FORWARD, FORWARD), clock)
+    run_session(Session(PLAN, World, {}), window, recorder, clock)
+    assert of(recorder.events, SessionEnded)[0].reason == "complete"
+
+
+def test_a_real_time_block_is_ticked_without_any_key():
+    plan = corridor_plan(episodes=1, max_steps=3, more='pace = "real_time"\nstep_period_ms = 100\nnoop = "stay"')
+    _, events = run([*taps("enter"), FocusChanged(5_000 * MS, focused=True)], plan)
+    assert [event.t_ns // MS for event in of(events, Stepped)] == [110, 210, 310]
+
+
+def test_closing_the_window_mid_episode_says_abandoned():
+    _, events = run(taps("enter", FORWARD))
+    assert [event.outcome for event in of(events, EpisodeEnded)] == ["abandoned"]
+    assert of(events, SessionEnded)[0].reason == "window_closed"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_the_session_not_the_process(number):
+    class Interrupted(ScriptedWindow):
+        def wait(self, until_ns):
+            inputs = super().wait(until_ns)
+            if any(isinstance(happened, KeyUp) and happened.key == FORWARD for happened in inputs):
+                os.kill(os.getpid(), number)
+                time.sleep(0)  # let the handler run
+            return inputs
+
+    clock, recorder = VirtualClock(), MemoryRecorder()
+    before = signal.getsignal(number)
+    window = Interrupted([*taps("enter", FORWARD), KeyDown(9_000 * MS, "q")], clock)
+    run_session(Session(PLAN, World, {}), window, recorder, clock)
+    end = of(recorder.events, SessionEnded)[0]
+    assert (end.reason, end.detail) == ("signal", signal.Signals(number).name)
+    assert signal.getsignal(number) is before
+    assert not any(event.key == "q" for event in of(recorder.events, KeyPressed))
+
+
+class FullDisk(MemoryRecorder):
+    """Takes three steps, then has no room left."""
+
+    closed = False
+
+    def write(self, events: Sequence[Event]) -> None:
+        if self.durable_steps >= 3:
+            raise LogError("recording stopped: no space left on device")
+        super().write(events)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_full_disk_stops_the_session_visibly_and_keeps_what_was_written():
+    plan = corridor_plan(episodes=1, max_steps=50)
+    clock, recorder = VirtualClock(), FullDisk()
+    window = ScriptedWindow(taps("enter", *[key_of(plan, "back")] * 9), clock)
+    with pytest.raises(LogError, match="no space left"):
+        run_session(Session(plan, World, {}), window, recorder, clock)
+    assert recorder.closed
+    assert len(of(recorder.events, Stepped)) == 3
+    assert "cannot be written" in window.screens[-1].title
+    assert "no space left" in window.screens[-1].body
+
+
+def test_a_world_that_breaks_is_said_on_the_screen_until_a_key_is_pressed():
+    plan = corridor_plan(episodes=1)
+    window, events = run(taps("enter", key_of(plan, "crash"), "enter", "q"), plan)
+    assert of(events, SessionEnded)[0].reason == "world_error"
+    assert "collapsed" in window.screens[-1].body
+
+
+def test_a_screen_nobody_acknowledges_goes_away_by_itself():
+    plan = corridor_plan(episodes=1)
+    clock, recorder = VirtualClock(), MemoryRecorder()
+    script = [*taps("enter", key_of(plan, "crash")), FocusChanged(10**15, focused=True)]
+    run_session(Session(plan, World, {}), ScriptedWindow(script, clock), recorder, clock, last_screen_s=3.0)
+    assert clock() < 4_000 * MS
+
+
+def test_a_window_that_breaks_leaves_a_finished_log_and_says_so():
+    class Breaks(ScriptedWindow):
+        def show(self, screen: Screen):
+            if isinstance(screen, PlayScreen):
+                raise RuntimeError("display gone")
+            return super().show(screen)
+
+    clock, recorder = VirtualClock(), MemoryRecorder()
+    with pytest.raises(RuntimeError, match="display gone"):
+        run_session(Session(PLAN, World, {}), Breaks(taps("enter"), clock), recorder, clock)
+    assert [event.outcome for event in of(recorder.events, EpisodeEnded)] == ["abandoned"]
+    assert of(recorder.events, SessionEnded)[0].reason == "internal_error"
+    assert complaints(recorder.events) == []

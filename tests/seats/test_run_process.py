@@ -1,0 +1,89 @@
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from minihuman.lab.verify import verify
+from minihuman.log.read.open_log import open_log
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.seats.run import run_session
+from minihuman.study.inputs import Input, KeyDown, KeyUp, Shown
+from minihuman.study.screens import Screen
+from minihuman.study.session import Session
+from minihuman.windows.scripted import ScriptedWindow, VirtualClock
+from minihuman.worlds.adapt.world import World
+from tests.study.sessions import MS, corridor_plan, key_of
+
+pytestmark = pytest.mark.program
+
+ROOT = Path(__file__).parents[2]
+
+
+def started(tmp_path: Path, action: str) -> subprocess.Popen[bytes]:
+    protocol = tmp_path / "corridor.toml"
+    protocol.write_bytes(corridor_plan(episodes=1, max_steps=100_000).protocol_toml)
+    command = [sys.executable, "-m", "tests.seats.session_process", protocol, tmp_path / "data", action]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+def the_log(tmp_path: Path):
+    [path] = (tmp_path / "data").rglob("*.mcap")
+    assert list((tmp_path / "data").rglob("*.part")) == []
+    return open_log(path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_leaves_a_finished_log_that_says_abandoned(tmp_path, number):
+    with started(tmp_path, "back") as station:
+        assert station.stdout.readline() == b"playing\n"
+        station.send_signal(number)
+        assert station.wait(timeout=60) == 0
+    log = the_log(tmp_path)
+    assert log.clean
+    assert log.end_reason == "signal"
+    assert [played.outcome for played in log.episodes] == ["abandoned"]
+    assert len(log.episodes[0].actions) >= 20
+    assert verify(log).difference == ""
+
+
+def test_an_exception_inside_a_world_leaves_a_finished_log(tmp_path):
+    with started(tmp_path, "crash") as station:
+        assert station.wait(timeout=60) != 0
+        said = station.stderr.read().decode()
+    assert "the world failed (RuntimeError: the corridor has collapsed); everything before that is in" in said
+    log = the_log(tmp_path)
+    assert log.clean
+    assert log.end_reason == "world_error"
+    assert [played.outcome for played in log.episodes] == ["abandoned"]
+
+
+def test_the_frame_loop_never_waits_for_a_slow_disk(tmp_path):
+    """A sync of 200 ms is still running when sixty pictures have been shown: were they waiting, none could be."""
+    plan = corridor_plan(episodes=1, max_steps=60)
+    syncs: list[int] = []
+
+    def slow_sync(fd: int) -> None:
+        time.sleep(0.2)
+        syncs.append(fd)
+
+    class Watchful(ScriptedWindow):
+        def show(self, screen: Screen) -> Shown:
+            syncs_over_at_picture.append(len(syncs))
+            return super().show(screen)
+
+    back = key_of(plan, "back")
+    script: list[Input] = [KeyDown(50 * MS, "enter")]
+    for step in range(60):
+        script += [KeyDown((100 + 20 * step) * MS, back), KeyUp((110 + 20 * step) * MS, back)]
+    syncs_over_at_picture: list[int] = []
+    clock = VirtualClock()
+    recorder = McapRecorder(tmp_path, plan, started_ns=1, sync=slow_sync)
+    path = run_session(Session(plan, World, {}), Watchful(script, clock, frame_ns=16 * MS), recorder, clock)
+    frames = open_log(path).episodes[0].frames
+    assert [frame.step for frame in frames] == list(range(60))
+    assert {frame.flip_ns - frame.submit_ns for frame in frames} == {16 * MS}
+    assert syncs_over_at_picture[-1] < len(frames) / 2
+    assert recorder.durable_steps == 60
