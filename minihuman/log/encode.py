@@ -76,6 +76,8 @@ def truth(event: ev.Event) -> tuple[str, Message]:
             return topics.PAUSE, v1.Pause(t_ns=event.t_ns, paused=False)
         case ev.Noted():
             return topics.NOTE, v1.Note(t_ns=event.t_ns, kind=event.kind, text=event.text)
+        case ev.Sampled():
+            return topics.SAMPLE, v1.Sample(t_ns=event.t_ns, device=event.device, values=event.values, text=event.text)
         case ev.SessionEnded():
             return topics.SESSION_END, v1.SessionEnd(
                 t_ns=event.t_ns,

@@ -32,7 +32,7 @@ _AXES = ("x", "y", "z", "yaw_rad")
 _THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
 _TIMES = frozenset({"t_ns", "key_t_ns", "submit_ns", "flip_ns"})  # columns that are times, whatever the message
 _VERDICTS = get_args(ev.Verdict)
-_FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
+_TRUTHS = frozenset(topic.name for topic in topics.TOPICS if not topic.for_viewers) - {topics.SAMPLE}
 
 
 @dataclass(slots=True)
@@ -114,7 +114,7 @@ class Gathering:
         for chunk in reading.chunks():
             others: list[tuple[int, str, bytes]] = []
             size = self._size
-            for topic, places, begins, ends in chunk.by_topic(without=_FOR_VIEWERS):
+            for topic, places, begins, ends in chunk.by_topic(among=_TRUTHS):
                 if topic in _THOUSANDS:
                     self._found[topic].append(OfTopic(topic, places + self._count, begins + size, ends + size))
                     self._size = size + len(chunk.data)

@@ -148,11 +148,19 @@ def test_another_programs_mcap_is_named(tmp_path: Path) -> None:
         open_log(foreign)
 
 
-@pytest.mark.parametrize("version", ["0", "2"])
+@pytest.mark.parametrize("version", ["2", "2.1"])
 def test_another_schema_version_is_refused_in_one_sentence(tmp_path: Path, version: str) -> None:
     other = tmp_path / "other.mcap"
     _foreign(other, metadata={"schema_version": version, "minihuman": "9.9"})
-    with pytest.raises(LogError, match=rf"log schema version {version}, this .* reads version 1; .*\(minihuman 9\.9\)"):
+    with pytest.raises(LogError, match=rf"minihuman \(9\.9, log schema version {version}; .* up to 1\)"):
+        open_log(other)
+
+
+@pytest.mark.parametrize("version", ["0", "one", "1.x"])
+def test_a_version_that_never_was_is_named(tmp_path: Path, version: str) -> None:
+    other = tmp_path / "other.mcap"
+    _foreign(other, metadata={"schema_version": version, "minihuman": "9.9"})
+    with pytest.raises(LogError, match=rf"log schema version {version}, which no minihuman has written"):
         open_log(other)
 
 
