@@ -11,14 +11,14 @@ from typing import Any
 import datasets
 import numpy as np
 
-from minihuman.data.chosen import Chosen, Selection
+from minihuman.data.chosen import Chosen, ChosenEpisodes
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat
 from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
 
-def export(chosen: Selection, out: Path) -> Written:
+def export(chosen: ChosenEpisodes, out: Path) -> Written:
     """Write every episode as a trajectory with rewards; what else is known of a step is in its ``infos``.
 
     Raises:

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from PIL import Image
 
-from minihuman.data.chosen import Chosen, Selection
+from minihuman.data.chosen import Chosen, ChosenEpisodes
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat, flat_names, is_picture
 from minihuman.export.port import Written
@@ -28,7 +28,7 @@ CHUNK = 1000  # files a folder, the format's default
 _PICTURE, _STATE = "observation.image", "observation.state"
 
 
-def export(chosen: Selection, out: Path) -> Written:
+def export(chosen: ChosenEpisodes, out: Path) -> Written:
     """Write every episode that has a step, one data file an episode.
 
     Raises:

@@ -12,7 +12,7 @@ from minari.data_collector import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
 from minihuman import __version__
-from minihuman.data.chosen import Chosen, Selection
+from minihuman.data.chosen import Chosen, ChosenEpisodes
 from minihuman.export.datasets_by_world import dataset_name, env_spec
 from minihuman.export.observations import plain_space, stack
 from minihuman.export.port import Written
@@ -21,7 +21,7 @@ from minihuman.export.resimulate import Demonstration, Resimulator
 NAMESPACE = "minihuman"
 
 
-def export(chosen: Selection, out: Path) -> Written:
+def export(chosen: ChosenEpisodes, out: Path) -> Written:
     """Write every episode; a session's subject, group, keys and outcome are metadata of its episodes.
 
     Raises:
