@@ -1,4 +1,4 @@
-"""What the protocol in a log asked for: the actions and limits of a world's blocks, and the facts about the study."""
+"""What was asked for, as the protocol in a log says it: a world's actions and limits, the facts about the study."""
 
 from functools import lru_cache
 
@@ -12,6 +12,12 @@ def about_of(item: Chosen) -> About:
     """The facts about the study; empty where the log's protocol says none or cannot be read here."""
     protocol = _protocol(item.log.plan.protocol_toml)
     return About() if protocol is None else protocol.about
+
+
+def called(item: Chosen) -> str:
+    """The episode in words: "sub-07 session 1 episode 3"."""
+    plan = item.log.plan
+    return f"{plan.participant.id} session {plan.session} {item.episode.name}"
 
 
 def actions_of(item: Chosen) -> tuple[str, ...]:

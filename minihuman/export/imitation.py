@@ -13,11 +13,11 @@ import numpy as np
 from datasets.arrow_writer import ArrowWriter
 
 from minihuman.data.chosen import Chosen, Selection
+from minihuman.export.asked import called
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat
 from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
-
 
 _TOGETHER = 8  # trajectories written at once: of pictures, some tens of megabytes
 _NO_STEP = "has no step, and a trajectory needs one"
@@ -36,7 +36,7 @@ def export(chosen: Selection, out: Path) -> Written:
     left_out: list[str] = []
     for item in chosen:
         if not len(item.episode.actions):
-            left_out.append(f"{item.name} {_NO_STEP}")
+            left_out.append(f"{called(item)} {_NO_STEP}")
             continue
         name = dataset_name(item)
         trajectory = _trajectory(item, resimulate(item))

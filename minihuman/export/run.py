@@ -46,7 +46,7 @@ def export(
         selection = SelectionOf(source, filters, skipped=card.skipped.append, taken=taken, stored_frames=stored_frames)
         written = exporter(selection, unfinished)
         card.skipped.extend(written.left_out)
-        if not written.paths:
+        if not written.episodes:
             why = f"; {written.left_out[0]}" if written.left_out else ""
             raise ExportError(
                 f"no episode in {source} passes the filters ({filters or 'none'}){why}; nothing was written"
