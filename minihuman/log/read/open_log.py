@@ -52,6 +52,11 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
+def _rules(started: list[ev.SessionStarted]) -> tuple[str, ...]:
+    """The digests of the worlds' sources that the segments were played by, each once; none in a log of before them."""
+    return tuple(dict.fromkeys(each.facts["rules"] for each in started if "rules" in each.facts))
+
+
 def _session(path: Path, gathered: Gathering, readings: list[Reading]) -> SessionLog:
     first = gathered.started[0]
     starts = [facts for reading in readings for facts in reading.starts]
@@ -68,5 +73,5 @@ def _session(path: Path, gathered: Gathering, readings: list[Reading]) -> Sessio
         episodes=episodes,
         notes=tuple(gathered.notes),
         keys=keys,
-        metadata={"segments": starts, "ends": ends},
+        metadata={"segments": starts, "ends": ends, "rules": _rules(gathered.started)},
     )

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.compiling import announce
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.agent import Agent
@@ -92,7 +91,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         domain_rand: bool = False,
         assets: str | None = None,
     ) -> None:
-        announce()
         if max_steps is not None and max_steps < 1:
             raise WorldError(f"max_steps is {max_steps}; an episode has 1 step or more, or None for no end")
         if min(obs_width, obs_height) < 1:
