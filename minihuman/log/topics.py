@@ -1,6 +1,7 @@
 """The log's topics: which message type each carries. docs/log-format.md is written from this table."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -66,6 +67,7 @@ TOPICS = (
 BY_NAME = {topic.name: topic for topic in TOPICS}
 
 
+@cache
 def schema_bytes(message: type[Message]) -> bytes:
     """Serialise a message type's file and every file it needs, as MCAP's protobuf encoding asks."""
     files: dict[str, Any] = {}
