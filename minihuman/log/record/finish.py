@@ -19,8 +19,12 @@ from mcap.writer import Writer
 from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.decode import decode
+<<<<<<< HEAD
 from minihuman.log.encode import for_viewers
 from minihuman.log.paths import PART_SUFFIX, SegmentPath
+=======
+from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_guest
+>>>>>>> main
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.file import segment_starts
 from minihuman.log.read.scan import Scan
@@ -115,8 +119,8 @@ def recover(part: Path) -> Finished:
 
 
 def leftovers(folder: Path) -> list[Path]:
-    """List the cut-off logs anywhere below a folder, those still being written left out."""
-    return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_live(part)]
+    """List the cut-off logs anywhere below a folder, those still being written and other programs' files left out."""
+    return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_guest(part) and not is_live(part)]
 
 
 def _rewrite(
@@ -195,7 +199,7 @@ class _Copy:
             self._started_ns = None  # a file of an earlier version
         self._for_viewers(message)
         self._writer.add_message(
-            self._channel(message.channel, scan.schemas[message.channel.schema_id]),
+            self._channel(message.channel, scan.schemas.get(message.channel.schema_id)),
             log_time=message.log_time,
             data=message.data,
             publish_time=message.publish_time,
@@ -205,6 +209,7 @@ class _Copy:
         if topic == topics.SESSION_END and isinstance(ended := decode(topic, message.data), SessionEnded):
             self.end_reason = ended.reason
 
+<<<<<<< HEAD
     def _for_viewers(self, message: LogMessage) -> None:
         """Add what viewers draw of a message, before it: a step whose own message is there is whole."""
         if self._started_ns is None:
@@ -227,6 +232,13 @@ class _Copy:
     def _channel(self, channel: Channel, schema: Schema) -> int:
         known = (schema.name, schema.data)
         if known not in self._schemas:
+=======
+    def _channel(self, channel: Channel, schema: Schema | None) -> int:
+        known = ("", b"") if schema is None else (schema.name, schema.data)
+        if schema is None:
+            self._schemas[known] = 0  # as MCAP says that there is none; another program's topic may have none
+        elif known not in self._schemas:
+>>>>>>> main
             self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
         key = (channel.topic, self._schemas[known])
         if key not in self._channels:

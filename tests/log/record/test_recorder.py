@@ -180,7 +180,9 @@ def test_a_live_file_that_was_changed_ends_as_a_failed_check_that_names_what_was
     else:
         os.truncate(recorder.where.part, len(found) - 500)
     recorder.write(EVENTS[20:])
-    with pytest.raises(LossError, match=rf"kept \d+ of {STEPS} steps, .*it is kept as it was found: .*as-found-1") as loss:
+    with pytest.raises(
+        LossError, match=rf"kept \d+ of {STEPS} steps, .*it is kept as it was found: .*as-found-1"
+    ) as loss:
         recorder.close()
     assert loss.value.exit_code == 1
     assert (recorder.where.part.with_name(f"{recorder.where.part.name}.as-found-1")).exists()
