@@ -26,7 +26,7 @@ class Managed:
         self.desk, self.window = desk, window
 
     def looks_as_it_should(self, screen: Screen, *, patience_s: float = 5.0) -> bool:
-        """Whether, within seconds of the loop waiting as a session does, the screen is all there at the present size."""
+        """Whether, within seconds of the loop waiting as a session does, the screen is all there at its size."""
         until_s = time.monotonic() + patience_s
         while time.monotonic() < until_s:
             self.window.wait(time.monotonic_ns() + 50_000_000)

@@ -81,7 +81,7 @@ class Disk:
             thread.start()
 
     def write(self, pieces: Sequence[Piece], *, steps: int) -> None:
-        """Append pieces; when this returns they are written, or have had ``bound_s`` to be, or ``failure`` says why not.
+        """Append pieces; when this returns they are written, have had ``bound_s`` to be, or ``failure`` says why not.
 
         ``steps`` is how many the file holds with these.
         """

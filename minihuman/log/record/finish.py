@@ -19,12 +19,8 @@ from mcap.writer import Writer
 from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.decode import decode
-<<<<<<< HEAD
 from minihuman.log.encode import for_viewers
-from minihuman.log.paths import PART_SUFFIX, SegmentPath
-=======
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_guest
->>>>>>> main
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.file import segment_starts
 from minihuman.log.read.scan import Scan
@@ -123,9 +119,7 @@ def leftovers(folder: Path) -> list[Path]:
     return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_guest(part) and not is_live(part)]
 
 
-def _rewrite(
-    where: SegmentPath, target: Path, *, with_log: bool, clean: bool, promised: Promised | None
-) -> Finished:
+def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, promised: Promised | None) -> Finished:
     with target.open("wb") as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         writer.start(profile=topics.PROFILE, library=LIBRARY)
@@ -135,7 +129,7 @@ def _rewrite(
         part = Scan(where.part)
         copy.all_of(part, draw=True)
         end_reason = copy.end_reason or CUT_OFF
-        messages = sum(count for topic, count in copy.counts.items() if topic not in _FOR_VIEWERS)
+        messages = sum(copy.counts[topic.name] for topic in topics.TOPICS if not topic.for_viewers)
         clean = clean and (promised is None or promised.messages == messages)
         facts = {"segment": where.segment, "reason": end_reason, "clean": clean, "steps": copy.counts[topics.STEP]}
         facts |= {"stopped": part.stopped}
@@ -209,7 +203,6 @@ class _Copy:
         if topic == topics.SESSION_END and isinstance(ended := decode(topic, message.data), SessionEnded):
             self.end_reason = ended.reason
 
-<<<<<<< HEAD
     def _for_viewers(self, message: LogMessage) -> None:
         """Add what viewers draw of a message, before it: a step whose own message is there is whole."""
         if self._started_ns is None:
@@ -229,16 +222,11 @@ class _Copy:
             )
             self.counts[topic] += 1
 
-    def _channel(self, channel: Channel, schema: Schema) -> int:
-        known = (schema.name, schema.data)
-        if known not in self._schemas:
-=======
     def _channel(self, channel: Channel, schema: Schema | None) -> int:
         known = ("", b"") if schema is None else (schema.name, schema.data)
         if schema is None:
             self._schemas[known] = 0  # as MCAP says that there is none; another program's topic may have none
         elif known not in self._schemas:
->>>>>>> main
             self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
         key = (channel.topic, self._schemas[known])
         if key not in self._channels:
