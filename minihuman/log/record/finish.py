@@ -200,6 +200,8 @@ class _Copy:
             sequence=message.sequence,
         )
         self.counts[topic] += 1
+        if topic == topics.PLAN:
+            self._writer.flush()  # a chunk of its own: without it nothing else can be read
         if topic == topics.SESSION_END and isinstance(ended := decode(topic, message.data), SessionEnded):
             self.end_reason = ended.reason
 

@@ -13,6 +13,7 @@ from minihuman.errors import LogError, LossError
 from minihuman.log.paths import SegmentPath
 from minihuman.log.read.open_log import open_log, read_events
 from minihuman.log.record.finish import recover
+from minihuman.log.record.live_file import LiveLog
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import MemoryRecorder, Recorder
 from minihuman.log.record.space import RESERVE_BYTES
@@ -251,7 +252,7 @@ def test_a_session_that_was_closed_without_its_end_is_not_clean(tmp_path: Path) 
 
 
 def test_a_full_disk_stops_the_recorder_and_keeps_what_was_written(tmp_path: Path) -> None:
-    said, durable = _until_full(tmp_path, file_bytes=40_000)
+    said, durable = _until_full(tmp_path, file_bytes=_size(EVENTS[:50]))
     assert len(said) == 2
     assert all("File too large" in line and "minihuman recover" in line for line in said), said
     _check_kept(tmp_path, durable)
@@ -294,6 +295,12 @@ def test_an_episode_that_may_not_fit_is_not_begun(tmp_path: Path) -> None:
         assert list(read_events(recorder.where.part)) == EVENTS[:3]
     finally:
         subprocess.run(["umount", tmp_path], check=True)
+
+
+def _size(events: list[Event]) -> int:
+    """Of the live file with these events."""
+    live = LiveLog(started_ns=STARTED_NS)
+    return sum(len(piece.data) for event in events for piece in live.encode([event]))
 
 
 def _until_full(data: Path, *, file_bytes: int) -> tuple[list[str], int]:
