@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from minihuman.study.inputs import FocusChanged, Input, Shown
 from minihuman.study.screens import Screen
-from minihuman.windows.compose import Box, Size, picture_size_px, repaint
+from minihuman.windows.compose import Box, Size, compose, picture_size_px, repaint
 from minihuman.windows.held import HeldKeys
 from minihuman.windows.port import Clock, Window
 
@@ -61,6 +61,14 @@ class BlockingWindow(Window):
         self._flip(self._frame, changed)
         flip_ns = self._clock()
         return Shown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
+
+    def _repaint(self) -> None:
+        """Bring what is shown to the display once more, all of it: it was covered, or the window has another size."""
+        if self._shown is None:
+            return
+        width, height = self.size_px
+        self._frame = compose(self._shown, (width, height))
+        self._flip(self._frame, (0, 0, width, height))
 
     def wait(self, until_ns: int | None) -> list[Input]:
         """Block until an input comes or the clock reaches ``until_ns``; what has arrived is returned even so."""

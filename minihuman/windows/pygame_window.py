@@ -18,13 +18,20 @@ from minihuman.windows.port import Clock
 _NS_PER_MS = 1_000_000
 _SAY_WHERE = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
 _NO_DISPLAY = ("offscreen", "dummy")  # what SDL falls back to by itself
+_TO_REPAINT = (  # after these SDL's surface may be another, and black
+    pygame.WINDOWEXPOSED,
+    pygame.WINDOWSHOWN,
+    pygame.WINDOWRESTORED,
+    pygame.WINDOWSIZECHANGED,
+    pygame.WINDOWDISPLAYCHANGED,
+)
 _EVENTS = (
     pygame.KEYDOWN,
     pygame.KEYUP,
     pygame.WINDOWFOCUSGAINED,
     pygame.WINDOWFOCUSLOST,
-    pygame.WINDOWEXPOSED,
     pygame.QUIT,
+    *_TO_REPAINT,
 )
 
 
@@ -53,7 +60,7 @@ class PygameWindow(BlockingWindow):
             if driver in _NO_DISPLAY and os.environ.get("SDL_VIDEODRIVER") != driver:
                 raise pygame.error("SDL found no screen")
             pygame.display.set_caption(TITLE)
-            self._surface = self._open(size_px, fullscreen=fullscreen)
+            self._open(size_px, fullscreen=fullscreen)
         except pygame.error as error:
             pygame.display.quit()
             raise WindowError(
@@ -68,25 +75,27 @@ class PygameWindow(BlockingWindow):
         pygame.event.set_allowed(_EVENTS)
 
     @staticmethod
-    def _open(size_px: Size, *, fullscreen: bool) -> pygame.Surface:
+    def _open(size_px: Size, *, fullscreen: bool) -> None:
         """Open with vsync where the display has a refresh rate and the driver grants it, else without."""
         screen_px = pygame.display.get_desktop_sizes()[0]
         size_px = screen_px if fullscreen else (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
-        flags = pygame.FULLSCREEN if fullscreen else 0
+        flags = pygame.FULLSCREEN if fullscreen else pygame.RESIZABLE
         if any(pygame.display.get_desktop_refresh_rates()):
             try:
-                return pygame.display.set_mode(size_px, flags | pygame.SCALED, vsync=1)
+                pygame.display.set_mode(size_px, flags | pygame.SCALED, vsync=1)
+                return
             except pygame.error:
                 pass  # a driver without vsync; the facts say so
-        return pygame.display.set_mode(size_px, flags)
+        pygame.display.set_mode(size_px, flags)
 
     @property
     def size_px(self) -> Size:
         """Width and height of what is drawn."""
-        return self._surface.get_size()
+        width, height = pygame.display.get_surface().get_size()  # another surface after each change of size
+        return width, height
 
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
-        self._surface.blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
+        pygame.display.get_surface().blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
         pygame.display.update(changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
@@ -99,6 +108,8 @@ class PygameWindow(BlockingWindow):
             time.sleep(timeout_ns * 1e-9)
         t_ns = self._clock()
         events += pygame.event.get()
+        if any(event.type in _TO_REPAINT for event in events):
+            self._repaint()
         return [arrived for event in events for arrived in self._inputs(event, t_ns)]
 
     def _inputs(self, event: pygame.event.Event, t_ns: int) -> list[Input]:
@@ -111,8 +122,6 @@ class PygameWindow(BlockingWindow):
                 return self._focus(t_ns, True)
             case pygame.WINDOWFOCUSLOST:
                 return self._focus(t_ns, False)
-            case pygame.WINDOWEXPOSED:
-                pygame.display.flip()
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
         return []

@@ -44,11 +44,13 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
         screen = screen_now()
         settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
         if size_px is not None:
-            settings = {"width": min(size_px[0], screen.width), "height": min(size_px[1], screen.height)}
+            wide, high = min(size_px[0], screen.width), min(size_px[1], screen.height)
+            settings = {"width": wide, "height": high, "resizable": True}
         super().__init__(caption=title, vsync=True, **settings)
         if ON_X11:
             self._positions = positions(xlib._lib, self.display._display)
         self._frame_size: Size | None = None
+        self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
 
     # Keys on X11
 
@@ -103,21 +105,15 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
         left, top, wide, high = changed
         pixels = np.ascontiguousarray(frame[top : top + high, left : left + wide]).ctypes.data_as(ctypes.c_void_p)
         gl.glTexSubImage2D(gl.GL_TEXTURE_2D, 0, left, top, wide, high, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, pixels)
-        self.present_again()
-
-    def present_again(self) -> None:
-        """Show the last picture once more, after something covered it."""
-        if self._frame_size is None:
-            return
-        width, height = self._frame_size
-        self.switch_to()
         gl.glBlitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST)
         self.flip()
         gl.glFinish()  # a flip only queues the frame
 
     def _make_frame(self, width: int, height: int) -> None:
-        """A texture the frame is uploaded into, bound for reading ever after."""
-        texture, framebuffer = gl.GLuint(), gl.GLuint()
+        """A texture the frame is uploaded into, bound for reading until there is another of another size."""
+        for delete, name in ((gl.glDeleteFramebuffers, self._framebuffer), (gl.glDeleteTextures, self._texture)):
+            delete(1, ctypes.byref(name))  # 0, which there is before the first, is passed over
+        texture, framebuffer = self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
         gl.glGenTextures(1, ctypes.byref(texture))
         gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
         gl.glTexParameteri(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_MIN_FILTER, gl.GL_NEAREST)

@@ -30,13 +30,16 @@ class PygletWindow(BlockingWindow):
     def __init__(self, clock: Clock, *, fullscreen: bool = False, size_px: Size = DEFAULT_SIZE_PX) -> None:
         super().__init__(clock)
         self._inputs: list[Input] = []
+        self._to_repaint = False
         self._native: NativeWindow | None = _open(fullscreen=fullscreen, size_px=size_px)
         self._native.push_handlers(
             on_key=self._on_key,
             on_activate=lambda: self._on_focus(True),
             on_deactivate=lambda: self._on_focus(False),
             on_close=self._on_close,
-            on_expose=self._native.present_again,
+            on_expose=self._repaint_soon,
+            on_show=self._repaint_soon,
+            on_resize=lambda width, height: self._repaint_soon(),
         )
 
     @property
@@ -59,6 +62,9 @@ class PygletWindow(BlockingWindow):
 
         if not self._inputs:
             pyglet.app.platform_event_loop.step(None if timeout_ns is None else timeout_ns * 1e-9)
+        if self._to_repaint:
+            self._to_repaint = False
+            self._repaint()
         arrived, self._inputs = self._inputs, []
         return arrived
 
@@ -71,6 +77,9 @@ class PygletWindow(BlockingWindow):
 
     def _on_focus(self, focused: bool) -> None:
         self._inputs += self._focus(self._clock(), focused)
+
+    def _repaint_soon(self) -> None:
+        self._to_repaint = True
 
     def _on_close(self) -> bool:
         self._inputs.append(Stop(self._clock(), "window_closed"))
