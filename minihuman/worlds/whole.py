@@ -28,7 +28,7 @@ def check_action(action: Any, count: int) -> int:
     """
     number = _whole(action)
     if number is None or not 0 <= number < count:
-        raise WorldError(f"action {action!r} does not exist; they are the whole numbers 0 to {count - 1}")
+        raise WorldError(f"action {action!r} is not one of 0 to {count - 1}, whole numbers")
     return number
 
 

@@ -30,7 +30,9 @@ from minihuman.study import events as ev
 
 _AXES = ("x", "y", "z", "yaw_rad")
 _THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
-_TIMES = frozenset({"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"})  # columns that are times, whatever the message
+_TIMES = frozenset(
+    {"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"}
+)  # columns that are times, whatever the message
 _VERDICTS = get_args(ev.Verdict)
 _TRUTHS = frozenset(topic.name for topic in topics.TOPICS if not topic.for_viewers) - {topics.SAMPLE}
 

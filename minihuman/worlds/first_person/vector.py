@@ -55,19 +55,17 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self._threads = threads or os.cpu_count() or 1
         self._pool: ThreadPoolExecutor | None = None  # made when something is to be drawn
 
-    @property  # type: ignore[override]
-    def np_random(self) -> tuple[np.random.Generator, ...]:
+    @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one a world too
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Each world's random stream."""
         return tuple(world.np_random for world in self.worlds)
 
-    @property  # type: ignore[override]
-    def np_random_seed(self) -> tuple[int, ...]:
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed each world was last given, or drew; -1 before its first reset."""
         return tuple(-1 if (seed := world._np_random_seed) is None else seed for world in self.worlds)
 
-    def reset(  # type: ignore[override]  # Gymnasium's own vectors take tuples and arrays too
-        self, *, seed: Seeds = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: Seeds = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin new episodes, in all worlds or in those of ``options["reset_mask"]`` (bool[n]).
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing.

@@ -83,8 +83,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """The state of each world, readable by name."""
         return [State(row) for row in self._rows]
 
-    @property  # type: ignore[override]
-    def np_random(self) -> tuple[np.random.Generator, ...]:
+    @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one a world too
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Each world's random stream as it is now, to look at; drawing from it draws nothing from the world."""
         generators = tuple(np.random.default_rng(0) for _ in self._words)
         for words, generator in zip(self._words, generators, strict=True):
@@ -92,14 +92,12 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
                 write_words(words, generator)
         return generators
 
-    @property  # type: ignore[override]
-    def np_random_seed(self) -> tuple[int, ...]:
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed each world was last given, or drew; -1 before its first reset."""
         return tuple(self._seeds)
 
-    def reset(  # type: ignore[override]  # Gymnasium's own vectors take tuples and arrays too
-        self, *, seed: Seeds = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    def reset(self, *, seed: Seeds = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Lay out new episodes, of all worlds or of those in ``options["reset_mask"]`` (bool[n]).
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing.

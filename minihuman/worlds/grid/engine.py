@@ -211,7 +211,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         see(self._in_world().row, image)
         return image
 
-    def render(self) -> NDArray[np.uint8] | str | None:  # type: ignore[override]  # Gymnasium forgets text
+    def render(self) -> NDArray[np.uint8] | str | None:
         """The whole world from above, ``tile_size`` pixels a cell, or in characters; None without a render mode."""
         if self.render_mode is None:
             return None
