@@ -102,6 +102,11 @@ def _observation(data: bytes) -> ev.ObservationStored:
     return ev.ObservationStored(message.t_ns, message.episode, message.step, unpack(message))
 
 
+def _sample(data: bytes) -> ev.Sampled:
+    message = v1.Sample.FromString(data)
+    return ev.Sampled(message.t_ns, message.device, tuple(message.values), message.text)
+
+
 def _frame(data: bytes) -> ev.FrameShown:
     message = v1.FrameShown.FromString(data)
     return ev.FrameShown(message.t_ns, message.episode, message.step, message.submit_ns, message.flip_ns)
@@ -136,6 +141,7 @@ _READERS: dict[str, Callable[[bytes], Any]] = {
     topics.STEP: _step,
     topics.OBSERVATION: _observation,
     topics.FRAME: _frame,
+    topics.SAMPLE: _sample,
     topics.EPISODE_END: _episode_end,
     topics.SESSION_END: _session_end,
 }

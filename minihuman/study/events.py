@@ -164,6 +164,16 @@ class Noted:
 
 
 @dataclass(frozen=True, slots=True)
+class Sampled:
+    """A device of the protocol gave a sample: a gaze, a pulse, a trigger."""
+
+    t_ns: int  # when it was taken, which is before it arrived: samples may be older than the event before them
+    device: str  # its name in the protocol
+    values: tuple[float, ...]  # one a channel, in the protocol's order; NaN where it has none
+    text: str = ""  # what it says in words, a trigger box's code say
+
+
+@dataclass(frozen=True, slots=True)
 class SessionEnded:
     """The last event."""
 
@@ -185,5 +195,6 @@ Event = (
     | Paused
     | Resumed
     | Noted
+    | Sampled
     | SessionEnded
 )

@@ -334,6 +334,18 @@ class FrameShown(_message.Message):
     flip_ns: int
     def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ...) -> None: ...
 
+class Sample(_message.Message):
+    __slots__ = ("t_ns", "device", "values", "text")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    VALUES_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    device: str
+    values: _containers.RepeatedScalarFieldContainer[float]
+    text: str
+    def __init__(self, t_ns: _Optional[int] = ..., device: _Optional[str] = ..., values: _Optional[_Iterable[float]] = ..., text: _Optional[str] = ...) -> None: ...
+
 class EpisodeEnd(_message.Message):
     __slots__ = ("t_ns", "episode", "outcome", "steps", "episode_return", "state_hash")
     T_NS_FIELD_NUMBER: _ClassVar[int]
