@@ -46,6 +46,7 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 action=event.action,
                 verdict=event.verdict,
                 phase=event.phase,
+                waited_ns=event.waited_ns,
             )
         case ev.Stepped():
             return topics.STEP, _step(event)
@@ -106,10 +107,12 @@ def for_viewers(event: ev.Event, *, started_ns: int) -> Iterator[tuple[str, Mess
 
 
 def caused_ns(event: ev.Event) -> int:
-    """When what caused an event arrived: the key of a step, the hand-over of a frame, else the event's own time."""
+    """When what caused an event arrived: a press, a step's key, the hand-over of a frame; else the event's own time."""
     match event:
         case ev.Stepped():
             return event.key_t_ns
+        case ev.KeyPressed():
+            return event.t_ns - event.waited_ns
         case ev.FrameShown():
             return event.submit_ns
         case _:
