@@ -47,6 +47,7 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 action=event.action,
                 verdict=event.verdict,
                 phase=event.phase,
+                waited_ns=event.waited_ns,
             )
         case ev.Stepped():
             return topics.STEP, _step(event)
@@ -133,10 +134,12 @@ def _pose_in_frame(pose: Pose, stamp: Timestamp) -> PoseInFrame:
 
 
 def caused_ns(event: ev.Event) -> int:
-    """When what caused an event arrived: the key of a step, the hand-over of a frame, else the event's own time."""
+    """When what caused an event arrived: a press, a step's key, the hand-over of a frame; else the event's own time."""
     match event:
         case ev.Stepped():
             return event.key_t_ns
+        case ev.KeyPressed():
+            return event.t_ns - event.waited_ns
         case ev.FrameShown():
             return event.submit_ns
         case _:
