@@ -7,7 +7,7 @@ from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX, sessions_in
 from minihuman.log.read.assemble import Gathering
 from minihuman.log.read.file import Reading, all_clean
-from minihuman.recorded.episode import CUT_OFF, SessionLog
+from minihuman.recorded.episode import SessionLog
 from minihuman.study import events as ev
 
 
@@ -52,26 +52,20 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _rules(started: list[ev.SessionStarted]) -> tuple[str, ...]:
-    """The digests of the worlds' sources that the segments were played by, each once; none in a log of before them."""
-    return tuple(dict.fromkeys(each.facts["rules"] for each in started if "rules" in each.facts))
-
-
 def _session(path: Path, gathered: Gathering, readings: list[Reading]) -> SessionLog:
     first = gathered.started[0]
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
-    keys, episodes = gathered.keys_and_episodes([int(facts["segment"]) for facts in starts])
+    segments, episodes = gathered.session(starts, ends)
     return SessionLog(
         path=path,
         plan=first.plan,
         player=first.facts.get("player", "unknown"),
         started_at=starts[0]["started_at"],
         clean=all_clean(starts, ends),
-        end_reason=CUT_OFF if gathered.ended is None else gathered.ended.reason,
+        end_reason=gathered.end_reason,
         facts=first.facts,
         episodes=episodes,
-        notes=tuple(gathered.notes),
-        keys=keys,
-        metadata={"segments": starts, "ends": ends, "rules": _rules(gathered.started)},
+        segments=segments,
+        metadata={"segments": starts, "ends": ends},
     )
