@@ -24,13 +24,14 @@ def main() -> None:
     try:
         app()
     except MinihumanError as error:
-        sys.exit(_complain(str(error)))
+        _complain(str(error))
+        sys.exit(error.exit_code)
     except OSError as error:
         if error.filename is None:
             raise
-        sys.exit(_complain(f"{error.filename}: {error.strerror}"))
+        _complain(f"{error.filename}: {error.strerror}")
+        sys.exit(MinihumanError.exit_code)
 
 
-def _complain(line: str) -> int:
+def _complain(line: str) -> None:
     print(f"minihuman: {line}", file=sys.stderr)
-    return 2
