@@ -42,7 +42,7 @@ class Card:
             "",
             "What it is made of:",
             "",
-            *(f"- {line}" for line in self.account.lines()),
+            *(f"- {line}" for line in (*self.account.lines(), *written.left_out)),
             "",
             "| file or folder |",
             "|---|",

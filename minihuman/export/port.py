@@ -19,7 +19,8 @@ class Written:
     paths: tuple[Path, ...]
     episodes: int  # that count
     steps: int  # of those
-    left_out: int = 0  # episodes that do not count and are there all the same, with the reason
+    left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; in the card
+    marked: int = 0  # further episodes, that do not count and are there all the same, with the reason
 
 
 Exporter = Callable[[ChosenEpisodes, Path], Written]

@@ -48,8 +48,9 @@ def export(
     unfinished.mkdir(parents=True)
     try:
         written = exporter(ChosenEpisodes(sessions, taken=taken, stored_frames=stored_frames), unfinished)
-        if not written.episodes + written.left_out:
-            raise ExportError(f"nothing of {source} was written: {'; '.join(sessions.account.lines())}")
+        if not written.episodes + written.marked:
+            why = "; ".join((*written.left_out, *sessions.account.lines()))
+            raise ExportError(f"nothing of {source} was written: {why}")
         card.write(unfinished, written)
         if out.exists():
             out.rmdir()

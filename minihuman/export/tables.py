@@ -24,13 +24,13 @@ def export_parquet(chosen: ChosenEpisodes, out: Path) -> Written:
 
 def _export(chosen: ChosenEpisodes, out: Path, kind: Kind) -> Written:
     """Rows that do not count are here too, with the reason in ``left_out``."""
-    episodes = steps = left_out = 0
+    episodes = steps = marked = 0
     with TableWriter(out, kinds=(kind,), without=NEED_WORLD) as writer:
         for session in chosen.rows():
             writer.write(session.rows)
             rows = session.rows.parts["episodes"].columns
             for reason, count in zip(rows["left_out"], rows["steps"], strict=True):
-                left_out += bool(reason)
+                marked += bool(reason)
                 episodes += not reason
                 steps += 0 if reason else count
-    return Written((*writer.paths, writer.dictionary), episodes, steps, left_out)
+    return Written((*writer.paths, writer.dictionary), episodes, steps, marked=marked)

@@ -60,7 +60,11 @@ class EpisodeStarted:
 
 @dataclass(frozen=True, slots=True)
 class KeyPressed:
-    """A key went down or up, mapped or not, and what came of it."""
+    """A key went down or up, mapped or not, and what came of it.
+
+    ``t_ns`` is when the session took it. A press that comes while a picture is being drawn waits for it: the press
+    itself was at ``t_ns - waited_ns``.
+    """
 
     t_ns: int
     key: str
@@ -69,6 +73,7 @@ class KeyPressed:
     action: int | None
     verdict: Verdict
     phase: str
+    waited_ns: int = 0  # from the press to t_ns, where it had to wait
 
 
 @dataclass(frozen=True, slots=True)
