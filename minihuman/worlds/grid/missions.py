@@ -9,6 +9,7 @@ from gymnasium import spaces
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import COLOURS, KINDS
+from minihuman.worlds.grid.core.state import FAILED, MISSION, Row
 
 
 class MissionSpace(spaces.Space[str]):
@@ -34,6 +35,15 @@ class MissionSpace(spaces.Space[str]):
             pattern.format(*("(?:" + "|".join(map(re.escape, words.values())) + ")" for words in self.choices))
         )
         super().__init__(shape=None, dtype=str, seed=seed)
+
+    @property
+    def varies(self) -> bool:
+        """Whether there is more than one sentence."""
+        return bool(self.choices)
+
+    def of(self, row: Row) -> str:
+        """The sentence of a state."""
+        return self.sentence(row[MISSION:FAILED].tolist())
 
     def sentence(self, numbers: Sequence[int]) -> str:
         """The sentence with these choices; numbers beyond the template's places are not looked at."""
