@@ -73,6 +73,7 @@ def _key(data: bytes) -> ev.KeyPressed:
         action=message.action if message.HasField("action") else None,
         verdict=plans.one_of(_VERDICTS, message.verdict),
         phase=message.phase,
+        waited_ns=message.waited_ns,
     )
 
 
@@ -99,6 +100,11 @@ def _step(data: bytes) -> ev.Stepped:
 def _observation(data: bytes) -> ev.ObservationStored:
     message = v1.Observation.FromString(data)
     return ev.ObservationStored(message.t_ns, message.episode, message.step, unpack(message))
+
+
+def _sample(data: bytes) -> ev.Sampled:
+    message = v1.Sample.FromString(data)
+    return ev.Sampled(message.t_ns, message.device, tuple(message.values), message.text)
 
 
 def _frame(data: bytes) -> ev.FrameShown:
@@ -135,6 +141,7 @@ _READERS: dict[str, Callable[[bytes], Any]] = {
     topics.STEP: _step,
     topics.OBSERVATION: _observation,
     topics.FRAME: _frame,
+    topics.SAMPLE: _sample,
     topics.EPISODE_END: _episode_end,
     topics.SESSION_END: _session_end,
 }

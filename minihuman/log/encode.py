@@ -46,6 +46,7 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 action=event.action,
                 verdict=event.verdict,
                 phase=event.phase,
+                waited_ns=event.waited_ns,
             )
         case ev.Stepped():
             return topics.STEP, _step(event)
@@ -76,6 +77,8 @@ def truth(event: ev.Event) -> tuple[str, Message]:
             return topics.PAUSE, v1.Pause(t_ns=event.t_ns, paused=False)
         case ev.Noted():
             return topics.NOTE, v1.Note(t_ns=event.t_ns, kind=event.kind, text=event.text)
+        case ev.Sampled():
+            return topics.SAMPLE, v1.Sample(t_ns=event.t_ns, device=event.device, values=event.values, text=event.text)
         case ev.SessionEnded():
             return topics.SESSION_END, v1.SessionEnd(
                 t_ns=event.t_ns,
@@ -104,10 +107,12 @@ def for_viewers(event: ev.Event, *, started_ns: int) -> Iterator[tuple[str, Mess
 
 
 def caused_ns(event: ev.Event) -> int:
-    """When what caused an event arrived: the key of a step, the hand-over of a frame, else the event's own time."""
+    """When what caused an event arrived: a press, a step's key, the hand-over of a frame; else the event's own time."""
     match event:
         case ev.Stepped():
             return event.key_t_ns
+        case ev.KeyPressed():
+            return event.t_ns - event.waited_ns
         case ev.FrameShown():
             return event.submit_ns
         case _:
@@ -153,13 +158,17 @@ def _line(event: ev.Event) -> tuple[Log.Level.ValueType, str, str] | None:
             text = f"{event.plan.study}: {who.id}, group {who.group}, session {event.plan.session}"
             return Log.INFO, "session", f"{text}, segment {event.plan.segment}"
         case ev.EpisodeStarted():
-            return Log.INFO, "episode", f"episode {event.plan.episode} starts: {event.plan.world}, {event.mission!r}"
+            return (
+                Log.INFO,
+                "episode",
+                f"episode {event.plan.episode + 1} starts: {event.plan.world}, {event.mission!r}",
+            )
         case ev.EpisodeEnded():
-            text = f"episode {event.episode} ends: {event.outcome} after {event.steps} steps"
+            text = f"episode {event.episode + 1} ends: {event.outcome} after {event.steps} steps"
             return Log.INFO, "episode", f"{text}, return {event.return_:.3f}"
         case ev.KeyMapDrawn():
             keys = ", ".join(f"{key}={action}" for key, action in event.key_map.keys.items())
-            return Log.INFO, "keys", f"episode {event.episode}: {keys}"
+            return Log.INFO, "keys", f"from episode {event.episode + 1}: {keys}"
         case ev.Paused():
             return Log.WARNING, "pause", f"paused: {event.reason}"
         case ev.Resumed():

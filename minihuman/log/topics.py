@@ -1,4 +1,7 @@
-"""The log's topics: which message type each carries. docs/log-format.md is written from this table."""
+"""The log's topics: which message type each carries. docs/log-format.md is written from this table.
+
+Any other topic is a guest's: nothing here reads it, and nothing takes offence.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +32,7 @@ KEY = "/input/key"
 STEP = "/step"
 FRAME = "/frame"
 OBSERVATION = "/obs"
+SAMPLE = "/sample"
 
 POSE = "/pose"
 MAP_IMAGE = "/map/image"
@@ -56,6 +60,7 @@ TOPICS = (
     Topic(OBSERVATION, v1.Observation, "what was observed, where the protocol asks for it; before its step"),
     Topic(STEP, v1.Step, "one step of the world; the last message of its step"),
     Topic(FRAME, v1.FrameShown, "when a picture was handed over and when it was on the display"),
+    Topic(SAMPLE, v1.Sample, "what a device of the protocol gave"),
     Topic(EPISODE_END, v1.EpisodeEnd, "outcome, steps, return, last state hash"),
     Topic(SESSION_END, v1.SessionEnd, "why the segment ended; its last message"),
     Topic(POSE, PoseInFrame, "the pose after a reset or step", for_viewers=True),

@@ -17,11 +17,21 @@ class SessionClock:
 
     def __init__(self) -> None:
         self.started_unix_ns = time.time_ns()
-        self._start_ns = time.monotonic_ns()
+        self.started_monotonic_ns = time.monotonic_ns()
 
     def __call__(self) -> int:
         """Nanoseconds since it was made."""
-        return time.monotonic_ns() - self._start_ns
+        return time.monotonic_ns() - self.started_monotonic_ns
+
+    def facts(self) -> dict[str, str]:
+        """What the machine's monotonic clock showed, and which clock that is.
+
+        Any other recording of this machine by that clock can be laid beside the log to the nanosecond.
+        """
+        return {
+            "started_monotonic_ns": str(self.started_monotonic_ns),
+            "monotonic_clock": time.get_clock_info("monotonic").implementation,
+        }
 
 
 def machine_facts() -> dict[str, str]:

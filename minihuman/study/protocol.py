@@ -9,6 +9,8 @@ from typing import Any, Literal
 import msgspec
 
 from minihuman.errors import ProtocolError
+from minihuman.study import about as facts
+from minihuman.study import devices as apparatus
 from minihuman.study.keys import KEY_NAMES, RESERVED
 from minihuman.study.plan import KeyMapPolicy, PacePolicy, Spare
 from minihuman.worlds.contract import Palette, View
@@ -89,6 +91,8 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     blocks: tuple[Block, ...]
     keys: Keys = Keys()
     exclusions: tuple[Exclusion, ...] = ()
+    about: facts.About = facts.About()
+    devices: tuple[apparatus.Device, ...] = ()
     toml: bytes = b""  # the file itself, byte for byte; not a field of the file
 
     @property
@@ -153,12 +157,16 @@ _STRUCTS: dict[str, type[msgspec.Struct]] = {
     "groups": Group,
     "blocks": Block,
     "exclusions": Exclusion,
+    "about": facts.About,
+    "about.authors": facts.Author,
+    "about.participants": facts.ParticipantColumn,
+    "devices": apparatus.Device,
 }
 
 
 def _struct_at(path: str) -> type[msgspec.Struct]:
-    part = path.split(".")[1].split("[")[0] if "." in path else ""
-    return _STRUCTS.get(part, Protocol)
+    parts = ".".join(part.split("[")[0] for part in path.split(".")[1:])
+    return _STRUCTS.get(parts, _STRUCTS.get(parts.split(".")[0], Protocol))
 
 
 def _known(struct: type[msgspec.Struct], wrong: str = "") -> str:
@@ -179,6 +187,8 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
             for field, complaint in _block_complaints(block, protocol)
         ),
         *_carry_complaints(protocol),
+        *facts.complaints(protocol.about),
+        *apparatus.complaints(protocol.devices),
         *(
             (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
             for number, rule in enumerate(protocol.exclusions)

@@ -217,10 +217,10 @@ class Session:
             self._say_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped")
         elif play.real_time:
             self._say_key(press, "queued", action)
-            play.queue(self._now_ns, press.key, action)
+            play.queue(press.t_ns, press.key, action)
         else:
             self._say_key(press, "accepted", action)
-            self._stepped(play.step(self._now_ns, action, key=press.key, key_t_ns=self._now_ns))
+            self._stepped(play.step(self._now_ns, action, key=press.key, key_t_ns=press.t_ns))
 
     def _key_outside_play(self, press: KeyDown) -> None:
         """Keys of every other phase. What moves the session on is accepted before it moves."""
@@ -393,4 +393,5 @@ class Session:
 
     def _say_key(self, key: KeyDown | KeyUp, verdict: Verdict, action: int | None = None) -> None:
         down = isinstance(key, KeyDown)
-        self._say(KeyPressed(self._now_ns, key.key, key.symbol, down, action, verdict, self.phase))
+        waited_ns = self._now_ns - key.t_ns
+        self._say(KeyPressed(self._now_ns, key.key, key.symbol, down, action, verdict, self.phase, waited_ns))

@@ -12,6 +12,7 @@ from minihuman.study.events import (
     ObservationStored,
     Paused,
     Resumed,
+    Sampled,
     SessionEnded,
     SessionStarted,
     Stepped,
@@ -34,6 +35,7 @@ class _Reader:
         self.found: list[str] = []
         self._where = ""
         self._t_ns = 0
+        self._sampled_ns: dict[str, int] = {}  # of each device's last sample
         self._first = 0
         self._next = 0
         self._playing: EpisodeStarted | None = None
@@ -50,9 +52,12 @@ class _Reader:
         self._where = f"event {number}, {type(event).__name__}"
         self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
         self._rule(not self._ended, "nothing follows SessionEnded")
-        self._rule(event.t_ns >= self._t_ns, f"time goes back from {self._t_ns} to {event.t_ns} ns")
-        self._t_ns = event.t_ns
+        last_ns = self._sampled_ns.get(event.device, 0) if isinstance(event, Sampled) else self._t_ns
+        self._rule(event.t_ns >= last_ns, f"time goes back from {last_ns} to {event.t_ns} ns")
         match event:
+            case Sampled():
+                self._sampled_ns[event.device] = event.t_ns
+                return
             case SessionStarted():
                 self._first = self._next = event.plan.first_episode
             case KeyMapDrawn():
@@ -82,6 +87,7 @@ class _Reader:
                 self._rule(event.episodes_completed == self._next - self._first, "completed episodes are counted")
             case Noted():
                 self._rule(bool(event.kind), "a note says of what kind it is")
+        self._t_ns = event.t_ns
 
     def _episode_started(self, event: EpisodeStarted) -> None:
         self._rule(self._playing is None, "one episode at a time")

@@ -56,7 +56,7 @@ def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_pat
     log = record(tmp_path, PLAN, events)
     result = CliRunner().invoke(app, ["verify", str(log)])
     assert result.exit_code == 1
-    assert result.stdout.startswith(f"{log}: episode 0 step 3: state hash 0000000000000000 in the log, now ")
+    assert result.stdout.startswith(f"{log}: episode 1 step 3: state hash 0000000000000000 in the log, now ")
 
 
 def test_recover_says_how_many_steps_it_kept(app: typer.Typer, tmp_path: Path) -> None:

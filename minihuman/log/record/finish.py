@@ -17,7 +17,7 @@ from mcap.writer import Writer
 from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.decode import decode
-from minihuman.log.paths import PART_SUFFIX, SegmentPath
+from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_guest
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.file import segment_starts
 from minihuman.log.read.scan import Scan
@@ -95,8 +95,8 @@ def recover(part: Path) -> Finished:
 
 
 def leftovers(folder: Path) -> list[Path]:
-    """List the cut-off logs anywhere below a folder, those still being written left out."""
-    return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_live(part)]
+    """List the cut-off logs anywhere below a folder, those still being written and other programs' files left out."""
+    return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_guest(part) and not is_live(part)]
 
 
 def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -> Finished:
@@ -157,7 +157,7 @@ class _Copy:
     def _message(self, message: LogMessage, scan: Scan) -> None:
         topic = message.channel.topic
         self._writer.add_message(
-            self._channel(message.channel, scan.schemas[message.channel.schema_id]),
+            self._channel(message.channel, scan.schemas.get(message.channel.schema_id)),
             log_time=message.log_time,
             data=message.data,
             publish_time=message.publish_time,
@@ -167,9 +167,11 @@ class _Copy:
         if topic == topics.SESSION_END and isinstance(ended := decode(topic, message.data), SessionEnded):
             self.end_reason = ended.reason
 
-    def _channel(self, channel: Channel, schema: Schema) -> int:
-        known = (schema.name, schema.data)
-        if known not in self._schemas:
+    def _channel(self, channel: Channel, schema: Schema | None) -> int:
+        known = ("", b"") if schema is None else (schema.name, schema.data)
+        if schema is None:
+            self._schemas[known] = 0  # as MCAP says that there is none; another program's topic may have none
+        elif known not in self._schemas:
             self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
         key = (channel.topic, self._schemas[known])
         if key not in self._channels:

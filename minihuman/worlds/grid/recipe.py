@@ -40,4 +40,6 @@ class Recipe:
         Raises:
             WorldError: because only worlds with instructions can have one set.
         """
-        raise WorldError(f"mission {mission!r}: only worlds with instructions (BabyAI-...) have their mission set by hand")
+        raise WorldError(
+            f"mission {mission!r}: only worlds with instructions (BabyAI-...) have their mission set by hand"
+        )

@@ -111,7 +111,7 @@ def integer(words: Words, low: int, high: int) -> int:
 @part()
 def unit(words: Words) -> int:
     """The numerator of what ``Generator.random`` draws, in 2**-53: 0 to 2**53 - 1. It leaves a kept half alone."""
-    return np.int64(next64(words) >> _11)
+    return int(next64(words) >> _11)
 
 
 @kernel()

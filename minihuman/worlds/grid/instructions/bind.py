@@ -1,9 +1,7 @@
-"""Binding: which objects of a layout an instruction's descriptions mean, and whether the instruction makes sense there."""
-
-from numba import njit
+"""Binding: which objects of a layout an instruction's descriptions mean, and whether it makes sense there."""
 
 from minihuman.worlds.grid.compiled import kernel, part
-from minihuman.worlds.grid.core.cells import DOOR, GREY, KEY, LOCKED, WALL, colour_of, identity_of, kind_of, state_of
+from minihuman.worlds.grid.core.cells import DOOR, GREY, KEY, LOCKED, WALL, colour_of, kind_of, state_of
 from minihuman.worlds.grid.core.state import (
     DIRECTION,
     HEADER,
@@ -25,8 +23,6 @@ from minihuman.worlds.grid.instructions.block import (
     IN_FRONT,
     KIND,
     LEFT,
-    MOST_CLAUSES,
-    NO_VERB,
     ON_LEFT,
     OTHER,
     PLACE,
@@ -136,7 +132,9 @@ def makes_sense(row: Row, keys_matter: bool) -> bool:
                     cell = where_is(row, j + 1)
                     if row[means + j] & meant << 1 or is_beside(row, cell, meant << 1):
                         return False
-        if keys_matter and (unlocks(row, clause + THING) or (row[clause + VERB] == PUT_NEXT and unlocks(row, clause + OTHER))):
+        if keys_matter and (
+            unlocks(row, clause + THING) or (row[clause + VERB] == PUT_NEXT and unlocks(row, clause + OTHER))
+        ):
             return False
     return True
 

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import COLOURS
@@ -26,11 +25,15 @@ from minihuman.worlds.grid.instructions.language import (
     parse,
 )
 from minihuman.worlds.grid.instructions.numbers import sentence_of
+from minihuman.worlds.sentences import Sentences
 
 VERBS: dict[str, type[Clause]] = {"go to": GoTo, "open": Open, "pick up": Pickup, "put": PutNext}
+LONGEST_CLAUSE = PutNext(Thing("ball", "purple", "front"), Thing("ball", "purple", "front"))
+VOCABULARY = """, a after and ball behind blue box door front go green grey in key left next object of on open pick
+purple put red right the then to up yellow you your"""  # of all levels
 
 
-class InstructionSpace(spaces.Space[str]):
+class InstructionSpace(Sentences):
     """Every sentence with these verbs: ``InstructionSpace("go to", "open", places=False, clauses=1)``.
 
     Args:
@@ -52,7 +55,8 @@ class InstructionSpace(spaces.Space[str]):
             raise WorldError(f"clauses is {clauses!r}; an instruction has 1 to 4")
         self.verbs = tuple(verb for verb in VERBS if verb in verbs or not verbs)
         self.places, self.clauses = places, clauses
-        super().__init__(shape=None, dtype=str, seed=seed)
+        longest = str(After(*(And(LONGEST_CLAUSE, LONGEST_CLAUSE),) * 2))
+        super().__init__(VOCABULARY.split(), max_length=len(longest), most_words=len(longest.split()), seed=seed)
 
     def of(self, row: Row) -> str:
         """The sentence of a state."""
@@ -61,11 +65,6 @@ class InstructionSpace(spaces.Space[str]):
     def first(self) -> str:
         """A sentence of this space: the mission of a world not yet reset."""
         return str(self._clause(VERBS[self.verbs[0]], Thing("door" if self.verbs[0] == "open" else "ball")))
-
-    @property
-    def is_np_flattenable(self) -> bool:
-        """A sentence is no array."""
-        return False
 
     def contains(self, x: Any) -> bool:
         """Whether the grammar gives this sentence."""

@@ -98,9 +98,9 @@ def verify(row: Row, action: int) -> int:
     if not part_is_done(row, first, in_first):
         outcome = judge_part(row, first, in_first, action)
         if outcome != SATISFIED:
-            if outcome == WAITING and flags & IN_ORDER_STRICTLY:
-                if judge_part(row, second, in_second, action) == SATISFIED:
-                    return BROKEN
+            strictly = outcome == WAITING and flags & IN_ORDER_STRICTLY
+            if strictly and judge_part(row, second, in_second, action) == SATISFIED:
+                return BROKEN
             return outcome
         if flags & (OWN_STEPS | SAY_DONE):
             return WAITING

@@ -61,7 +61,9 @@ def one_room(house: House) -> Instruction:
 def find_obj(house: House) -> Instruction:
     """Something in a drawn room."""
     if house.columns != house.lines:
-        raise WorldError(f"find_obj has {house.columns} columns of rooms and {house.lines} lines; give it as many of both")
+        raise WorldError(
+            f"find_obj has {house.columns} columns of rooms and {house.lines} lines; give it as many of both"
+        )
     column = house.integer(0, house.lines)
     thing = house.thing(house.room(column, house.integer(0, house.columns)))
     house.place_agent(house.room(1, 1))
@@ -130,5 +132,3 @@ def move_two_across(house: House, objs_per_room: int) -> Instruction:
     one, four = house.two_of(here)
     two, three = house.two_of(there)
     return Before(PutNext(one.thing, two.thing), PutNext(three.thing, four.thing))
-
-

@@ -112,5 +112,3 @@ def go_to_obj_door(house: House) -> Instruction:
     things = house.things(8, middle) + house.four_doors(middle)
     house.require_reachable()
     return GoTo(house.choice(things).thing)
-
-

@@ -110,7 +110,9 @@ def new_object(row: Row, words: Words, columns: int, size: int, room: int, kind:
 
 
 @part()
-def new_objects(row: Row, words: Words, plan: Plan, columns: int, size: int, room: int, count: int, unlike: bool) -> None:
+def new_objects(
+    row: Row, words: Words, plan: Plan, columns: int, size: int, room: int, count: int, unlike: bool
+) -> None:
     """Put so many drawn objects into a room, or each into a drawn one; ``unlike`` all that lies there already."""
     lines = len(plan) // columns
     left = count

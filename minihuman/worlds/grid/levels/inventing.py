@@ -28,6 +28,4 @@ def level_gen(
     if not unblocking:
         house.require_reachable()
     house.keys_matter = unblocking
-    house.invent(
-        action_kinds, instr_kinds, places=locations, implicit_unlock=implicit_unlock, locked_room=locked
-    )
+    house.invent(action_kinds, instr_kinds, places=locations, implicit_unlock=implicit_unlock, locked_room=locked)

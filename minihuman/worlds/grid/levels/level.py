@@ -13,15 +13,14 @@ from minihuman.worlds.grid.core.state import Row
 from minihuman.worlds.grid.instructions.block import OWN_STEPS, SAY_DONE
 from minihuman.worlds.grid.instructions.language import Instruction, parse
 from minihuman.worlds.grid.instructions.numbers import to_numbers
-from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.levels.program import Given, Program, furnish
-from minihuman.worlds.grid.levels.tracing import House
+from minihuman.worlds.grid.levels.tracing import AnyOf, House
 from minihuman.worlds.grid.recipe import Recipe
 
 MOST_CELLS = 4095  # what a planner's node can number
 NO_MISSION: Given = np.zeros(0, np.int64)
 
-Trace = Callable[..., Instruction | None]
+Trace = Callable[..., Instruction | AnyOf | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +90,9 @@ class Level:
         size, columns, lines = sizes["room_size"], sizes["num_cols"], sizes["num_rows"]
         width, height = (size - 1) * columns + 1, (size - 1) * lines + 1
         if width * height > MOST_CELLS:
-            raise WorldError(f"{columns} x {lines} rooms of {size} make {width * height} cells; {MOST_CELLS} is the most")
+            raise WorldError(
+                f"{columns} x {lines} rooms of {size} make {width * height} cells; {MOST_CELLS} is the most"
+            )
         house = House(columns, lines, size)
         house.finish(self.trace(house, **options))
         steps = self.steps_by_area * size * size

@@ -1,7 +1,5 @@
 """Levels about opening doors and unlocking them. Options are named as Minigrid names them."""
 
-from typing import Any
-
 from minihuman.worlds.grid.core.cells import COLOURS
 from minihuman.worlds.grid.instructions.language import PLACES, After, Before, Instruction, Open, Pickup, Thing
 from minihuman.worlds.grid.levels.level import level, one_of, whole
@@ -31,7 +29,7 @@ def open_red_door(house: House) -> Instruction:
 
 
 @level()
-def open_door(house: House, debug: bool = False, select_by: str | None = None) -> Instruction | AnyOf:
+def open_door(house: House, debug: bool = False, select_by: str | None = None) -> Instruction | None:
     """The middle room, one of four doors, by colour or by place; ``debug``: another one is failure."""
     strict = one_of("debug", debug, YES_NO)
     select_by = one_of("select_by", select_by, ("color", "loc", None))
@@ -45,12 +43,12 @@ def open_door(house: House, debug: bool = False, select_by: str | None = None) -
         return Open(Thing("door", place=house.choice(PLACES)), strict)
 
     if select_by is not None:
-        chosen: Any = by_place() if select_by == "loc" else by_colour
+        chosen: Instruction | None = by_place() if select_by == "loc" else by_colour
     else:
-        chosen = house.one_of(by_colour, by_place)
-        house.finish(chosen)
+        house.finish(house.one_of(by_colour, by_place))
+        chosen = None
     house.place_agent(middle)
-    return None if select_by is None else chosen
+    return chosen
 
 
 @level(room=6, steps_by_area=20, fixed=("room_size",))

@@ -142,7 +142,7 @@ def say(row: Row, registers: NDArray[np.int64], line: NDArray[np.int64]) -> None
 @part()
 def carry_out(row: Row, words: Words, plan: Plan, program: Program) -> bool:
     """Carry a program out; False where a round is rejected."""
-    columns, lines, size = program[0, COLUMNS], program[0, LINES], program[0, SIZE]
+    columns, size = program[0, COLUMNS], program[0, SIZE]
     registers = np.zeros(REGISTERS, np.int64)
     block = block_of(row)
     at = 1

@@ -108,7 +108,9 @@ class House:
         """A room by its place."""
         for name, value, count in (("column", column, self.columns), ("line", line, self.lines)):
             if isinstance(value, int) and not 0 <= value < count:
-                raise WorldError(f"this level needs a room in {name} {value}, and there are {count}; give it more rooms")
+                raise WorldError(
+                    f"this level needs a room in {name} {value}, and there are {count}; give it more rooms"
+                )
         return self._do(operations.ROOM_AT, column, line)
 
     def integer(self, low: int, high: int) -> Drawn:
@@ -122,8 +124,10 @@ class House:
 
     def choice(self, options: Any) -> Any:
         """Draw an object of a group, or one of up to seven words of a kind (colours, places, kinds)."""
+        if isinstance(options, list):  # of things made one after the other
+            options = Group(options[0], options[-1])
         if isinstance(options, Group):
-            return Made(self._do(operations.ONE_FROM, options.first, options.last).argument - IN_REGISTER)
+            return self._make(operations.ONE_FROM, options.first, options.last)
         numbers = [_number(option) for option in options]
         return self._do(operations.OUT_OF, len(numbers), *numbers)
 
@@ -146,14 +150,10 @@ class House:
         """Add closed doors until all rooms are connected; with ``without`` in half the episodes none in that colour."""
         self._do(operations.JOIN_ROOMS, _or_drawn(without), int(without is not None), registers=0)
 
-    def door(
-        self, room: Drawn, wall: str | None = None, *, colour: Any = None, locked: bool | None = None
-    ) -> Made:
+    def door(self, room: Drawn, wall: str | None = None, *, colour: Any = None, locked: bool | None = None) -> Made:
         """Put a door into a wall (right, down, left, up) of a room."""
         at = -1 if wall is None else WALLS[wall]
-        return self._make(
-            operations.DOOR_IN, room, at, _or_drawn(colour), -1 if locked is None else int(locked)
-        )
+        return self._make(operations.DOOR_IN, room, at, _or_drawn(colour), -1 if locked is None else int(locked))
 
     def remove_wall(self, room: Drawn, wall: str) -> None:
         """Take a wall between two rooms away."""
@@ -352,4 +352,3 @@ def _or_drawn(value: Any) -> int:
 def _pack(numbers: Sequence[int]) -> int:
     """A short list in one number, as `invent` reads it."""
     return len(numbers) | sum(number << 4 * (k + 1) for k, number in enumerate(numbers))
-
