@@ -1,6 +1,5 @@
 """Binding: which objects of a layout an instruction's descriptions mean, and whether it makes sense there."""
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import DOOR, GREY, KEY, LOCKED, WALL, colour_of, kind_of, state_of
 from minihuman.worlds.grid.core.state import (
     DIRECTION,
@@ -36,6 +35,7 @@ from minihuman.worlds.grid.instructions.block import (
     means_of,
 )
 from minihuman.worlds.grid.instructions.verify import is_beside, note_places
+from minihuman.worlds.kernels import kernel, part
 
 
 @part()

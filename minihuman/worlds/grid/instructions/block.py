@@ -6,9 +6,8 @@ says that description ``d`` means it (description ``2 * clause``, and one more f
 each cell one that says so of what lay there when places were last noted.
 """
 
-from numba import njit
-
 from minihuman.worlds.grid.core.state import HEADER, HEIGHT, WIDTH, Row
+from minihuman.worlds.kernels import inlined
 
 JOIN = 0  # how the parts are joined
 LEFT, RIGHT = 1, 2  # clauses in the first and the second part as they are read; 0 for no part
@@ -48,19 +47,19 @@ def instructed_length(width: int, height: int) -> int:
     return HEADER + 5 * width * height + BLOCK
 
 
-@njit(cache=True, inline="always")
+@inlined
 def block_of(row: Row) -> int:
     """Where the block begins."""
     return HEADER + 3 * row[WIDTH] * row[HEIGHT]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def means_of(row: Row) -> int:
     """Where the numbers begin that say by which descriptions each object is meant, from identity 1."""
     return HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK
 
 
-@njit(cache=True, inline="always")
+@inlined
 def noted_of(row: Row) -> int:
     """Where the numbers begin that say by which descriptions what lay in each cell was meant."""
     return HEADER + 4 * row[WIDTH] * row[HEIGHT] + BLOCK

@@ -5,9 +5,6 @@ picked up, so "go to the ball" is satisfied by the cell the ball was taken from;
 "a, then b" is also judged by the second. The flag OWN_STEPS does neither.
 """
 
-from numba import njit
-
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, identity_of, kind_of, state_of
 from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
 from minihuman.worlds.grid.core.state import (
@@ -54,6 +51,7 @@ from minihuman.worlds.grid.instructions.block import (
     means_of,
     noted_of,
 )
+from minihuman.worlds.kernels import inlined, kernel, part
 
 _PICKUP, _DROP, _TOGGLE, _DONE = 3, 4, 5, 6  # actions
 
@@ -107,7 +105,7 @@ def verify(row: Row, action: int) -> int:
     return judge_part(row, second, in_second, action)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def part_is_done(row: Row, first: int, clauses: int) -> bool:
     """Whether every clause of a part is satisfied."""
     done = True

@@ -5,9 +5,7 @@ mark the row FAILED, and the level draws its next round. What could never succee
 """
 
 import numpy as np
-from numba import njit
 
-from minihuman.worlds.grid.compiled import part
 from minihuman.worlds.grid.core.cells import (
     BALL,
     BOX,
@@ -55,12 +53,13 @@ from minihuman.worlds.grid.layouts.room_grid import (
     behind,
     reachable,
 )
+from minihuman.worlds.kernels import inlined, part
 
 HOPELESS = 2  # in FAILED: no round will ever do
 DRAWN = -1  # of a room, wall, kind, colour or lock: draw it
 
 
-@njit(cache=True, inline="always")
+@inlined
 def code_of(row: Row, identity: int) -> int:
     """The code of an object that lies in a cell."""
     cell = where_is(row, identity)
@@ -314,7 +313,7 @@ def boxed_key(row: Row, words: Words, columns: int, size: int, room: int, colour
     return row[OBJECTS]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def chance_below(words: Words, threshold: int) -> bool:
     """Draw a number in [0, 1) and say whether it is below ``threshold`` / 2**53."""
     return unit(words) < threshold

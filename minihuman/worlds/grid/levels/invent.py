@@ -1,8 +1,5 @@
 """Inventing an instruction: a drawn sentence of the whole language about what lies in the house."""
 
-from numba import njit
-
-from minihuman.worlds.grid.compiled import part
 from minihuman.worlds.grid.core.cells import BALL, BOX, DOOR, KEY, SORTED_COLOURS
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.state import FAILED, HEIGHT, OBJECTS, Row, where_is
@@ -28,13 +25,14 @@ from minihuman.worlds.grid.instructions.block import (
     VERB,
     block_of,
 )
+from minihuman.worlds.kernels import inlined, part
 
 ONE, BOTH, SEQUENCE = range(3)  # kinds of instructions
 DESCRIBE_TRIES = 101
 _KINDS = (BOX, BALL, KEY, DOOR)  # what is described; the first three can be carried
 
 
-@njit(cache=True, inline="always")
+@inlined
 def one_of_list(words: Words, packed: int) -> int:
     """Draw from a list of small numbers: its length in the lowest four bits, then four bits each."""
     return packed >> 4 + 4 * integer(words, 0, packed & 15) & 15

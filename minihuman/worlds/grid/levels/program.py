@@ -6,10 +6,8 @@ colour of the object whose identity a register holds.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import DOOR, colour_of, kind_of
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.state import FAILED, MAX_STEPS, OBJECTS, TASK, Row, clear
@@ -57,6 +55,7 @@ from minihuman.worlds.grid.levels.house import (
     recolour,
 )
 from minihuman.worlds.grid.levels.invent import invent
+from minihuman.worlds.kernels import inlined, kernel, part
 
 Program = NDArray[np.int64]  # (1 + operations, WIDE)
 Given = NDArray[np.int64]  # an instruction set by hand: the block's numbers, or none
@@ -101,7 +100,7 @@ USE = 5  # a verb: open a door, pick up everything else
 ) = range(28)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
     """What an argument is."""
     if argument < IN_REGISTER:
