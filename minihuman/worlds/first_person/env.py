@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.compiling import announce
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.agent import Agent
@@ -96,7 +95,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         domain_rand: bool = False,
         assets: str | Path | None = None,
     ) -> None:
-        announce()
         if min(obs_width, obs_height) < 1:
             raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
         if view not in ("agent", "top"):
