@@ -19,6 +19,7 @@ class Written:
     paths: tuple[Path, ...]
     episodes: int
     steps: int
+    left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; in the card
 
 
 Exporter = Callable[[Selection, Path], Written]

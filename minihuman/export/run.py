@@ -45,8 +45,12 @@ def export(
     try:
         selection = SelectionOf(source, filters, skipped=card.skipped.append, taken=taken, stored_frames=stored_frames)
         written = exporter(selection, unfinished)
+        card.skipped.extend(written.left_out)
         if not written.episodes:
-            raise ExportError(f"no episode in {source} passes the filters ({filters or 'none'}); nothing was written")
+            why = f"; {written.left_out[0]}" if written.left_out else ""
+            raise ExportError(
+                f"no episode in {source} passes the filters ({filters or 'none'}){why}; nothing was written"
+            )
         card.write(unfinished, written)
         if out.exists():
             out.rmdir()
@@ -55,4 +59,4 @@ def export(
         shutil.rmtree(unfinished, ignore_errors=True)
         raise
     moved = tuple(out / path.relative_to(unfinished) for path in written.paths)
-    return Written(moved, written.episodes, written.steps), card
+    return Written(moved, written.episodes, written.steps, written.left_out), card

@@ -32,7 +32,8 @@ class Demonstrations:
 
     world: str
     options: dict[str, Any]
-    action_names: tuple[str, ...]  # the world's, up to the last that had a key
+    action_names: tuple[str, ...]  # the world's, up to the last that had a key or was a tick's no-op
+    most_steps: int  # that anybody was given for an episode
     eyesight: Eyesight
     space: spaces.Dict  # of the observations
     episodes: tuple[Demonstration, ...]
@@ -70,12 +71,15 @@ def read_demonstrations(source: Path, world: str, eyesight: Eyesight, filters: F
             "choose one kind with --block"
         )
     names = found[0].episode.start.action_names
-    used = {name for item in found for name in item.episode.plan.key_map.keys.values()}
+    plans = [item.episode.plan for item in found]
+    used = {name for its in plans for name in (*its.key_map.keys.values(), *([its.noop] if its.noop else []))}
     kept = names[: 1 + max(names.index(name) for name in used)]
     player = World(plan.world, plan.options)
     player.reset(plan.seed)
     space = eyesight.space(player.unwrapped)
-    return Demonstrations(world, plan.options, kept, eyesight, space, tuple(_replay(found, player, eyesight)))
+    most_steps = max(its.max_steps for its in plans)
+    replayed = tuple(_replay(found, player, eyesight))
+    return Demonstrations(world, plan.options, kept, most_steps, eyesight, space, replayed)
 
 
 def _replay(found: Sequence[Chosen], world: World, eyesight: Eyesight) -> Iterator[Demonstration]:

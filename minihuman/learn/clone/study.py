@@ -74,6 +74,7 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
         demonstrations.eyesight,
         episodes=study.evaluation_episodes,
         seed=study.cloning.seed,
+        most_steps=demonstrations.most_steps,
     )
     card = _card(demonstrations, eyes, study)
     starts: list[Start] = []
@@ -166,6 +167,7 @@ def _play(policy: Policy, demonstrations: Demonstrations, study: CloneStudy) -> 
         demonstrations.eyesight,
         episodes=study.evaluation_episodes,
         seed=study.cloning.seed,
+        most_steps=demonstrations.most_steps,
     )
 
 

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.batch_seeds import Seeds, seeds_of
 from minihuman.worlds.grid.art.pictures import draw
-from minihuman.worlds.grid.compiled import kernel
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import (
@@ -33,6 +32,7 @@ from minihuman.worlds.grid.core.state import (
 )
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.kernels import kernel
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
