@@ -81,7 +81,7 @@ def test_a_format_writes_a_session_or_says_why_not(studies, tmp_path, name, case
     out = tmp_path / "out"
     if case == "no-episode" or (case == "no-step" and name in NEED_STEPS):
         with pytest.raises(
-            ExportError, match="was written: .*0 episodes of 0 sessions count|was written: .*has no step"
+            ExportError, match=r"was written: .*0 episodes of 0 sessions count|was written: .*has no step"
         ):
             export(name, studies / case, out, UNFINISHED_TOO)
         assert list(tmp_path.iterdir()) == []
