@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from minihuman.errors import LearnError
 from minihuman.learn.agent.network import Eyes, Policy, policy_settings
+from minihuman.learn.agent.ppo import LeanPpo
 from minihuman.learn.agent.training_world import TrainingWorld
 from minihuman.learn.transfer.plan import Ppo
 
@@ -43,9 +44,9 @@ class History:
     learning_s: float = 0.0  # the updates
 
 
-def new_ppo(world: TrainingWorld, *, settings: Ppo, eyes: Eyes, seed: int, device: str) -> PPO:
+def new_ppo(world: TrainingWorld, *, settings: Ppo, eyes: Eyes, seed: int, device: str) -> LeanPpo:
     """A fresh agent in a world, seeded."""
-    ppo = PPO(
+    ppo = LeanPpo(
         Policy,
         DummyVecEnv([lambda: world]),
         n_steps=settings.n_steps,

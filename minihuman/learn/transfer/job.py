@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
 
 from minihuman.errors import LearnError
 from minihuman.learn.agent.network import Eyes
 from minihuman.learn.agent.observe import Eyesight
 from minihuman.learn.agent.policy_file import PolicyCard, load_weights, save_policy, versions
+from minihuman.learn.agent.ppo import LeanPpo
 from minihuman.learn.agent.training import History, Point, new_ppo, train
 from minihuman.learn.agent.training_world import TrainingWorld
 from minihuman.learn.transfer.curves import area_under
@@ -95,7 +95,7 @@ def _train_to_the_end(job: Job, out: Path, device: str) -> Result:
     return result
 
 
-def prepare(job: Job, source: Weights | None, device: str) -> tuple[PPO, TrainingWorld]:
+def prepare(job: Job, source: Weights | None, device: str) -> tuple[LeanPpo, TrainingWorld]:
     """The job's agent in its world, before the first step: seeded, and with the source's weights where it takes any."""
     as_published = job.study.protocol == "as-published"
     world = TrainingWorld(
