@@ -97,7 +97,7 @@ def _train_to_the_end(job: Job, out: Path, device: str) -> Result:
 
 def prepare(job: Job, source: Weights | None, device: str) -> tuple[LeanPpo, TrainingWorld]:
     """The job's agent in its world, before the first step: seeded, and with the source's weights where it takes any."""
-    as_published = job.study.protocol == "as-published"
+    as_published = job.study.published
     world = TrainingWorld(
         job.world,
         job.world_options,
@@ -107,7 +107,7 @@ def prepare(job: Job, source: Weights | None, device: str) -> tuple[LeanPpo, Tra
     )
     ppo = new_ppo(world, settings=job.study.ppo, eyes=_eyes(job), seed=job.seed, device=device)
     if source is not None and as_published:
-        transfer_as_published(ppo.policy, source, job.cell.parts, frozen=job.cell.frozen)
+        transfer_as_published(ppo.policy, source, job.cell.parts, frozen=job.cell.frozen, state=job.study.protocol)
         ppo.policy.to(ppo.device)
     elif source is not None:
         shared = range(job.actions)  # turn left, turn right and forward come first in both worlds
