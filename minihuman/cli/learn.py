@@ -4,10 +4,11 @@ import sys
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from minihuman.cli.choosing import choosing
 from minihuman.errors import LearnError
 
 learn = typer.Typer(help="Train agents: the transfer study, and policies that imitate people.", no_args_is_help=True)
@@ -119,6 +120,7 @@ class SightChoice(StrEnum):
 
 
 @learn.command()
+@choosing(outcome=("goal",))
 def clone(
     source: Annotated[Path, typer.Argument(metavar="STUDY", help="A study's folder of logs, or one log.")],
     world: Annotated[str, typer.Option(help="The world whose episodes to learn from.")],
@@ -127,21 +129,19 @@ def clone(
     missions: Annotated[bool, typer.Option(help="The mission is part of what is seen.")] = False,
     sizes: Annotated[str, typer.Option(help="Numbers of demonstrations to try, as in 5,10,25.")] = "",
     mirrored: Annotated[bool, typer.Option(help="Learn every step left for right too.")] = False,
-    outcome: Annotated[list[str], typer.Option(help="Only episodes that ended so; may be repeated.")] = ["goal"],  # noqa: B006
-    block: Annotated[list[str], typer.Option(help="Only this block; may be repeated.")] = [],  # noqa: B006
-    without_tag: Annotated[list[str], typer.Option(help="No episode marked so; may be repeated.")] = [],  # noqa: B006
     episodes: Annotated[int, typer.Option(min=1, help="Held-out episodes to judge it by.")] = 200,
     finetune: Annotated[int, typer.Option(min=0, help="Steps of PPO from the clone and from nothing.")] = 0,
     finetune_runs: Annotated[int, typer.Option(min=1, help="Runs of each.")] = 1,
     success: Annotated[float, typer.Option(help="The success rate that PPO is timed to.")] = 0.9,
     seed: Annotated[int, typer.Option(help="Split, training and held-out episodes derive from it.")] = 1,
+    *,
+    selection: Any,
 ) -> None:
     """Train a policy to do what people did in one world, and say how well it does.
 
     Example: minihuman learn clone sessions/my-study --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt
     """
     _need_torch()
-    from minihuman.data.selection import Filters
     from minihuman.learn.clone.clone import Cloning
     from minihuman.learn.clone.study import CloneStudy, clone_study
 
@@ -154,7 +154,7 @@ def clone(
         finetune_steps=finetune,
         finetune_runs=finetune_runs,
         success=success,
-        filters=Filters(outcome=tuple(outcome), block=tuple(block), without_tag=tuple(without_tag)),
+        selection=selection,
         cloning=Cloning(mirrored=mirrored, seed=seed),
     )
     print(clone_study(source, out, study, command=_command()), end="")

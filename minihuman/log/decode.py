@@ -73,6 +73,7 @@ def _key(data: bytes) -> ev.KeyPressed:
         action=message.action if message.HasField("action") else None,
         verdict=plans.one_of(_VERDICTS, message.verdict),
         phase=message.phase,
+        waited_ns=message.waited_ns,
     )
 
 

@@ -1,4 +1,4 @@
-"""Events as messages: first the one that holds the truth, or, for a step, last.
+"""Events as messages.
 
 ``truth`` is undone by ``decode``; ``for_viewers`` only repeats it in the well-known types that rerun and Foxglove draw.
 """
@@ -18,8 +18,9 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from minihuman.log import plan_messages as plans
 from minihuman.log import topics
+from minihuman.log.decode import decode
 from minihuman.log.floor_plan import floor_plan_png
-from minihuman.log.observations import is_picture, pack
+from minihuman.log.observations import pack
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.study import events as ev
 from minihuman.worlds.pose import Pose
@@ -46,6 +47,7 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 action=event.action,
                 verdict=event.verdict,
                 phase=event.phase,
+                waited_ns=event.waited_ns,
             )
         case ev.Stepped():
             return topics.STEP, _step(event)
@@ -88,28 +90,56 @@ def truth(event: ev.Event) -> tuple[str, Message]:
     assert_never(event)
 
 
-def for_viewers(event: ev.Event, *, started_ns: int) -> Iterator[tuple[str, Message]]:
-    """Yield what viewers draw of an event: a pose, a floor plan, a readable line. ``started_ns`` is the wall clock."""
-    stamp = _timestamp(started_ns + event.t_ns)
-    if isinstance(event, ev.EpisodeStarted | ev.Stepped) and event.pose is not None:
-        yield topics.POSE, PoseInFrame(timestamp=stamp, frame_id=FRAME_ID, pose=_foxglove_pose(event.pose))
-    if isinstance(event, ev.EpisodeStarted) and event.map is not None:
-        image = floor_plan_png(event.map, event.pose)
-        yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
-    if isinstance(event, ev.ObservationStored) and is_picture(event.observation):
-        image = pack(event.observation)["png"]
-        yield topics.OBSERVATION_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
+def for_viewers(topic: str, data: bytes, *, started_ns: int) -> Iterator[tuple[str, Message]]:
+    """Yield what viewers draw of a message that holds the truth: a pose, a floor plan, a picture, a readable line.
+
+    ``started_ns`` is the wall clock at the segment's time 0.
+
+    Raises:
+        Exception: whatever protobuf or a reader of ours says of bytes that are no such message.
+    """
+    match topic:
+        case topics.KEY | topics.FRAME:
+            return
+        case topics.STEP:  # there are thousands
+            step = v1.Step.FromString(data)
+            if step.HasField("pose"):
+                yield topics.POSE, _pose_in_frame(plans.read_pose(step.pose), _timestamp(started_ns + step.t_ns))
+        case topics.OBSERVATION:
+            seen = v1.Observation.FromString(data)
+            if seen.WhichOneof("observation") == "png":
+                stamp = _timestamp(started_ns + seen.t_ns)
+                image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=seen.png, format="png")
+                yield topics.OBSERVATION_IMAGE, image
+        case _:
+            if (event := decode(topic, data)) is not None:
+                yield from _of_event(event, _timestamp(started_ns + event.t_ns))
+
+
+def _of_event(event: ev.Event, stamp: Timestamp) -> Iterator[tuple[str, Message]]:
+    if isinstance(event, ev.EpisodeStarted):
+        if event.pose is not None:
+            yield topics.POSE, _pose_in_frame(event.pose, stamp)
+        if event.map is not None:
+            image = floor_plan_png(event.map, event.pose)
+            yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
     line = _line(event)
     if line is not None:
         level, name, text = line
         yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
 
 
+def _pose_in_frame(pose: Pose, stamp: Timestamp) -> PoseInFrame:
+    return PoseInFrame(timestamp=stamp, frame_id=FRAME_ID, pose=_foxglove_pose(pose))
+
+
 def caused_ns(event: ev.Event) -> int:
-    """When what caused an event arrived: the key of a step, the hand-over of a frame, else the event's own time."""
+    """When what caused an event arrived: a press, a step's key, the hand-over of a frame; else the event's own time."""
     match event:
         case ev.Stepped():
             return event.key_t_ns
+        case ev.KeyPressed():
+            return event.t_ns - event.waited_ns
         case ev.FrameShown():
             return event.submit_ns
         case _:

@@ -4,6 +4,7 @@ Any other topic is a guest's: nothing here reads it, and nothing takes offence.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -72,16 +73,34 @@ BY_NAME = {topic.name: topic for topic in TOPICS}
 
 
 def schema_bytes(message: type[Message]) -> bytes:
-    """Serialise a message type's file and every file it needs, as MCAP's protobuf encoding asks."""
+    """Serialise a message type and everything it needs, as MCAP's protobuf encoding asks."""
+    return _schema_bytes(message.DESCRIPTOR)
+
+
+@cache
+def _schema_bytes(message: Any) -> bytes:
+    needed: set[str] = set()
     files: dict[str, Any] = {}
 
-    def collect(file: Any) -> None:
-        for needed in file.dependencies:
-            collect(needed)
+    def collect(kind: Any) -> None:
+        if kind.full_name not in needed:
+            needed.add(kind.full_name)
+            for field in kind.fields:
+                if field.message_type is not None:
+                    collect(field.message_type)
+
+    def collect_file(file: Any) -> None:
+        for imported in file.dependencies:
+            collect_file(imported)
         files.setdefault(file.name, file)
 
-    collect(message.DESCRIPTOR.file)
+    collect(message)
+    collect_file(message.file)
     result = FileDescriptorSet()
     for file in files.values():
-        file.CopyToProto(result.file.add())
+        copy = result.file.add()
+        file.CopyToProto(copy)
+        kept = [kind for kind in copy.message_type if f"{copy.package}.{kind.name}" in needed]
+        del copy.message_type[:]
+        copy.message_type.extend(kept)
     return result.SerializeToString(deterministic=True)

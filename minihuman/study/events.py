@@ -20,7 +20,7 @@ Verdict = Literal[
     "not_playing",  # the session was not taking actions (paused, feedback, ...)
     "release",  # a key came up
 ]
-PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question"]
+PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question", "experimenter"]
 EndReason = Literal[
     "complete", "aborted", "quit", "window_closed", "signal", "disk_full", "world_error", "internal_error"
 ]
@@ -60,7 +60,11 @@ class EpisodeStarted:
 
 @dataclass(frozen=True, slots=True)
 class KeyPressed:
-    """A key went down or up, mapped or not, and what came of it."""
+    """A key went down or up, mapped or not, and what came of it.
+
+    ``t_ns`` is when the session took it. A press that comes while a picture is being drawn waits for it: the press
+    itself was at ``t_ns - waited_ns``.
+    """
 
     t_ns: int
     key: str
@@ -69,6 +73,7 @@ class KeyPressed:
     action: int | None
     verdict: Verdict
     phase: str
+    waited_ns: int = 0  # from the press to t_ns, where it had to wait
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ from minihuman.study.events import (
     Stepped,
     Verdict,
 )
-from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
+from minihuman.study.inputs import Asked, FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
 from minihuman.study.phases import TRANSITIONS, Cause, Phase
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, SessionPlan
 from minihuman.study.play import Play, WorldBrokeError, world_calls
@@ -162,6 +162,8 @@ class Session:
                 self._say_key(happened, "release")
             case FocusChanged():
                 self._focus_changed(happened.focused)
+            case Asked():
+                self._asked(happened)
             case Tick():
                 pass
 
@@ -181,6 +183,18 @@ class Session:
         if self.phase is Phase.PLAYING and self._play and self._play.real_time:
             self._suspend("focus_lost")
             self._move(Cause.PAUSE)
+
+    def _asked(self, asked: Asked) -> None:
+        """Note what the experimenter asks for, and do it where it can be done."""
+        self._say(Noted(self._now_ns, "experimenter", f"{asked.what}: {asked.text}"))
+        match asked.what:
+            case "pause" if self.phase is Phase.PLAYING:
+                self._suspend("experimenter")
+                self._move(Cause.PAUSE)
+            case "go_on" if self.phase is Phase.PAUSED:
+                self._move(Cause.RESUME)
+            case "abort":
+                self._end("aborted", asked.text)
 
     # Keys
 
@@ -217,10 +231,10 @@ class Session:
             self._say_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped")
         elif play.real_time:
             self._say_key(press, "queued", action)
-            play.queue(self._now_ns, press.key, action)
+            play.queue(press.t_ns, press.key, action)
         else:
             self._say_key(press, "accepted", action)
-            self._stepped(play.step(self._now_ns, action, key=press.key, key_t_ns=self._now_ns))
+            self._stepped(play.step(self._now_ns, action, key=press.key, key_t_ns=press.t_ns))
 
     def _key_outside_play(self, press: KeyDown) -> None:
         """Keys of every other phase. What moves the session on is accepted before it moves."""
@@ -393,4 +407,5 @@ class Session:
 
     def _say_key(self, key: KeyDown | KeyUp, verdict: Verdict, action: int | None = None) -> None:
         down = isinstance(key, KeyDown)
-        self._say(KeyPressed(self._now_ns, key.key, key.symbol, down, action, verdict, self.phase))
+        waited_ns = self._now_ns - key.t_ns
+        self._say(KeyPressed(self._now_ns, key.key, key.symbol, down, action, verdict, self.phase, waited_ns))

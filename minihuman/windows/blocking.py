@@ -24,6 +24,7 @@ class BlockingWindow(Window):
         self._focused = False
         self._shown: Screen | None = None
         self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
+        self._last_key_ns = -(1 << 62)
 
     @property
     @abc.abstractmethod
@@ -82,6 +83,11 @@ class BlockingWindow(Window):
                 return list(repeats)
             if until_ns is not None and now_ns >= until_ns:
                 return []
+
+    def _key(self, down: bool, key: str, symbol: str, t_ns: int) -> list[Input]:
+        """What a word about a key amounts to. Its stamp is after that of the key before, by a nanosecond at least."""
+        t_ns = self._last_key_ns = max(t_ns, self._last_key_ns + 1)
+        return [*(self._held.press if down else self._held.release)(t_ns, key, symbol)]
 
     def _focus(self, t_ns: int, focused: bool) -> list[Input]:
         """What a word about the focus amounts to: toolkits say the same thing twice, and "lost" before any was had."""

@@ -30,10 +30,10 @@ def screen_now() -> Any:
 
 
 class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 has no types
-    """Dispatches ``on_key(down, key, symbol)`` in our key names, beside pyglet's own events.
+    """Dispatches ``on_key(down, key, symbol, server_ms)`` in our key names, beside pyglet's own events.
 
     On X11 the key is read from the keycode of the X event, before pyglet reduces it to a symbol and drops what it
-    takes for auto-repeat. Elsewhere pyglet's symbol is all there is.
+    takes for auto-repeat, and so is its time. Elsewhere pyglet's symbol is all there is, and ``server_ms`` is None.
     """
 
     _enable_event_queue = False  # deliver at once and in order, as pyglet's own event loop has it
@@ -73,7 +73,9 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
         xlib.XLookupString(event.xkey, text, len(text), ctypes.byref(keysym), None)
         symbol = xlib.XKeysymToString(keysym.value) or b""
         key = from_xkb(self._positions.get(keycode, ""), keycode)
-        self.dispatch_event("on_key", event.type == xlib.KeyPress, key, symbol.decode("ascii", "replace"))
+        self.dispatch_event(
+            "on_key", event.type == xlib.KeyPress, key, symbol.decode("ascii", "replace"), event.xkey.time
+        )
         return True
 
     # Keys elsewhere
@@ -88,7 +90,7 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
 
     def _key_of_symbol(self, down: bool, symbol: int) -> bool:
         name = pyglet.window.key.symbol_string(symbol)
-        self.dispatch_event("on_key", down, from_symbol(name), name)
+        self.dispatch_event("on_key", down, from_symbol(name), name, None)
         return bool(EVENT_HANDLED)
 
     # Pictures

@@ -10,6 +10,7 @@ from minihuman.study.inputs import Input, Stop
 from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
 from minihuman.windows.compose import Box, Size
 from minihuman.windows.port import Clock
+from minihuman.windows.x11_time import ON_RECEIPT, SERVER_TIME, server_time_is_ours, when_ns
 
 if TYPE_CHECKING:
     from minihuman.windows.pyglet_native import NativeWindow
@@ -32,6 +33,7 @@ class PygletWindow(BlockingWindow):
         self._inputs: list[Input] = []
         self._to_repaint = False
         self._native: NativeWindow | None = _open(fullscreen=fullscreen, size_px=size_px)
+        self._server_time = server_time_is_ours()
         self._native.push_handlers(
             on_key=self._on_key,
             on_activate=lambda: self._on_focus(True),
@@ -68,12 +70,10 @@ class PygletWindow(BlockingWindow):
         arrived, self._inputs = self._inputs, []
         return arrived
 
-    def _on_key(self, down: bool, key: str, symbol: str) -> None:
-        t_ns = self._clock()
-        if down:
-            self._inputs += self._held.press(t_ns, key, symbol)
-        else:
-            self._inputs += self._held.release(t_ns, key, symbol)
+    def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None) -> None:
+        told = server_ms if self._server_time else None
+        t_ns = self._clock() if told is None else when_ns(told, self._clock)
+        self._inputs += self._key(down, key, symbol, t_ns)
 
     def _on_focus(self, focused: bool) -> None:
         self._inputs += self._focus(self._clock(), focused)
@@ -90,7 +90,7 @@ class PygletWindow(BlockingWindow):
         import pyglet
 
         for down in (True, False):
-            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "")
+            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None)
 
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified."""
@@ -108,6 +108,7 @@ class PygletWindow(BlockingWindow):
             "fullscreen": str(bool(window.fullscreen)).lower(),
             "vsync": "on" if window.vsync else "off",
             "refresh_hz_reported": window.refresh_hz(),
+            "key_times": SERVER_TIME if self._server_time else ON_RECEIPT,
             "key_identity": "position (X11 keycode)" if ON_X11 else "symbol (US layout assumed)",
         }
 

@@ -26,12 +26,12 @@ class Managed:
         self.desk, self.window = desk, window
 
     def looks_as_it_should(self, screen: Screen, *, patience_s: float = 5.0) -> bool:
-        """Whether, within seconds of the loop waiting as a session does, the screen is all there at the present size."""
+        """Whether, within seconds of waiting as a session does, the screen is all there at its present size."""
         until_s = time.monotonic() + patience_s
         while time.monotonic() < until_s:
             self.window.wait(time.monotonic_ns() + 50_000_000)
             seen = self.desk.inside(TITLE)
-            if np.array_equal(seen, compose(screen, (seen.shape[1], seen.shape[0]))):
+            if seen.size and np.array_equal(seen, compose(screen, (seen.shape[1], seen.shape[0]))):
                 return True
         return False
 

@@ -255,7 +255,7 @@ class EpisodeStart(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., plan: _Optional[_Union[EpisodePlan, _Mapping]] = ..., action_names: _Optional[_Iterable[str]] = ..., mission: _Optional[str] = ..., map: _Optional[_Union[Map, _Mapping]] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ...) -> None: ...
 
 class KeyEvent(_message.Message):
-    __slots__ = ("t_ns", "key", "symbol", "down", "action", "verdict", "phase")
+    __slots__ = ("t_ns", "key", "symbol", "down", "action", "verdict", "phase", "waited_ns")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     KEY_FIELD_NUMBER: _ClassVar[int]
     SYMBOL_FIELD_NUMBER: _ClassVar[int]
@@ -263,6 +263,7 @@ class KeyEvent(_message.Message):
     ACTION_FIELD_NUMBER: _ClassVar[int]
     VERDICT_FIELD_NUMBER: _ClassVar[int]
     PHASE_FIELD_NUMBER: _ClassVar[int]
+    WAITED_NS_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     key: str
     symbol: str
@@ -270,7 +271,8 @@ class KeyEvent(_message.Message):
     action: int
     verdict: str
     phase: str
-    def __init__(self, t_ns: _Optional[int] = ..., key: _Optional[str] = ..., symbol: _Optional[str] = ..., down: _Optional[bool] = ..., action: _Optional[int] = ..., verdict: _Optional[str] = ..., phase: _Optional[str] = ...) -> None: ...
+    waited_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., key: _Optional[str] = ..., symbol: _Optional[str] = ..., down: _Optional[bool] = ..., action: _Optional[int] = ..., verdict: _Optional[str] = ..., phase: _Optional[str] = ..., waited_ns: _Optional[int] = ...) -> None: ...
 
 class Step(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash")

@@ -157,6 +157,7 @@ class Scan:
 
     def _check_sequence(self, sequences: NDArray[np.uint32]) -> None:
         """Refuse a chunk before which, or in which, a message is missing."""
+        sequences = sequences[sequences > 0]  # those that only repeat others for viewers are not counted
         before = np.concatenate([np.array([self._sequence], np.uint32), sequences])
         follows = (sequences == before[:-1] + 1) | (before[:-1] == 0) | (sequences == 1)  # 1: the next segment
         if not follows.all():
