@@ -119,7 +119,7 @@ def _leaf(value: object, hint: Any, path: str, message: str) -> Complaint:
         meant = f"; did you mean {close[0]!r}?" if close else ""
         return path + where, f"is {value!r}; it is one of {', '.join(words)}{meant}"
     reason = message.partition(" - at ")[0]
-    known = reason.startswith("Expected") or reason.startswith("Invalid enum")
+    known = reason.startswith(("Expected", "Invalid enum"))
     extra = "" if known else f" ({reason[0].lower()}{reason[1:]})"
     return path + where, f"is {shown(value)}{extra}; {_example(hint, name)}"
 
