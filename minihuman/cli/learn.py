@@ -1,4 +1,4 @@
-"""Commands that train agents (extra `learn`): learn transfer, learn clone."""
+"""Commands that train agents (extra `learn`): learn transfer, learn report, learn clone."""
 
 import sys
 import time
@@ -21,6 +21,7 @@ class ProtocolChoice(StrEnum):
 
     intended = "as-intended"
     published = "as-published"
+    published_in_may = "as-published-2023-05-28"
 
 
 class EngineChoice(StrEnum):
@@ -41,7 +42,9 @@ def transfer(
     protocol: Annotated[ProtocolChoice, typer.Option(help="What the table meant, or what the code did.")] = (
         ProtocolChoice.intended
     ),
-    runs: Annotated[int, typer.Option(help="Independent runs of every cell.")] = 10,
+    runs: Annotated[int, typer.Option(help="Independent runs of the source and of every transfer.")] = 5,
+    baselines: Annotated[int, typer.Option(help="Runs of the baseline, which every comparison has in it.")] = 10,
+    first_run: Annotated[int, typer.Option(min=0, help="Leave the runs before this one to another machine.")] = 0,
     steps: Annotated[int, typer.Option(help="Steps of the baseline and of each transfer.")] = 200_000,
     source_steps: Annotated[
         int | None, typer.Option(help="Steps of the source; by default the protocol's own.")
@@ -69,6 +72,7 @@ def transfer(
     study = Study(
         protocol=protocol.value,
         runs=runs,
+        baselines=baselines,
         steps=steps,
         source_steps=source_steps,
         seed=seed,
@@ -77,9 +81,35 @@ def transfer(
     study = quickly(study) if quick else study
     published = None if beside is None else read_published(beside)
     started = time.monotonic()
-    results = run_study(study, out, lambda: open_engine(engine.value, workers=workers, address=address), device=device)
+    results = run_study(
+        study,
+        out,
+        lambda: open_engine(engine.value, workers=workers, address=address),
+        first_run=first_run,
+        device=device,
+    )
     run = Run(command=_command(), engine=engine.value, wall_s=time.monotonic() - started)
     print(write_report(study, results, out, run, beside=published))
+
+
+@learn.command()
+def report(
+    folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="Folders with runs of one study.")],
+    out: Annotated[Path, typer.Option(help="Where the table, curves and figure go.")],
+    beside: Annotated[Path | None, typer.Option(help="CSV of published improvements to set beside ours.")] = None,
+) -> None:
+    """Table what runs there are, at any time and from several machines.
+
+    Example: minihuman learn report results/transfer from-the-other-machine --out table
+    """
+    _need_torch()
+    from minihuman.learn.transfer.folder import read_merged
+    from minihuman.learn.transfer.summary import Run, read_published, write_report
+
+    published = None if beside is None else read_published(beside)
+    study, results = read_merged(folders)
+    out.mkdir(parents=True, exist_ok=True)
+    print(write_report(study, results, out, Run(command=_command(), engine="", wall_s=0.0), beside=published))
 
 
 class SightChoice(StrEnum):
