@@ -333,7 +333,7 @@ def test_max_steps_that_are_no_whole_number_in_range_are_refused(world, options,
 # Libraries that know no text.
 
 
-@pytest.mark.parametrize("world", [world for world in IDS if "MiniGrid" in world])
+@pytest.mark.parametrize("world", [world for world in IDS if "MiniWorld" not in world])
 def test_a_grid_in_tokens_observes_numbers_alone(world):
     env = Tokens(gymnasium.make(world))
     observation, _ = env.reset(seed=3)
