@@ -19,6 +19,7 @@ import minihuman  # noqa: F401  # registers the worlds
 from minihuman.errors import WorldError
 from minihuman.worlds.catalogue import ENTRIES
 from minihuman.worlds.grid.tokens import Tokens
+from minihuman.worlds.sentences import words_in
 
 IDS = tuple(entry.id for entry in ENTRIES)
 GRID = "minihuman/MiniGrid-GoToObject-6x6-N2-v0"  # a mission with choices
@@ -341,7 +342,7 @@ def test_a_grid_in_tokens_observes_numbers_alone(world):
     numbers = gymnasium.spaces.Box | gymnasium.spaces.Discrete
     assert all(isinstance(space, numbers) for space in env.observation_space.values())
     said = [env.words[number - 1] for number in observation["mission"] if number]
-    assert " ".join(said) == env.unwrapped.mission
+    assert said == words_in(env.unwrapped.mission)
 
 
 @pytest.mark.program
