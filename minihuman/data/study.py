@@ -11,9 +11,10 @@ from minihuman.data.opened import Skipped, each_log
 from minihuman.data.rows import Rows
 from minihuman.data.tables import session_tables
 from minihuman.errors import WorldError
-from minihuman.measures.shortest import UNKNOWN, Shortest, shortest
+from minihuman.measures.shortest import shortest
 from minihuman.recorded.episode import SessionLog
 from minihuman.study.plan import EpisodePlan, SessionPlan
+from minihuman.worlds.contract import UNKNOWN, Bounds
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ def read_session(log: SessionLog, reading: Reading) -> Session:
     return Session(log.path, log.plan, rows)
 
 
-def _shortest(plan: EpisodePlan) -> Shortest:
+def _shortest(plan: EpisodePlan) -> Bounds:
     """The shortest path, unknown where the world cannot be made here."""
     try:
         return shortest(plan)
@@ -69,5 +70,5 @@ def _shortest(plan: EpisodePlan) -> Shortest:
         return UNKNOWN
 
 
-def _unknown(plan: EpisodePlan) -> Shortest:
+def _unknown(plan: EpisodePlan) -> Bounds:
     return UNKNOWN

@@ -13,14 +13,14 @@ from minihuman.data.rows import Part, Rows
 from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import Tally, key_uses, times_to_find, visible_effect
 from minihuman.measures.path import Walk, walks
-from minihuman.measures.shortest import Shortest
 from minihuman.measures.timing import playing_s, reaction_ms
 from minihuman.recorded.categorical import Words
 from minihuman.recorded.columns import NO_ACTION
 from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.study.plan import EpisodePlan
+from minihuman.worlds.contract import Bounds
 
-Planner = Callable[[EpisodePlan], Shortest]
+Planner = Callable[[EpisodePlan], Bounds]
 _Columns = dict[str, Any]
 
 
@@ -165,7 +165,7 @@ def _episode(tally: Tally, walk: Walk) -> _Columns:
     }
 
 
-def _least(episode: Episode, least: Shortest) -> _Columns:
+def _least(episode: Episode, least: Bounds) -> _Columns:
     """The fewest possible steps, and how many more an episode took that reached the goal."""
     excess_steps = None
     if episode.outcome == "goal" and least.at_least is not None:
