@@ -19,7 +19,7 @@ from minihuman.worlds.first_person.compile_apart import PIECES
 from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.map import floor_map
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
-from minihuman.worlds.first_person.picture import Glimpse, Pictures, glimpse
+from minihuman.worlds.first_person.picture import Pictures
 from minihuman.worlds.first_person.saved import Saved, put_back, take
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
@@ -37,7 +37,7 @@ _NOT_STATE = frozenset(
         "render_mode",
         "view",
     }
-    | {"window_px", "spec", "_pictures", "_before", "_over"}
+    | {"window_px", "spec", "_pictures", "_over"}
 )
 
 EntityT = TypeVar("EntityT", bound=Entity)
@@ -106,7 +106,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.step_count = 0
         self._stage: Stage | None = None
         self._over = False  # the episode has ended
-        self._before: Glimpse | None = None  # how the last step began; None after a reset or restore
         self._pictures = Pictures(
             (obs_width, obs_height), str(assets or self.assets) if assets or self.assets else None
         )
@@ -269,7 +268,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """A reset without its observation."""
         super().reset(seed=seed)
         self.step_count = 0
-        self._before = None
         self._over = False
         self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
         self.build()
@@ -285,7 +283,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         if self._over:
             raise WorldError(f"{type(self).__name__} is not in an episode; call reset() again after an end")
         name = self.action_names[action]
-        self._before = glimpse(stage)
         self.step_count += 1
         rules.act(stage, self.motions.get(name, name))
         reward, terminated = self.judge(name)
@@ -322,13 +319,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """The agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
         return self._pictures.draw(self.stage, view=view, size_px=size_px, palette=palette)
 
-    def glide(
-        self, fraction: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
-    ) -> NDArray[np.uint8]:
-        """The agent's view on the way of the last step, 0 where it began to 1 where it ended. It changes no state."""
-        between = None if self._before is None else (self._before, fraction)
-        return self._pictures.draw(self.stage, view="partial", size_px=size_px, palette=palette, between=between)
-
     def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
         """How far away what the agent sees is, metres along its view, float32[H, W]."""
         return self._pictures.depth(self.stage, size_px=size_px)
@@ -364,7 +354,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
             delattr(self, name)
         vars(self).update(put_back(saved, here=self._stage is saved.stage))
         self._over = saved.over
-        self._before = None
 
     def _not_reset(self) -> WorldError:
         return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import Bounds, NativeWorld, Palette, View
+from minihuman.worlds.contract import UNKNOWN, Bounds, NativeWorld, Palette, View
 from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.compile_apart import PIECES
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
@@ -27,6 +27,7 @@ from minihuman.worlds.grid.core.state import (
     PLAYING,
     SEE_THROUGH,
     STEP,
+    TASK,
     WIDTH,
     Row,
     State,
@@ -34,8 +35,12 @@ from minihuman.worlds.grid.core.state import (
     clear,
     row_length,
 )
+from minihuman.worlds.grid.core.tasks import INSTRUCTED
 from minihuman.worlds.grid.core.view import see, see_size
 from minihuman.worlds.grid.floor_plan import floor_plan
+from minihuman.worlds.grid.instructions.block import instructed_length
+from minihuman.worlds.grid.instructions.space import InstructionSpace
+from minihuman.worlds.grid.instructions.verify import hand_over
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.planner import bounds, plan
 from minihuman.worlds.grid.text import to_text
@@ -86,7 +91,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         width: int,
         height: int,
         max_steps: int,
-        mission: str | MissionSpace = "",
+        mission: str | MissionSpace | InstructionSpace = "",
         see_through_walls: bool = False,
         agent_view_size: int = 7,
         actions: int = 7,
@@ -101,7 +106,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
                 f"render_mode is {render_mode!r}; a grid world renders as {', '.join(self.metadata['render_modes'])}"
             )
         self.action_names = ACTION_NAMES[:actions]
-        self.mission_space = mission if isinstance(mission, MissionSpace) else MissionSpace(mission)
+        self.mission_space = MissionSpace(mission) if isinstance(mission, str) else mission
         self.mission = self.mission_space.first()
         self.action_space = spaces.Discrete(actions)  # type: ignore[assignment]  # its numbers are NumPy's
         self.image_shape = (see_size(agent_view_size), agent_view_size, 3)
@@ -115,7 +120,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self.render_mode = render_mode
         self.tile_size = tile_size
         self.palette: Palette = palette
-        self._row = np.zeros(row_length(width, height), np.int32)
+        instructed = isinstance(self.mission_space, InstructionSpace)
+        self._row = np.zeros((instructed_length if instructed else row_length)(width, height), np.int32)
         self._row[[WIDTH, HEIGHT, MAX_STEPS, SEE_THROUGH, ACTIONS]] = (
             width,
             height,
@@ -185,7 +191,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         if self._row[X] < 0:
             raise WorldError(f"{self} placed no agent; a layout places one")
         self._row[PHASE] = PLAYING
-        return self.observation(), {}
+        observation = self.observation()
+        if self._row[TASK] == INSTRUCTED:
+            hand_over(self._row)
+        return observation, {}
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
         """A step without its observation: reward, terminated, truncated."""
@@ -252,11 +261,15 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         return floor_plan(self._in_world(), self.palette)
 
     def way(self) -> Sequence[int] | None:
-        """The shortest list of actions to success; empty if there is none."""
+        """The shortest list of actions to success; empty if there is none, None where an instruction says it."""
+        if self._row[TASK] == INSTRUCTED:
+            return None
         return plan(self._in_world(), self._now()) or ()
 
     def bounds(self) -> Bounds:
         """The length of that list, twice; where it would take too long to find, what it cannot be shorter than."""
+        if self._row[TASK] == INSTRUCTED:
+            return UNKNOWN
         return bounds(self._in_world(), self._now())
 
     def state_hash(self) -> int:
