@@ -57,7 +57,8 @@ def read_session(log: SessionLog, reading: Reading) -> Session:
     """
     rules = Rules.of(log.plan, only=reading.only, without=reading.without)
     planner = _shortest if reading.with_shortest or rules.need_world else _unknown
-    rows = session_tables(log, tags=tags(read_marks(log.path)), rules=rules, shortest=planner)
+    marks = read_marks(log.path)
+    rows = session_tables(log, tags=tags(marks), rules=rules, shortest=planner, marks=marks)
     return Session(log.path, log.plan, rows)
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from minihuman.data.around import around
 from minihuman.data.exclusions import UNFINISHED_OUTCOMES, Rules
-from minihuman.data.marks import tags_of
+from minihuman.data.marks import Mark, tags_of
 from minihuman.data.rows import Part, Rows
 from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import Tally, key_uses, times_to_find, visible_effect
@@ -25,7 +26,12 @@ _Columns = dict[str, Any]
 
 
 def session_tables(
-    log: SessionLog, *, tags: Mapping[int | None, frozenset[str]], rules: Rules, shortest: Planner
+    log: SessionLog,
+    *,
+    tags: Mapping[int | None, frozenset[str]],
+    rules: Rules,
+    shortest: Planner,
+    marks: Sequence[Mark] = (),
 ) -> Rows:
     """Every table's rows of one session; ``shortest`` says how few steps an episode could have taken.
 
@@ -83,6 +89,7 @@ def session_tables(
             "blocks": Part.of(blocks),
             "participants": Part.of([participant]),
         }
+        | around(log, log.episodes, who, marks)
     )
 
 

@@ -1,7 +1,7 @@
 """The report's tidy tables of the chosen episodes, as CSV or Parquet: steps, presses, keys, episodes and more.
 
 They are made from the logs alone, no world is run: what only a world can tell, the fewest possible steps, is left to
-the report. ``dictionary.json`` beside the tables describes every column with its unit.
+the report. ``dictionary.json`` and ``datapackage.json`` beside the tables describe every column with its unit.
 """
 
 from functools import partial
@@ -32,4 +32,4 @@ def _export(chosen: Selection, out: Path, kind: Kind) -> Written:
             writer.write(session.rows)
             episodes += session.rows.count("episodes")
             steps += session.rows.count("steps")
-    return Written((*writer.paths, writer.dictionary), episodes, steps)
+    return Written((*writer.paths, writer.dictionary, writer.package), episodes, steps)

@@ -107,7 +107,7 @@ def build(
 
 def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[Path, str]]:
     """Learning curves of the compared block, by group."""
-    counted = episodes[(episodes["left_out"] == "") & (episodes["block"] == found.block)]
+    counted = episodes[episodes["left_out"].isna() & (episodes["block"] == found.block)]
     for measure, label, limits in _CURVES:
         curves = {
             str(group): part.assign(value=part[measure].astype(float))
