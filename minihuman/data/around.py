@@ -1,4 +1,4 @@
-"""What a session holds around its episodes' steps, as rows: segments, plan, beginnings, pictures, keys, notes, marks."""
+"""What a session holds around its episodes' steps, as rows: segments, plan, beginnings, pictures, notes, marks."""
 
 import json
 from collections import Counter
@@ -22,17 +22,22 @@ from minihuman.study.protocol import decode
 
 Who = Mapping[str, Any]  # the columns that all rows of a session share
 _Row = dict[str, Any]
+_TABLES = ("segments", "plan", "starts", "frames", "other_presses", "notes", "samples", "marks")
 
 
-def around(log: SessionLog, wanted: Sequence[Episode], who: Who, marks: Sequence[Mark]) -> dict[str, Part]:
-    """The rows of these tables; of the episodes that are ``wanted`` their beginnings and pictures."""
+def around(
+    log: SessionLog, episodes: Sequence[Episode], who: Who, marks: Sequence[Mark], *, wanted: bool = True
+) -> dict[str, Part]:
+    """The rows of these tables, none where the session is not wanted; beginnings and pictures of these episodes."""
+    if not wanted:
+        return dict.fromkeys(_TABLES, Part(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)
     channels = _channels(log)
     return {
         "segments": Part.of([{**who, **_segment(segment, log)} for segment in log.segments]),
         "plan": Part.of([{**who, **_planned(plan, attempts[plan.episode + 1])} for plan in log.plan.episodes]),
-        "starts": Part.of([{**who, **_place(episode), **_start(episode)} for episode in wanted]),
-        "frames": Part.below([_frames(episode) for episode in wanted], **who),
+        "starts": Part.of([{**who, **_place(episode), **_start(episode)} for episode in episodes]),
+        "frames": Part.below([_frames(episode) for episode in episodes], **who),
         "other_presses": Part.below([_other_presses(segment, log.episodes) for segment in log.segments], **who),
         "notes": Part.of(
             [{**who, "segment": segment.number, **_note(note)} for segment in log.segments for note in segment.notes]

@@ -66,9 +66,8 @@ class TableWriter:
         self.dictionary.write_text(json.dumps(dictionary(without=without), indent=1) + "\n")
         self.package = folder / "datapackage.json"
         first = kinds[0]  # the same rows twice are one resource
-        described = package(
-            "minihuman-tables", [(name, folder / f"{name}.{first}") for name in TABLES], without=without
-        )
+        files = [(name, folder / f"{name}.{first}") for name in TABLES]
+        described = package("minihuman-tables", files, without=without)
         self.package.write_text(json.dumps(described, indent=1) + "\n")
         self._without = without
         self._fresh: list[Rows] = []
