@@ -63,7 +63,8 @@ class Selection:
         rules = () if RULES in self.with_ else rules_of(log.plan)
         if rules and measured is None:
             measured = Measured.of(log, self.planner(log.plan, with_shortest=False))
-        in_force = tags(read_marks(log.path) if marks is None else marks)
+        marks = read_marks(log.path) if marks is None else tuple(marks)
+        in_force = tags(marks)
         theirs = [tags_of(episode, in_force) for episode in log.episodes]
         reasons = [self._reason(episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
         of_session = ""
@@ -77,7 +78,7 @@ class Selection:
             )
         asked = [self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
         wanted = any(asked) if log.episodes else self._asks_for_session(log)
-        return Counted(log, tuple(theirs), tuple(asked), tuple(reasons), wanted, of_session)
+        return Counted(log, tuple(theirs), tuple(asked), tuple(reasons), wanted, marks, of_session)
 
     def planner(self, plan: SessionPlan, *, with_shortest: bool) -> Planner:
         """Who says how few steps an episode could have taken: nobody, unless that is wanted or a rule asks for it."""

@@ -6,7 +6,6 @@ import numpy as np
 
 from minihuman.data.around import around
 from minihuman.data.counted import Counted
-from minihuman.data.marks import read_marks
 from minihuman.data.measured import Measured, Row, place
 from minihuman.data.rows import Part, Rows
 from minihuman.data.selection import about_session
@@ -59,7 +58,7 @@ def session_tables(counted: Counted, measured: Measured) -> Rows:
             "blocks": Part.of(blocks),
             "participants": Part.of([participant] if counted.wanted else []),
         }
-        | around(log, played, who, read_marks(log.path), wanted=counted.wanted)
+        | around(log, played, who, counted.marks, wanted=counted.wanted)
     )
 
 
