@@ -7,31 +7,27 @@ selection, or where the file cannot be written or is another process's, the same
 
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
-from hashlib import blake2b
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import duckdb
 import msgspec
-import pyarrow as pa
 
-import minihuman
-from minihuman.data.columns import TABLES, schema
 from minihuman.data.counted import Account
 from minihuman.data.marks import marks_path
 from minihuman.data.opened import Skipped, each_log, worth_reading
-from minihuman.data.rows import together
+from minihuman.data.rows import Rows
 from minihuman.data.selection import Selection
 from minihuman.data.study import SessionRows, Sessions, read_rows
-from minihuman.errors import LogError, StoreError
+from minihuman.data.table_file import OfAnotherVersionError, TableFile
+from minihuman.errors import LogError
 
 FILE_NAME = "tables.duckdb"
 _TOGETHER = 64  # sessions put in at once
-_ROWS = 100_000  # handed out at once
-_SETTINGS = {"threads": "2", "memory_limit": "512MB"}
 
 
 class Kept(msgspec.Struct, frozen=True):
@@ -40,7 +36,7 @@ class Kept(msgspec.Struct, frozen=True):
     path: str
     problem: str = ""
     study: str = ""
-    facts: tuple[dict[str, Any], ...] = ()  # of each episode that counts
+    blocks: int = 0  # that have an episode that counts
     account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, str, int], ...]] = (0, 0, (), ())
 
     def taken(self) -> Account:
@@ -56,54 +52,42 @@ class Store:
     """The tables of a study's sessions, up to date as of when it was opened. Use it in a ``with``.
 
     Opening it fills the sessions' account.
+
+    Args:
+        sessions: of which study, and what counts.
+        with_shortest: whether the fewest possible steps are worked out, which takes the worlds themselves.
+
+    Raises:
+        LogError: if there is no such file or folder, or it is a single log that cannot be read.
     """
 
     def __init__(self, sessions: Sessions, *, with_shortest: bool) -> None:
-        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self.kept: tuple[Kept, ...] = ()  # every log, in order of path
+        self._keys: tuple[str, ...] = ()
         self._with_shortest = with_shortest
         self._sessions = sessions
-        self.kept: tuple[Kept, ...] = ()  # in order of path
-        self._in_order = True
-        self.path, self._tables = self._open()
+        paths, skipped = worth_reading(sessions.source)
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self.tables = self._open()
         try:
-            self._refresh()
+            for one in skipped:
+                sessions.skip(one)
+            self._refresh({_key(path, sessions.source): path for path in paths})
         except BaseException:
             self.close()
             raise
 
-    def batches(self, name: str, *, without: frozenset[str] = frozenset()) -> Iterator[pa.RecordBatch]:
-        """One table's rows, session by session in order of path, some columns left out."""
-        wanted = schema(name, without=without)
-        columns = ", ".join(f'"{column}"' for column in wanted.names)
-        order = "" if self._in_order else "ORDER BY (SELECT place FROM placed WHERE placed.log = rows.log), row"
-        found = self._tables.execute(f"SELECT {columns} FROM kept.{name} AS rows {order}")
-        for batch in found.to_arrow_reader(_ROWS):
-            yield pa.RecordBatch.from_arrays(
-                [array.cast(field.type) for array, field in zip(batch.columns, wanted, strict=True)], schema=wanted
-            )
-
-    def table(self, name: str, columns: Sequence[str]) -> pa.Table:
-        """Some columns of a table, in the same order."""
-        without = frozenset(column.name for column in TABLES[name]) - set(columns)
-        return pa.Table.from_batches(self.batches(name, without=without), schema(name, without=without)).select(columns)
-
-    def query(self, sql: str) -> pa.Table:
-        """What a user's SQL says of the tables, which it cannot change.
-
-        Raises:
-            StoreError: if it is no SQL, or asks for what is not there.
-        """
-        self._tables.close()
-        self._tables = duckdb.connect(self.path, read_only=True, config=_SETTINGS)
-        try:
-            return self._tables.execute(sql).to_arrow_table()
-        except duckdb.Error as error:
-            line = " ".join(str(error).split("\n\n")[0].split())
-            raise StoreError(f"{line}; the tables are {', '.join(TABLES)}") from error
+    def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
+        """Every log with the facts of each episode in it that counts."""
+        paths = {path: self._sessions.source / path for path in self._keys}
+        found = self.tables.connection.execute("SELECT key, facts FROM kept.logs")
+        while lines := found.fetchmany(_TOGETHER):
+            for key, facts in lines:
+                yield from ((paths[key], of_episode) for of_episode in msgspec.msgpack.decode(facts))
 
     def close(self) -> None:
         """Leave the file to others."""
-        self._tables.close()
+        self.tables.close()
         if self._temporary is not None:
             self._temporary.cleanup()
 
@@ -115,147 +99,74 @@ class Store:
     ) -> None:
         self.close()
 
-    def _open(self) -> tuple[str, duckdb.DuckDBPyConnection]:
+    def _open(self) -> TableFile:
         """The study's own file if it can hold what is asked for, else one that goes away."""
-        source = self._sessions.source
-        if self._sessions.selection == Selection() and source.is_dir():
-            for attempt in ("as it is", "anew"):
-                try:
-                    return str(source / FILE_NAME), _opened(source / FILE_NAME)
-                except (_OfAnotherVersion, duckdb.Error) as problem:
-                    if attempt == "anew" or isinstance(problem, duckdb.IOException) and _is_busy(problem):
-                        break
-                    _remove(source / FILE_NAME)
+        own = self._sessions.source / FILE_NAME
+        if self._sessions.selection == Selection() and own.parent.is_dir():
+            try:
+                return TableFile(own)
+            except OfAnotherVersionError:
+                own.unlink()
+                return TableFile(own)
+            except duckdb.IOException:  # another process has it, or the folder may not be written
+                pass
+            except duckdb.Error:  # cut off, or no such file at all
+                own.unlink()
+                return TableFile(own)
         self._temporary = tempfile.TemporaryDirectory(prefix="minihuman-")
-        path = Path(self._temporary.name) / FILE_NAME
-        return str(path), _opened(path)
+        return TableFile(Path(self._temporary.name) / FILE_NAME)
 
-    def _refresh(self) -> None:
-        sessions, tables = self._sessions, self._tables
-        paths, skipped = worth_reading(sessions.source)
-        now = {_key(path, sessions.source): (path, _fingerprint(path)) for path in paths}
+    def _refresh(self, now: dict[str, Path]) -> None:
+        logs = self.tables.connection
+        prints = {key: _fingerprint(path) for key, path in now.items()}
+        known = logs.execute("SELECT key, log, fingerprint, with_shortest FROM kept.logs").fetchall()
         have = {
-            key: (number, fingerprint, with_shortest)
-            for key, number, fingerprint, with_shortest in tables.execute(
-                "SELECT key, log, fingerprint, with_shortest FROM kept.logs"
-            ).fetchall()
+            key: number
+            for key, number, fingerprint, with_shortest in known
+            if prints.get(key) == fingerprint and with_shortest >= self._with_shortest
         }
-        fresh = {
-            key
-            for key, (_, fingerprint) in now.items()
-            if key not in have or have[key][1] != fingerprint or (self._with_shortest and not have[key][2])
-        }
-        stale = [have[key][0] for key in have if key not in now or key in fresh]
+        stale = [number for key, number, *_ in known if key not in have]
         if stale:
-            _forget(tables, stale)
+            self.tables.remove(stale)
+            logs.execute("DELETE FROM kept.logs WHERE log IN (SELECT unnest(?))", (stale,))
+        fresh = {key: path for key, path in now.items() if key not in have}
         if fresh:
-            self._read([now[key][0] for key in now if key in fresh], {key: now[key][1] for key in fresh})
-        self._settle(list(now), skipped)
-
-    def _read(self, paths: list[Path], fingerprints: dict[str, str]) -> None:
-        sessions, tables = self._sessions, self._tables
-        (number,) = tables.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchone() or (0,)
-        work = partial(read_rows, selection=sessions.selection, with_shortest=self._with_shortest)
-        waiting: list[tuple[int, SessionRows]] = []
-        found = each_log(paths, work, processes=sessions.processes)
-        for number, (path, one) in enumerate(zip(paths, found, strict=True), number + 1):
-            key = _key(path, sessions.source)
-            if isinstance(one, Skipped):
-                if not sessions.source.is_dir():
-                    raise LogError(one.reason)
-                kept = Kept(str(one.path), problem=one.reason)
-            else:
-                kept = _kept(one)
-                waiting.append((number, one))
-            row = (number, key, fingerprints[key], self._with_shortest, msgspec.msgpack.encode(kept))
-            tables.execute("INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?)", row)
-            if len(waiting) >= _TOGETHER:
-                _insert(tables, waiting)
-        _insert(tables, waiting)
-
-    def _settle(self, keys: list[str], skipped: list[Skipped]) -> None:
-        """Say what is there, in order of path, and put it into the account."""
-        found = {
-            key: (number, msgspec.msgpack.decode(about, type=Kept))
-            for key, number, about in self._tables.execute("SELECT key, log, about FROM kept.logs").fetchall()
-        }
-        numbers = [found[key][0] for key in keys]
-        self._in_order = numbers == sorted(numbers)
-        if not self._in_order:
-            self._tables.execute("CREATE OR REPLACE TEMP TABLE placed (log INTEGER PRIMARY KEY, place INTEGER)")
-            self._tables.executemany("INSERT INTO placed VALUES (?, ?)", [(n, at) for at, n in enumerate(numbers)])
-        self.kept = tuple(found[key][1] for key in keys)
-        for one in skipped:
-            self._sessions.skip(one)
+            self._read(fresh, prints)
+        about = logs.execute("SELECT key, log, about FROM kept.logs").fetchall()
+        found = {key: (number, msgspec.msgpack.decode(of_log, type=Kept)) for key, number, of_log in about}
+        self.tables.put_in_order([found[key][0] for key in now])
+        self.kept = tuple(found[key][1] for key in now)
+        self._keys = tuple(now)
         for one in self.kept:
             if one.problem:
                 self._sessions.skip(Skipped(Path(one.path), one.problem))
             else:
                 self._sessions.account.add(one.taken())
 
-
-class _OfAnotherVersion(Exception):
-    """The file holds tables of other columns, or made by other software."""
-
-
-def _opened(path: Path) -> duckdb.DuckDBPyConnection:
-    """Open a file of this version; a new one is given its tables.
-
-    Raises:
-        _OfAnotherVersion: if it holds others.
-        duckdb.Error: if it cannot be opened or written, or is no such file.
-    """
-    tables = duckdb.connect(str(path), config=_SETTINGS)
-    try:
-        there = tables.execute("SELECT table_name FROM information_schema.tables WHERE table_name = 'made_by'").fetchall()
-        if not there:
-            _lay_out(tables)
-        elif tables.execute("SELECT version FROM kept.made_by").fetchall() != [(_version(),)]:
-            raise _OfAnotherVersion
-    except BaseException:
-        tables.close()
-        raise
-    return tables
-
-
-def _lay_out(tables: duckdb.DuckDBPyConnection) -> None:
-    tables.execute("BEGIN; CREATE SCHEMA kept")
-    tables.execute(
-        "CREATE TABLE kept.logs (log INTEGER, key TEXT, fingerprint TEXT, with_shortest BOOLEAN, about BLOB)"
-    )
-    for name in TABLES:
-        empty = schema(name).empty_table()
-        tables.register("empty", empty)
-        tables.execute(f"CREATE TABLE kept.{name} AS SELECT 0::INTEGER AS log, 0::INTEGER AS row, * FROM empty")
-        tables.execute(f"CREATE VIEW {name} AS SELECT * EXCLUDE (log, row) FROM kept.{name}")
-        tables.unregister("empty")
-    tables.execute("CREATE TABLE kept.made_by (version TEXT)")
-    tables.execute("INSERT INTO kept.made_by VALUES (?)", (_version(),))
-    tables.execute("COMMIT")
-
-
-def _version() -> str:
-    """What the rows are made by: other software or other columns make others."""
-    columns = repr([(name, *schema(name)) for name in TABLES])
-    return f"{minihuman.__version__} {blake2b(columns.encode(), digest_size=8).hexdigest()}"
-
-
-def _insert(tables: duckdb.DuckDBPyConnection, waiting: list[tuple[int, SessionRows]]) -> None:
-    """Put sessions' rows in, and let go of them."""
-    for name in TABLES if waiting else ():
-        counts = [one.rows.count(name) for _, one in waiting]
-        new = together(name, [one.rows for _, one in waiting])
-        numbers = pa.array([number for (number, _), count in zip(waiting, counts, strict=True) for _ in range(count)])
-        rows = pa.array([row for count in counts for row in range(count)])
-        tables.register("new", new.add_column(0, "row", rows).add_column(0, "log", numbers))
-        tables.execute(f"INSERT INTO kept.{name} SELECT * FROM new")
-        tables.unregister("new")
-    waiting.clear()
-
-
-def _forget(tables: duckdb.DuckDBPyConnection, numbers: list[int]) -> None:
-    for name in ("logs", *TABLES):
-        tables.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (numbers,))
+    def _read(self, fresh: dict[str, Path], prints: dict[str, str]) -> None:
+        """Read logs and keep their rows, some sessions at a time."""
+        logs = self.tables.connection
+        ((last,),) = logs.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
+        work = partial(read_rows, selection=self._sessions.selection, with_shortest=self._with_shortest)
+        found = each_log(list(fresh.values()), work, processes=self._sessions.processes)
+        numbered = enumerate(zip(fresh, found, strict=True), last + 1)
+        while batch := list(islice(numbered, _TOGETHER)):
+            rows: dict[int, Rows] = {}
+            lines = []
+            for number, (key, one) in batch:
+                facts: tuple[dict[str, Any], ...] = ()
+                if isinstance(one, Skipped):
+                    if not self._sessions.source.is_dir():
+                        raise LogError(one.reason)
+                    about = Kept(str(one.path), problem=one.reason)
+                else:
+                    about, rows[number], facts = _kept(one), one.rows, one.facts
+                encoded = msgspec.msgpack.encode(about), msgspec.msgpack.encode(facts)
+                lines.append((number, key, prints[key], self._with_shortest, *encoded))
+            logs.execute("BEGIN")
+            self.tables.insert(rows)
+            logs.executemany("INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?)", lines)
+            logs.execute("COMMIT")
 
 
 def _kept(one: SessionRows) -> Kept:
@@ -265,7 +176,7 @@ def _kept(one: SessionRows) -> Kept:
     return Kept(
         path=str(one.path),
         study=one.plan.study,
-        facts=one.facts,
+        blocks=len({facts["block"] for facts in one.facts}),
         account=(account.sessions, account.episodes, versions, left_out),
     )
 
@@ -284,13 +195,3 @@ def _fingerprint(path: Path) -> str:
         if (path.is_dir() or entry.name in (path.name, marks.name)) and entry.is_file()
         for facts in [entry.stat()]
     )
-
-
-def _is_busy(problem: duckdb.Error) -> bool:
-    """Whether a file is another process's, or may not be written, rather than broken."""
-    return any(word in str(problem) for word in ("lock", "Permission", "Read-only", "read-only"))
-
-
-def _remove(path: Path) -> None:
-    for one in (path, path.with_name(f"{path.name}.wal")):
-        one.unlink(missing_ok=True)
