@@ -4,17 +4,24 @@ import difflib
 import hashlib
 import re
 import tomllib
-from typing import Any, Literal
+from collections.abc import Mapping
+from typing import Any, Literal, TypeVar
 
 import msgspec
 
 from minihuman.errors import ProtocolError
+from minihuman.study.activities.drafts import Asked
+from minihuman.study.activities.pages import Example
+from minihuman.study.activities.play_plan import Criterion, Points
+from minihuman.study.design import Day, Order, Override, Questionnaire, Strata, Text
+from minihuman.study.design_complaints import design_complaints
 from minihuman.study.keys import KEY_NAMES, RESERVED
-from minihuman.study.plan import KeyMapPolicy, PacePolicy, Spare
+from minihuman.study.plan import Bonus, KeyMapPolicy, PacePolicy, Spare
 from minihuman.worlds.contract import Palette, View
 
 MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
 
+_NO_FIELDS = frozenset({"toml", "files"})  # of Protocol, which the file itself does not have
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _FIELD = re.compile(r"unknown field `(?P<field>[^`]+)`(?: - at `(?P<path>[^`]+)`)?")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `(?P<path>[^`]+)`)?$", re.DOTALL)
@@ -28,8 +35,10 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: int  # every random choice of the study derives from it
     participants: int = 100  # length of the allocation list made up front
     consent: str = ""  # shown first; agreement is logged with this text's SHA-256; "" shows nothing
-    closing: str = "Thank you for taking part."  # the last screen
+    closing: str | None = None  # the last screen; absent: thanks in the study's language
     break_s: float = 0.0  # the shortest break between blocks, seconds
+    language: str = "en"  # of the interface's words: en de fr es zh ja ar, or another with all its [words]
+    fonts: tuple[str, ...] = ()  # font files beside the protocol, asked for a character before any other
 
 
 class Keys(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -41,10 +50,13 @@ class Keys(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Group(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A condition: the blocks its participants play, in order."""
+    """A condition: what its participants do, in order."""
 
     name: str
-    blocks: tuple[str, ...]  # names of blocks
+    blocks: tuple[str, ...] = ()  # names of blocks; consent, keyboard check and closing come by themselves
+    parts: tuple[str, ...] = ()  # or names of pages, questions, blocks and orders, where there are no [[sessions]]
+    ratio: int = 1  # how many participants for one of a group with ratio 1
+    instead: dict[str, str] = {}  # part -> the part this group has in its place; "" leaves it out
 
 
 class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -67,8 +79,22 @@ class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     palette: Palette = "classic"
     record_observations: bool = False  # the log holds what was observed, beside its hash
     instruction: str = ""
-    feedback: str = ""  # after each episode; {outcome} {reward} {steps} {episode} {episodes}
+    feedback: str | dict[Literal["goal", "timeout", "failure"], str] = ""  # after each episode, or by its outcome
     rest: str = ""  # after the block, when another follows
+    fixed: dict[str, str] = {}  # key_map = "fixed": physical key -> action
+    show_keys: bool = False  # the keys are on the screen, as with key_map = "shown"
+    title: str = ""  # above the instruction; absent: "Part 1 of 2"
+    mission: str = ""  # what is to be done, instead of the world's words
+    until: Criterion | None = None  # the block is over as soon as it is met
+    max_s: float = 0.0  # an episode's longest playing time, seconds; 0: none
+    block_max_s: float = 0.0  # the block's
+    interval_ms: float = 0.0  # an empty screen before each episode
+    fixation_ms: float = 0.0  # then a cross
+    hold_ms: float = 500.0  # the last picture stays
+    marks: bool = False  # and carries a mark and a colour for the outcome
+    points: Points | None = None
+    show_points: bool = False  # the running total is on the screen
+    for_group: Override = {}
 
 
 class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -86,9 +112,17 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     study: Study
     groups: tuple[Group, ...]
-    blocks: tuple[Block, ...]
+    blocks: tuple[Block, ...] = ()
     keys: Keys = Keys()
     exclusions: tuple[Exclusion, ...] = ()
+    pages: tuple[Text, ...] = ()
+    questions: tuple[Questionnaire, ...] = ()
+    orders: tuple[Order, ...] = ()
+    sessions: tuple[Day, ...] = ()
+    words: dict[str, Any] = {}  # the interface's words in other words, by table as in minihuman/study/words
+    bonus: Bonus | None = None
+    strata: Strata | None = None
+    files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
     toml: bytes = b""  # the file itself, byte for byte; not a field of the file
 
     @property
@@ -99,6 +133,23 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def block(self, name: str) -> Block:
         """The block of that name."""
         return next(block for block in self.blocks if block.name == name)
+
+    def block_for(self, name: str, group: str) -> Block:
+        """The block of that name as a group has it."""
+        return _as_for(self.block(name), group)
+
+    def page_for(self, name: str, group: str) -> Text | None:
+        """The page of that name as a group has it; None if there is none."""
+        return next((_as_for(page, group) for page in self.pages if page.name == name), None)
+
+    def questions_for(self, name: str, group: str) -> Questionnaire | None:
+        """The questions of that name as a group has them; None if there are none."""
+        return next((_as_for(asked, group) for asked in self.questions if asked.name == name), None)
+
+    @property
+    def designed(self) -> bool:
+        """Whether the file lists parts itself, in sessions or in groups."""
+        return bool(self.sessions) or any(group.parts for group in self.groups)
 
     def group(self, name: str) -> Group:
         """The group of that name.
@@ -113,8 +164,20 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         raise ProtocolError(f"no group {name!r} in study {self.study.name!r}; it has {names}")
 
 
-def decode(toml: bytes, source: str = "protocol") -> Protocol:
-    """Read a protocol file's bytes; ``source`` names the file in errors.
+_Named = TypeVar("_Named", Block, Text, Questionnaire)
+
+
+def _as_for(part: _Named, group: str) -> _Named:
+    """A part with the fields that are others for a group."""
+    own = part.for_group.get(group)
+    if not own:
+        return part
+    fields = {name: getattr(part, name) for name in part.__struct_fields__ if name != "for_group"}
+    return msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
+
+
+def decode(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | None = None) -> Protocol:
+    """Read a protocol file's bytes; ``source`` names the file in errors, ``files`` are those it names beside itself.
 
     Raises:
         ProtocolError: one line with file, path and the way out.
@@ -125,15 +188,15 @@ def decode(toml: bytes, source: str = "protocol") -> Protocol:
         raise ProtocolError(f"{source}: byte {error.start} is not UTF-8; save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError(f"{source}: not TOML: {error}") from None
-    if "toml" in tree:
-        raise ProtocolError(f"{source}: $.toml is not a field; {_known(Protocol)}")
+    for name in _NO_FIELDS.intersection(tree):
+        raise ProtocolError(f"{source}: $.{name} is not a field; {_known(Protocol)}")
     try:
         protocol = msgspec.convert(tree, Protocol)
     except msgspec.ValidationError as error:
         raise ProtocolError(f"{source}: {_explain(str(error))}") from None
     for path, complaint in _impossible(protocol):
         raise ProtocolError(f"{source}: {path} {complaint}")
-    return msgspec.structs.replace(protocol, toml=toml)
+    return msgspec.structs.replace(protocol, toml=toml, files=dict(files or {}))
 
 
 def _explain(message: str) -> str:
@@ -153,16 +216,24 @@ _STRUCTS: dict[str, type[msgspec.Struct]] = {
     "groups": Group,
     "blocks": Block,
     "exclusions": Exclusion,
+    "pages": Text,
+    "questions": Questionnaire,
+    "orders": Order,
+    "sessions": Day,
+    "bonus": Bonus,
+    "strata": Strata,
 }
+
+_DEEPER: dict[str, type[msgspec.Struct]] = {"items": Asked, "until": Criterion, "points": Points, "example": Example}
 
 
 def _struct_at(path: str) -> type[msgspec.Struct]:
-    part = path.split(".")[1].split("[")[0] if "." in path else ""
-    return _STRUCTS.get(part, Protocol)
+    first, *deeper = (step.split("[")[0] for step in path.split(".")[1:]) if "." in path else ("",)
+    return _DEEPER.get(deeper[-1], Protocol) if deeper else _STRUCTS.get(first, Protocol)
 
 
 def _known(struct: type[msgspec.Struct], wrong: str = "") -> str:
-    names = [name for name in struct.__struct_fields__ if name != "toml"]
+    names = [name for name in struct.__struct_fields__ if name not in _NO_FIELDS]
     close = difflib.get_close_matches(wrong, names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known fields: {', '.join(names)}"
 
@@ -179,6 +250,7 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
             for field, complaint in _block_complaints(block, protocol)
         ),
         *_carry_complaints(protocol),
+        *design_complaints(protocol),
         *(
             (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
             for number, rule in enumerate(protocol.exclusions)
@@ -217,12 +289,12 @@ def _keys_complaints(keys: Keys) -> list[tuple[str, str]]:
 def _group_complaints(protocol: Protocol) -> list[tuple[str, str]]:
     if not protocol.groups:
         return [("$.groups", "is empty; a study has one group or more")]
-    if not protocol.blocks:
-        return [("$.blocks", "is empty; a study has one block or more")]
+    if not protocol.blocks and not protocol.designed:
+        return [("$.blocks", "is empty; a study has one block or more, or parts that are not played")]
     found = [*_name_complaints("groups", protocol.groups), *_name_complaints("blocks", protocol.blocks)]
     names = [block.name for block in protocol.blocks]
     for number, group in enumerate(protocol.groups):
-        if not group.blocks:
+        if not group.blocks and not protocol.designed:
             found.append((f"$.groups[{number}].blocks", "is empty; a group plays one block or more"))
         for place, name in enumerate(group.blocks):
             if name not in names:

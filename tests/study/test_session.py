@@ -237,7 +237,7 @@ def test_escape_asks_before_it_ends_anything():
     desk.press("escape")
     assert desk.session.phase is Phase.PLAYING
     desk.act("forward")
-    desk.press("escape", "enter")
+    desk.quit()
     assert (ended(desk).reason, ended(desk).episodes_completed) == ("quit", 0)
     assert outcomes(desk) == ["abandoned"]
 
@@ -344,7 +344,7 @@ def test_a_world_that_cannot_be_made_ends_the_session_before_the_episode():
 
 def test_nothing_follows_the_end():
     desk = Desk(corridor_plan())
-    desk.press("escape", "enter")
+    desk.quit()
     assert desk.down("enter") == []
 
 
