@@ -4,6 +4,8 @@
 class MinihumanError(Exception):
     """Base of every error that names a thing, a value and the way out; the command line prints it in one line."""
 
+    exit_code = 2  # what the command line ends with: bad input
+
 
 class WorldError(MinihumanError, ValueError):
     """A world was asked for something it cannot do: an unknown id, a bad option, an action out of range."""
@@ -23,6 +25,12 @@ class PlayerError(MinihumanError, ValueError):
 
 class LogError(MinihumanError, ValueError):
     """A log cannot be written, read or understood."""
+
+
+class LossError(LogError):
+    """Something that was recorded is not in its log."""
+
+    exit_code = 1  # a check failed
 
 
 class WindowError(MinihumanError, RuntimeError):

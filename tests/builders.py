@@ -13,13 +13,13 @@ import numpy as np
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.recorded.columns import EventColumns
 from minihuman.recorded.episode import Episode, SessionLog
+from minihuman.recorded.segment import Note, Segment
 from minihuman.study.events import (
     EpisodeEnded,
     EpisodeStarted,
     Event,
     FrameShown,
     KeyPressed,
-    Noted,
     Outcome,
     SessionEnded,
     SessionStarted,
@@ -40,6 +40,7 @@ KEYS = {
 }
 _DOORS = ((9, 4), (9, 13), (5, 9), (14, 9))
 _STEP_NS = 400_000_000
+STARTED_NS = 1_767_603_600_000_000_000  # 2026-01-05T09:00:00Z
 
 
 def free_cells() -> np.ndarray:
@@ -253,10 +254,12 @@ def episode(
 
 def session_of(
     episodes: Sequence[Episode], *, participant: str = "sub-01", index: int = 0, group: str = "grid_first",
-    study: str = "transfer", clean: bool = True, notes: tuple[Noted, ...] = (), path: Path | None = None,
+    study: str = "transfer", clean: bool = True, notes: tuple[Note, ...] = (),
+    keys: Sequence[KeyPressed] | None = None, path: Path | None = None,
 ) -> SessionLog:  # fmt: skip
     """A session log holding these episodes."""
     text = BlockText("", "", "", 0.0)
+    end_reason, facts = "complete" if clean else "cut_off", {"minihuman": "0.1.0", "python": "3.12"}
     blocks = max((played.plan.block for played in episodes), default=0) + 1
     session_plan = SessionPlan(
         study=study, study_version="1", protocol_toml=b"", protocol_sha256="0" * 64,
@@ -268,9 +271,17 @@ def session_of(
     return SessionLog(
         path=path or Path(f"sessions/{study}/{participant}/ses-01/{participant}_ses-01.mcap"),
         plan=session_plan, player="human-like", started_at="2026-01-05T09:00:00Z", clean=clean,
-        end_reason="complete" if clean else "cut_off", facts={"minihuman": "0.1.0", "python": "3.12"},
-        episodes=tuple(episodes), notes=notes,
-        keys=EventColumns.of(KeyPressed, (press for played in episodes for press in played.keys)),
+        end_reason=end_reason, facts=facts, episodes=tuple(episodes),
+        segments=(
+            Segment(
+                number=1, started_at="2026-01-05T09:00:00Z", started_unix_ns=STARTED_NS, started_monotonic_ns=None,
+                monotonic_clock="", start_ns=0, end_ns=max((int(one.t_ns[-1]) for one in episodes), default=0),
+                end_reason=end_reason, clean=clean, facts=facts, notes=notes,
+                keys=EventColumns.of(
+                    KeyPressed, (press for played in episodes for press in played.keys) if keys is None else keys
+                ),
+            ),
+        ),
     )  # fmt: skip
 
 
@@ -321,7 +332,7 @@ def events_of(log: SessionLog) -> list[Event]:
 
 def write_log(log: SessionLog, data: Path) -> Path:
     """Record a session as it would have been played, and give its finished log. Nothing is fsynced."""
-    recorder = McapRecorder(data, log.plan, started_ns=1_767_603_600_000_000_000, sync=lambda fd: None)
+    recorder = McapRecorder(data, log.plan, started_ns=STARTED_NS, sync=lambda fd: None)
     recorder.write(events_of(log))
     path = recorder.close()
     assert path is not None

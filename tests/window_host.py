@@ -22,14 +22,17 @@ from minihuman.windows.port import Window
 class HostedWindow(Window):
     """The near end: a Window whose toolkit runs elsewhere."""
 
-    def __init__(self, kind: str, display: str, *, size_px: tuple[int, int], python_path: str = "") -> None:
+    def __init__(
+        self, kind: str, display: str, *, size_px: tuple[int, int], python_path: str = "", fullscreen: bool = False
+    ) -> None:
         self._folder = tempfile.TemporaryDirectory()
         address = str(Path(self._folder.name) / "window")
         paths = os.pathsep.join(filter(None, (python_path, str(Path(__file__).parents[1]))))
         environment = {**os.environ, "DISPLAY": display, "PYTHONPATH": paths}
         with Listener(address, "AF_UNIX") as listener:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.window_host", address, kind, *map(str, size_px)], env=environment
+                [sys.executable, "-m", "tests.window_host", address, kind, *map(str, (*size_px, int(fullscreen)))],
+                env=environment,
             )
             self._line = listener.accept()
         self._open = True
@@ -71,9 +74,9 @@ class HostedWindow(Window):
             self._folder.cleanup()
 
 
-def _serve(line: Connection, kind: str, size_px: tuple[int, int]) -> None:
+def _serve(line: Connection, kind: str, size_px: tuple[int, int], *, fullscreen: bool) -> None:
     try:
-        window = open_window(kind, time.monotonic_ns, size_px=size_px)
+        window = open_window(kind, time.monotonic_ns, size_px=size_px, fullscreen=fullscreen)
     except Exception as error:
         line.send(error)
         return
@@ -91,6 +94,6 @@ def _serve(line: Connection, kind: str, size_px: tuple[int, int]) -> None:
 
 
 if __name__ == "__main__":
-    address, kind, width, height = sys.argv[1:]
+    address, kind, width, height, fullscreen = sys.argv[1:]
     with Client(address, "AF_UNIX") as line:
-        _serve(line, kind, (int(width), int(height)))
+        _serve(line, kind, (int(width), int(height)), fullscreen=fullscreen == "1")

@@ -17,20 +17,21 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
-    from minihuman.cli import export, learn, logs, see, session, station, worlds
+    from minihuman.cli import desk, export, learn, logs, see, session, station, worlds
 
-    for part in (session, station, worlds, logs, see, export, learn):
+    for part in (session, station, worlds, logs, see, desk, export, learn):
         part.add_to(app)
     try:
         app()
     except MinihumanError as error:
-        sys.exit(_complain(str(error)))
+        _complain(str(error))
+        sys.exit(error.exit_code)
     except OSError as error:
         if error.filename is None:
             raise
-        sys.exit(_complain(f"{error.filename}: {error.strerror}"))
+        _complain(f"{error.filename}: {error.strerror}")
+        sys.exit(MinihumanError.exit_code)
 
 
-def _complain(line: str) -> int:
+def _complain(line: str) -> None:
     print(f"minihuman: {line}", file=sys.stderr)
-    return 2

@@ -89,7 +89,7 @@ def tags(marks: Iterable[Mark]) -> dict[int | None, frozenset[str]]:
 
 def tags_of(episode: Episode, in_force: Mapping[int | None, frozenset[str]]) -> frozenset[str]:
     """The tags of one episode, the whole session's included."""
-    return in_force.get(episode.plan.episode + 1, frozenset()) | in_force.get(None, frozenset())
+    return in_force.get(episode.number, frozenset()) | in_force.get(None, frozenset())
 
 
 def select(log: SessionLog, *, only: Iterable[str] = (), without: Iterable[str] = ()) -> SessionLog:

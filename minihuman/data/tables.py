@@ -14,7 +14,7 @@ from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import Tally, key_uses, times_to_find, visible_effect
 from minihuman.measures.path import Walk, walks
 from minihuman.measures.shortest import Shortest
-from minihuman.measures.timing import Pauses, pauses, playing_s, reaction_ms
+from minihuman.measures.timing import playing_s, reaction_ms
 from minihuman.recorded.categorical import Words
 from minihuman.recorded.columns import NO_ACTION
 from minihuman.recorded.episode import Episode, SessionLog
@@ -38,15 +38,14 @@ def session_tables(
         "group": log.plan.participant.group,
         "session": log.plan.session,
     }
-    attempts, paused = _attempts(log.episodes), pauses(log.notes)
     tallies = [Tally.of(episode) for episode in log.episodes]
     episodes = [
         who
-        | _place(tally.episode, attempt)
-        | _episode(tally, walk, paused)
+        | _place(tally.episode)
+        | _episode(tally, walk)
         | _least(tally.episode, shortest(tally.episode.plan))
         | {"tags": " ".join(sorted(tags_of(tally.episode, tags)))}
-        for tally, walk, attempt in zip(tallies, walks(log.episodes), attempts, strict=True)
+        for tally, walk in zip(tallies, walks(log.episodes), strict=True)
     ]
     for row in episodes:
         row["left_out"] = rules.episode(row)
@@ -74,10 +73,7 @@ def session_tables(
     participant["left_out"] = rules.participant(participant)
     for row in blocks:
         row["left_out"] = participant["left_out"] or ("" if row["episodes"] else "no episode counts")
-    steps, presses = (
-        Part.below([of(*played) for played in zip(log.episodes, attempts, strict=True)], **who)
-        for of in (_steps, _presses)
-    )
+    steps, presses = (Part.below([of(episode) for episode in log.episodes], **who) for of in (_steps, _presses))
     return Rows(
         {
             "steps": steps,
@@ -90,20 +86,11 @@ def session_tables(
     )
 
 
-def _attempts(episodes: Iterable[Episode]) -> list[int]:
-    seen: dict[int, int] = {}
-    attempts = []
-    for episode in episodes:
-        seen[episode.plan.episode] = seen.get(episode.plan.episode, 0) + 1
-        attempts.append(seen[episode.plan.episode])
-    return attempts
+def _place(episode: Episode) -> _Columns:
+    return {"block": episode.plan.block_name, "episode": episode.number, "attempt": episode.attempt}
 
 
-def _place(episode: Episode, attempt: int) -> _Columns:
-    return {"block": episode.plan.block_name, "episode": episode.plan.episode + 1, "attempt": attempt}
-
-
-def _steps(episode: Episode, attempt: int) -> Part:
+def _steps(episode: Episode) -> Part:
     n = len(episode.actions)
     columns = {
         "step": np.arange(1, n + 1),
@@ -119,10 +106,10 @@ def _steps(episode: Episode, attempt: int) -> Part:
         "terminated": episode.terminated,
         "truncated": episode.truncated,
     }
-    return Part(n, _place(episode, attempt) | columns)
+    return Part(n, _place(episode) | columns)
 
 
-def _presses(episode: Episode, attempt: int) -> Part:
+def _presses(episode: Episode) -> Part:
     keys = episode.keys
     columns = {
         "t_s": keys.column("t_ns") / 1e9,
@@ -131,16 +118,16 @@ def _presses(episode: Episode, attempt: int) -> Part:
         "action": Words(keys.column("action") - NO_ACTION, ("", *episode.start.action_names)),
         "verdict": keys.column("verdict"),
     }
-    return Part(len(keys), _place(episode, attempt) | columns)
+    return Part(len(keys), _place(episode) | columns)
 
 
 def _keys(tallies: Sequence[Tally]) -> list[_Columns]:
     plans = [tally.episode.plan for tally in tallies]
-    blocks = {plan.episode: plan.block_name for plan in plans}
+    blocks = {plan.episode + 1: plan.block_name for plan in plans}
     return [
         {
             "block": blocks[use.first_episode],
-            "first_episode": use.first_episode + 1,
+            "first_episode": use.first_episode,
             "key": use.key,
             "action": use.action or "",
             "presses": use.presses,
@@ -154,7 +141,7 @@ def _keys(tallies: Sequence[Tally]) -> list[_Columns]:
     ]
 
 
-def _episode(tally: Tally, walk: Walk, paused: Pauses) -> _Columns:
+def _episode(tally: Tally, walk: Walk) -> _Columns:
     episode = tally.episode
     plan = episode.plan
     mean_ms, median_ms = reaction_ms(episode)
@@ -167,7 +154,7 @@ def _episode(tally: Tally, walk: Walk, paused: Pauses) -> _Columns:
         "reward": episode.return_,
         "steps": len(episode.actions),
         "max_steps": plan.max_steps,
-        "playing_s": playing_s(episode, paused),
+        "playing_s": playing_s(episode),
         "reaction_mean_ms": _told(mean_ms),
         "reaction_median_ms": _told(median_ms),
         "path_length": _told(walk.length),

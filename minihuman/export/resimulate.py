@@ -48,7 +48,7 @@ class Resimulator:
             try:
                 self._world, self._made_from = World(*made_from), made_from
             except WorldError as error:
-                raise ExportError(f"{chosen.log.path}: episode {episode.plan.episode}: {error}") from error
+                raise ExportError(f"{chosen.log.path}: {episode.name}: {error}") from error
         return self._world
 
 
@@ -67,19 +67,19 @@ def _check(observation_hash: int, step: int, chosen: Chosen) -> None:
         played = chosen.log.facts.get("minihuman", "an unknown version")
         instead = "" if chosen.episode.observations is None else ", or take those in the log: --stored-frames"
         raise ExportError(
-            f"{chosen.log.path}: episode {chosen.episode.plan.episode} step {step}: the observation differs from "
+            f"{chosen.log.path}: {chosen.episode.name} step {step}: the observation differs from "
             f"the one played under minihuman {played} (this is {__version__}); export with that version{instead}"
         )
 
 
 def _stored(chosen: Chosen) -> tuple[Any, ...]:
-    episode, number = chosen.episode, chosen.episode.plan.episode
+    episode = chosen.episode
     if episode.observations is None:
         raise ExportError(
-            f"{chosen.log.path}: episode {number} has no stored observations (its block did not say "
+            f"{chosen.log.path}: {episode.name} has no stored observations (its block did not say "
             "record_observations = true); export without --stored-frames"
         )
     try:
-        return tuple(checked(episode.observations, episode.observation_hashes, number))
+        return tuple(checked(episode.observations, episode.observation_hashes, episode.plan.episode))
     except LogError as error:
         raise ExportError(f"{chosen.log.path}: {error}") from error

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from minihuman.figures.style import OUTCOME_COLOURS, OUTCOME_MARKERS, QUIET, SERIES, blank, our_style
+from minihuman.measures.timing import playing_s
 from minihuman.recorded.episode import Episode, SessionLog
 
 _DOT: dict[str, Any] = {"ms": 4, "mec": "black", "mew": 0.4}
@@ -38,10 +39,10 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_time(ax: Axes, log: SessionLog) -> Axes:
-    """Draw how long each episode took, in seconds from reset to its last step."""
-    seconds = [float(episode.t_ns[-1] - episode.t_ns[0]) / 1e9 for episode in log.episodes]
+    """Draw how long each episode was played, in seconds from reset to its last step, pauses left out."""
+    seconds = [playing_s(episode) for episode in log.episodes]
     ax.bar(_numbers(log), seconds, width=0.7, color=SERIES[4])
-    ax.set_ylabel("time (s)")
+    ax.set_ylabel("playing time (s)")
     return ax
 
 
@@ -93,7 +94,7 @@ def overview_figure(log: SessionLog) -> Figure:
 
 
 def _numbers(log: SessionLog) -> list[int]:
-    return [episode.plan.episode + 1 for episode in log.episodes]
+    return [episode.number for episode in log.episodes]
 
 
 def _presses(episode: Episode) -> Counter[str]:
@@ -107,7 +108,7 @@ def _name_blocks(ax: Axes, log: SessionLog) -> None:
     """Write each block's name over its episodes, in room made for it."""
     ax.set_ylim(top=1.2 * max(episode.plan.max_steps for episode in log.episodes))
     for name in dict.fromkeys(episode.plan.block_name for episode in log.episodes):
-        numbers = [episode.plan.episode + 1 for episode in log.episodes if episode.plan.block_name == name]
+        numbers = [episode.number for episode in log.episodes if episode.plan.block_name == name]
         middle = (min(numbers) + max(numbers)) / 2
         ax.text(middle, 0.98, name, ha="center", va="top", transform=ax.get_xaxis_transform(), fontweight="bold")
 
@@ -116,6 +117,6 @@ def _bands(ax: Axes, log: SessionLog) -> None:
     """Shade every other block."""
     blocks = dict.fromkeys(episode.plan.block for episode in log.episodes)
     for place, block in enumerate(blocks):
-        numbers = [episode.plan.episode + 1 for episode in log.episodes if episode.plan.block == block]
+        numbers = [episode.number for episode in log.episodes if episode.plan.block == block]
         if place % 2:
             ax.axvspan(min(numbers) - 0.5, max(numbers) + 0.5, color="#efefef", zorder=-1, lw=0)

@@ -5,7 +5,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from minihuman.measures.timing import playing_s
 from minihuman.recorded.episode import Episode, SessionLog
+from minihuman.recorded.segment import Segment
+
+_HEADS = (
+    f"{'episode':>7} {'attempt':>7} {'segment':>7}  {'block':16} {'outcome':10} {'steps':>5} {'return':>7} "
+    f"{'at s':>9} {'played':>7} {'rt ms':>6}  seed"
+)
 
 
 def as_lines(session: SessionLog) -> list[str]:
@@ -21,8 +28,10 @@ def as_lines(session: SessionLog) -> list[str]:
         f"episodes     {len(session.episodes)} played, {len(plan.episodes)} planned",
         f"steps        {sum(len(episode.actions) for episode in session.episodes)}",
         f"keys         {sum(key.down for key in session.keys)} presses",
+        *(_segment_line(segment) for segment in session.segments),
         "",
-        f"{'episode':>7}  {'block':16} {'outcome':10} {'steps':>5} {'return':>7} {'time s':>7} {'rt ms':>6}  seed",
+        "at s: session time at the reset, since the first segment began; played: seconds to the last step, no pauses",
+        _HEADS,
     ]
     return lines + [_episode_line(episode) for episode in session.episodes]
 
@@ -43,25 +52,51 @@ def as_json(session: SessionLog) -> str:
         "clean": session.clean,
         "episodes_planned": len(plan.episodes),
         "episodes": [_episode_facts(episode) for episode in session.episodes],
+        "segments": [_segment_facts(segment) for segment in session.segments],
         "key_presses": sum(key.down for key in session.keys),
         "facts": session.facts,
     }
     return msgspec.json.format(msgspec.json.encode(facts), indent=2).decode()
 
 
+def _segment_line(segment: Segment) -> str:
+    ended = f"{segment.end_reason}, {'clean' if segment.clean else 'not clean'}"
+    return (
+        f"segment {segment.number:<4} {segment.started_at}, session time {segment.start_ns / 1e9:.1f} to "
+        f"{segment.end_ns / 1e9:.1f} s; {ended}; {len(segment.pauses)} pauses"
+    )
+
+
+def _segment_facts(segment: Segment) -> dict[str, Any]:
+    return {
+        "segment": segment.number,
+        "started_at": segment.started_at,
+        "started_unix_ns": segment.started_unix_ns,
+        "started_monotonic_ns": segment.started_monotonic_ns,
+        "monotonic_clock": segment.monotonic_clock or None,
+        "start_s": segment.start_ns / 1e9,
+        "end_s": segment.end_ns / 1e9,
+        "end_reason": segment.end_reason,
+        "clean": segment.clean,
+        "pauses_s": [[begin / 1e9, end / 1e9] for begin, end in segment.pauses],
+    }
+
+
 def _episode_line(episode: Episode) -> str:
     facts = _episode_facts(episode)
     rt_ms = "-" if facts["median_rt_ms"] is None else f"{facts['median_rt_ms']:.0f}"
     return (
-        f"{facts['episode']:7}  {facts['block']:16} {facts['outcome']:10} {facts['steps']:5} "
-        f"{facts['return']:7.3f} {facts['duration_s']:7.1f} {rt_ms:>6}  {facts['seed']}"
+        f"{facts['episode']:7} {facts['attempt']:7} {facts['segment']:7}  {facts['block']:16} {facts['outcome']:10} "
+        f"{facts['steps']:5} {facts['return']:7.3f} {facts['session_time_s']:9.1f} {facts['playing_s']:7.1f} "
+        f"{rt_ms:>6}  {facts['seed']}"
     )
 
 
 def _episode_facts(episode: Episode) -> dict[str, Any]:
     plan, answered = episode.plan, episode.rt_ms[~np.isnan(episode.rt_ms)]
     return {
-        "episode": plan.episode,
+        "episode": episode.number,
+        "attempt": episode.attempt,
         "block": plan.block_name,
         "world": plan.world,
         "seed": plan.seed,
@@ -69,6 +104,7 @@ def _episode_facts(episode: Episode) -> dict[str, Any]:
         "outcome": episode.outcome_word,
         "steps": len(episode.actions),
         "return": episode.return_,
-        "duration_s": float(episode.t_ns[-1] - episode.t_ns[0]) / 1e9,
+        "session_time_s": float(episode.t_ns[0]) / 1e9,
+        "playing_s": playing_s(episode),
         "median_rt_ms": float(np.median(answered)) if len(answered) else None,
     }

@@ -11,6 +11,7 @@ from minihuman.recorded.episode import Episode, SessionLog, pose_row
 from minihuman.study.events import EpisodeStarted, Stepped
 from minihuman.study.play import Play, WorldBrokeError
 from minihuman.worlds.adapt.world import World
+from minihuman.worlds.sources import rules_digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +21,16 @@ class Verified:
     episodes: int
     steps: int
     difference: str  # the first, "episode 3 step 17: state hash ..."; "" if the log replays exactly
+
+
+def other_rules(log: SessionLog) -> str:
+    """What to know before a log is compared: that other sources of worlds than ours made it; "" if ours did.
+
+    Also "" for logs of before there were digests, and for a world of somebody else's: its sources are not ours.
+    """
+    recorded = dict.fromkeys(segment.facts["rules"] for segment in log.segments if "rules" in segment.facts)
+    recorded.pop(rules_digest(), None)
+    return f"recorded by rules {' and '.join(recorded)}, checked by rules {rules_digest()}" if recorded else ""
 
 
 def verify(log: SessionLog) -> Verified:
@@ -44,21 +55,21 @@ def _first_difference(episode: Episode, world: World) -> str:
     try:
         return next(_differences(episode, world), "")
     except WorldBrokeError as error:
-        return f"episode {episode.plan.episode}: the world raises {error}"
+        return f"{episode.name}: the world raises {error}"
 
 
 def _differences(episode: Episode, world: World) -> Iterator[str]:
     plan = episode.plan
     play = Play(plan, world, picture_px=None)
-    yield from _at_start(episode.start, play.start(episode.start.t_ns), f"episode {plan.episode} reset")
+    yield from _at_start(episode.start, play.start(episode.start.t_ns), f"{episode.name} reset")
     for index, action in enumerate(episode.actions):
-        where = f"episode {plan.episode} step {index + 1}"
+        where = f"{episode.name} step {index + 1}"
         if play.outcome is not None:
             yield f"{where}: logged, but the episode now ends at step {index} with {play.outcome!r}"
         again = play.step(0, int(action), key=episode.step_keys[index], key_t_ns=0)
         yield from _at_step(episode, index, again, where)
     if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
-        yield f"episode {plan.episode}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
+        yield f"{episode.name}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
 
 
 def _at_start(logged: EpisodeStarted, again: EpisodeStarted, where: str) -> Iterator[str]:

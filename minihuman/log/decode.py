@@ -6,12 +6,14 @@ from typing import Any, get_args
 from minihuman.log import plan_messages as plans
 from minihuman.log import topics
 from minihuman.log.observations import unpack
+from minihuman.log.plain import readers
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.study import events as ev
 
 _VERDICTS = get_args(ev.Verdict)
 _OUTCOMES = get_args(ev.Outcome)
 _END_REASONS = get_args(ev.EndReason)
+_CAUSES = get_args(ev.EndCause)
 _PAUSES = get_args(ev.PauseReason)
 
 
@@ -73,6 +75,7 @@ def _key(data: bytes) -> ev.KeyPressed:
         action=message.action if message.HasField("action") else None,
         verdict=plans.one_of(_VERDICTS, message.verdict),
         phase=message.phase,
+        waited_ns=message.waited_ns,
     )
 
 
@@ -101,6 +104,11 @@ def _observation(data: bytes) -> ev.ObservationStored:
     return ev.ObservationStored(message.t_ns, message.episode, message.step, unpack(message))
 
 
+def _sample(data: bytes) -> ev.Sampled:
+    message = v1.Sample.FromString(data)
+    return ev.Sampled(message.t_ns, message.device, tuple(message.values), message.text)
+
+
 def _frame(data: bytes) -> ev.FrameShown:
     message = v1.FrameShown.FromString(data)
     return ev.FrameShown(message.t_ns, message.episode, message.step, message.submit_ns, message.flip_ns)
@@ -115,6 +123,7 @@ def _episode_end(data: bytes) -> ev.EpisodeEnded:
         steps=message.steps,
         return_=message.episode_return,
         state_hash=message.state_hash,
+        cause=plans.one_of(_CAUSES, message.cause),
     )
 
 
@@ -135,6 +144,8 @@ _READERS: dict[str, Callable[[bytes], Any]] = {
     topics.STEP: _step,
     topics.OBSERVATION: _observation,
     topics.FRAME: _frame,
+    topics.SAMPLE: _sample,
     topics.EPISODE_END: _episode_end,
     topics.SESSION_END: _session_end,
+    **readers(),
 }

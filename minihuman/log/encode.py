@@ -1,11 +1,10 @@
-"""Events as messages: first the one that holds the truth, or, for a step, last.
+"""Events as messages.
 
 ``truth`` is undone by ``decode``; ``for_viewers`` only repeats it in the well-known types that rerun and Foxglove draw.
 """
 
 import math
 from collections.abc import Iterator
-from typing import assert_never
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -18,8 +17,10 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from minihuman.log import plan_messages as plans
 from minihuman.log import topics
+from minihuman.log.decode import decode
 from minihuman.log.floor_plan import floor_plan_png
-from minihuman.log.observations import is_picture, pack
+from minihuman.log.observations import pack
+from minihuman.log.plain import message_of
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.study import events as ev
 from minihuman.worlds.pose import Pose
@@ -29,6 +30,9 @@ FRAME_ID = "world"  # x right, y up, z down the page, as minihuman.worlds.pose s
 
 def truth(event: ev.Event) -> tuple[str, Message]:
     """Name the topic of an event and put all of it into one message."""
+    plain = message_of(event)
+    if plain is not None:
+        return plain
     match event:
         case ev.SessionStarted():
             return topics.PLAN, plans.session_plan_message(event.plan, t_ns=event.t_ns, facts=event.facts)
@@ -46,6 +50,7 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 action=event.action,
                 verdict=event.verdict,
                 phase=event.phase,
+                waited_ns=event.waited_ns,
             )
         case ev.Stepped():
             return topics.STEP, _step(event)
@@ -69,6 +74,7 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 steps=event.steps,
                 episode_return=event.return_,
                 state_hash=event.state_hash,
+                cause=event.cause,
             )
         case ev.Paused():
             return topics.PAUSE, v1.Pause(t_ns=event.t_ns, paused=True, reason=event.reason)
@@ -76,6 +82,8 @@ def truth(event: ev.Event) -> tuple[str, Message]:
             return topics.PAUSE, v1.Pause(t_ns=event.t_ns, paused=False)
         case ev.Noted():
             return topics.NOTE, v1.Note(t_ns=event.t_ns, kind=event.kind, text=event.text)
+        case ev.Sampled():
+            return topics.SAMPLE, v1.Sample(t_ns=event.t_ns, device=event.device, values=event.values, text=event.text)
         case ev.SessionEnded():
             return topics.SESSION_END, v1.SessionEnd(
                 t_ns=event.t_ns,
@@ -83,31 +91,59 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 detail=event.detail,
                 episodes_completed=event.episodes_completed,
             )
-    assert_never(event)
+    raise AssertionError(f"{type(event).__name__} has no message; give it a row in log/plain.py")
 
 
-def for_viewers(event: ev.Event, *, started_ns: int) -> Iterator[tuple[str, Message]]:
-    """Yield what viewers draw of an event: a pose, a floor plan, a readable line. ``started_ns`` is the wall clock."""
-    stamp = _timestamp(started_ns + event.t_ns)
-    if isinstance(event, ev.EpisodeStarted | ev.Stepped) and event.pose is not None:
-        yield topics.POSE, PoseInFrame(timestamp=stamp, frame_id=FRAME_ID, pose=_foxglove_pose(event.pose))
-    if isinstance(event, ev.EpisodeStarted) and event.map is not None:
-        image = floor_plan_png(event.map, event.pose)
-        yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
-    if isinstance(event, ev.ObservationStored) and is_picture(event.observation):
-        image = pack(event.observation)["png"]
-        yield topics.OBSERVATION_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
+def for_viewers(topic: str, data: bytes, *, started_ns: int) -> Iterator[tuple[str, Message]]:
+    """Yield what viewers draw of a message that holds the truth: a pose, a floor plan, a picture, a readable line.
+
+    ``started_ns`` is the wall clock at the segment's time 0.
+
+    Raises:
+        Exception: whatever protobuf or a reader of ours says of bytes that are no such message.
+    """
+    match topic:
+        case topics.KEY | topics.FRAME:
+            return
+        case topics.STEP:  # there are thousands
+            step = v1.Step.FromString(data)
+            if step.HasField("pose"):
+                yield topics.POSE, _pose_in_frame(plans.read_pose(step.pose), _timestamp(started_ns + step.t_ns))
+        case topics.OBSERVATION:
+            seen = v1.Observation.FromString(data)
+            if seen.WhichOneof("observation") == "png":
+                stamp = _timestamp(started_ns + seen.t_ns)
+                image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=seen.png, format="png")
+                yield topics.OBSERVATION_IMAGE, image
+        case _:
+            if (event := decode(topic, data)) is not None:
+                yield from _of_event(event, _timestamp(started_ns + event.t_ns))
+
+
+def _of_event(event: ev.Event, stamp: Timestamp) -> Iterator[tuple[str, Message]]:
+    if isinstance(event, ev.EpisodeStarted):
+        if event.pose is not None:
+            yield topics.POSE, _pose_in_frame(event.pose, stamp)
+        if event.map is not None:
+            image = floor_plan_png(event.map, event.pose)
+            yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
     line = _line(event)
     if line is not None:
         level, name, text = line
         yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
 
 
+def _pose_in_frame(pose: Pose, stamp: Timestamp) -> PoseInFrame:
+    return PoseInFrame(timestamp=stamp, frame_id=FRAME_ID, pose=_foxglove_pose(pose))
+
+
 def caused_ns(event: ev.Event) -> int:
-    """When what caused an event arrived: the key of a step, the hand-over of a frame, else the event's own time."""
+    """When what caused an event arrived: a press, a step's key, the hand-over of a frame; else the event's own time."""
     match event:
         case ev.Stepped():
             return event.key_t_ns
+        case ev.KeyPressed():
+            return event.t_ns - event.waited_ns
         case ev.FrameShown():
             return event.submit_ns
         case _:
@@ -153,13 +189,21 @@ def _line(event: ev.Event) -> tuple[Log.Level.ValueType, str, str] | None:
             text = f"{event.plan.study}: {who.id}, group {who.group}, session {event.plan.session}"
             return Log.INFO, "session", f"{text}, segment {event.plan.segment}"
         case ev.EpisodeStarted():
-            return Log.INFO, "episode", f"episode {event.plan.episode} starts: {event.plan.world}, {event.mission!r}"
+            return (
+                Log.INFO,
+                "episode",
+                f"episode {event.plan.episode + 1} starts: {event.plan.world}, {event.mission!r}",
+            )
         case ev.EpisodeEnded():
-            text = f"episode {event.episode} ends: {event.outcome} after {event.steps} steps"
+            text = f"episode {event.episode + 1} ends: {event.outcome} after {event.steps} steps"
             return Log.INFO, "episode", f"{text}, return {event.return_:.3f}"
         case ev.KeyMapDrawn():
             keys = ", ".join(f"{key}={action}" for key, action in event.key_map.keys.items())
-            return Log.INFO, "keys", f"episode {event.episode}: {keys}"
+            return Log.INFO, "keys", f"from episode {event.episode + 1}: {keys}"
+        case ev.PartStarted():
+            return Log.INFO, "part", f"part {event.part + 1}: {event.name} ({event.kind})"
+        case ev.Answered():
+            return Log.INFO, "answer", f"{event.part_name}, {event.item}: {event.value}"
         case ev.Paused():
             return Log.WARNING, "pause", f"paused: {event.reason}"
         case ev.Resumed():

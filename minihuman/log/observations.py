@@ -42,14 +42,16 @@ class Observations(Sequence[Any]):
         return self._read(steps) if isinstance(steps, int) else [self._read(step) for step in steps]
 
     def _read(self, step: int) -> Any:
-        where = f"episode {self._episode} step {step}"
+        where = f"episode {self._episode + 1} step {step}"
         try:
             message = v1.Observation.FromString(self._messages[step])
             observation = unpack(message)
         except Exception as error:  # a foreign or newer message can make protobuf, PIL or numpy raise anything
             raise LogError(f"{where}: its stored observation cannot be read: {error}") from error
         if (message.episode, message.step) != (self._episode, step):
-            raise LogError(f"{where}: in its place is the observation of episode {message.episode} step {message.step}")
+            raise LogError(
+                f"{where}: in its place is the observation of episode {message.episode + 1} step {message.step}"
+            )
         return observation
 
 
@@ -61,7 +63,7 @@ def checked(observations: Sequence[Any], hashes: NDArray[np.uint64], episode: in
     """
     for step, (observation, expected) in enumerate(zip(observations, hashes.tolist(), strict=True)):
         if hash64(observation) != expected:
-            raise LogError(f"episode {episode} step {step}: the stored observation is not the one that was made")
+            raise LogError(f"episode {episode + 1} step {step}: the stored observation is not the one that was made")
         yield observation
 
 

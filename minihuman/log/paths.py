@@ -1,14 +1,18 @@
 """Where a session's log lies: ``<data>/<study>/sub-07/ses-01/sub-07_ses-01.mcap``, and its names while it is live.
 
 While a segment is live it is ``sub-07_ses-01.mcap.part``, or ``sub-07_ses-01_seg-02.mcap.part`` after a resume.
-When it ends it becomes, or is merged into, the session's one ``sub-07_ses-01.mcap``.
+When it ends it becomes, or is merged into, the session's one ``sub-07_ses-01.mcap``. Beside it other programs may keep
+companions of theirs, MCAP files too.
 """
 
 import os
 import re
+import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+
+from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from minihuman.errors import LogError
 from minihuman.study.plan import SessionPlan
@@ -16,6 +20,9 @@ from minihuman.study.plan import SessionPlan
 LOG_SUFFIX = ".mcap"
 PART_SUFFIX = ".mcap.part"
 _SEGMENT = re.compile(r"_seg-(\d+)$")
+_OURS = re.compile(r"_ses-\d+(_seg-\d+)?\.mcap(\.part)?$")
+_HEADER = struct.Struct("<BQI")  # behind the magic bytes: opcode, length, and how long the profile is
+_PROFILE = b"minihuman"
 _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
@@ -60,6 +67,19 @@ class SegmentPath:
         return cls(part, log, int(tag[1]) if tag else 1)
 
 
+def is_guest(path: Path) -> bool:
+    """Whether an MCAP file is another program's companion of a session, an eye tracker's say, by name and profile."""
+    if _OURS.search(path.name):
+        return False
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except OSError:
+        return False
+    begin = len(MAGIC) + _HEADER.size
+    return start.startswith(MAGIC) and not start[begin:].startswith(_PROFILE)
+
+
 def session_folder(data: Path, study: str, participant: str, session: int) -> Path:
     """Name the folder of one session."""
     return data / study / participant / f"ses-{session:02d}"
@@ -72,7 +92,7 @@ def sessions_in(folder: Path) -> dict[Path, list[Path]]:
 
 def sessions_among(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
     """As ``sessions_in``, for a folder whose names are already known."""
-    names = sorted(names)
+    names = sorted(name for name in names if name.endswith((LOG_SUFFIX, PART_SUFFIX)) and not is_guest(folder / name))
     found = {folder / name: [folder / name] for name in names if name.endswith(LOG_SUFFIX)}
     parts = [SegmentPath.of_part(folder / name) for name in names if name.endswith(PART_SUFFIX)]
     for part in sorted(parts, key=lambda part: (part.log, part.segment)):

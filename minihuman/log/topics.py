@@ -1,6 +1,10 @@
-"""The log's topics: which message type each carries. docs/log-format.md is written from this table."""
+"""The log's topics: which message type each carries. docs/log-format.md is written from this table.
+
+Any other topic is a guest's: nothing here reads it, and nothing takes offence.
+"""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -29,6 +33,16 @@ KEY = "/input/key"
 STEP = "/step"
 FRAME = "/frame"
 OBSERVATION = "/obs"
+SKIP = "/episode/skip"
+POINTS = "/episode/points"
+PART = "/session/part"
+PART_END = "/session/part_end"
+PAGE = "/page"
+TEXT = "/input/text"
+POINTER = "/input/pointer"
+ANSWER_CHANGE = "/answer/change"
+ANSWER = "/answer"
+SAMPLE = "/sample"
 
 POSE = "/pose"
 MAP_IMAGE = "/map/image"
@@ -56,7 +70,17 @@ TOPICS = (
     Topic(OBSERVATION, v1.Observation, "what was observed, where the protocol asks for it; before its step"),
     Topic(STEP, v1.Step, "one step of the world; the last message of its step"),
     Topic(FRAME, v1.FrameShown, "when a picture was handed over and when it was on the display"),
+    Topic(SAMPLE, v1.Sample, "what a device of the protocol gave"),
     Topic(EPISODE_END, v1.EpisodeEnd, "outcome, steps, return, last state hash"),
+    Topic(SKIP, v1.EpisodesSkipped, "planned episodes that are not played: a criterion was met, or the time is up"),
+    Topic(POINTS, v1.Scored, "an episode's points, and the session's so far"),
+    Topic(PART, v1.PartStarted, "a part of the session begins"),
+    Topic(PART_END, v1.PartEnded, "a part is over, and which one is next"),
+    Topic(PAGE, v1.PageShown, "a page of a text reached the display"),
+    Topic(TEXT, v1.TextTyped, "text from the input method or the keyboard's layout"),
+    Topic(POINTER, v1.PointerUsed, "mouse or finger: down, moved while down, up, and the spot that was hit"),
+    Topic(ANSWER_CHANGE, v1.AnswerChanged, "an answer is another now, not given yet"),
+    Topic(ANSWER, v1.Answered, "an answer was given: what, when, after how many changes, right or wrong"),
     Topic(SESSION_END, v1.SessionEnd, "why the segment ended; its last message"),
     Topic(POSE, PoseInFrame, "the pose after a reset or step", for_viewers=True),
     Topic(MAP_IMAGE, CompressedImage, "the floor plan of an episode, PNG", for_viewers=True),
@@ -67,16 +91,34 @@ BY_NAME = {topic.name: topic for topic in TOPICS}
 
 
 def schema_bytes(message: type[Message]) -> bytes:
-    """Serialise a message type's file and every file it needs, as MCAP's protobuf encoding asks."""
+    """Serialise a message type and everything it needs, as MCAP's protobuf encoding asks."""
+    return _schema_bytes(message.DESCRIPTOR)
+
+
+@cache
+def _schema_bytes(message: Any) -> bytes:
+    needed: set[str] = set()
     files: dict[str, Any] = {}
 
-    def collect(file: Any) -> None:
-        for needed in file.dependencies:
-            collect(needed)
+    def collect(kind: Any) -> None:
+        if kind.full_name not in needed:
+            needed.add(kind.full_name)
+            for field in kind.fields:
+                if field.message_type is not None:
+                    collect(field.message_type)
+
+    def collect_file(file: Any) -> None:
+        for imported in file.dependencies:
+            collect_file(imported)
         files.setdefault(file.name, file)
 
-    collect(message.DESCRIPTOR.file)
+    collect(message)
+    collect_file(message.file)
     result = FileDescriptorSet()
     for file in files.values():
-        file.CopyToProto(result.file.add())
+        copy = result.file.add()
+        file.CopyToProto(copy)
+        kept = [kind for kind in copy.message_type if f"{copy.package}.{kind.name}" in needed]
+        del copy.message_type[:]
+        copy.message_type.extend(kept)
     return result.SerializeToString(deterministic=True)

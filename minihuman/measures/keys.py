@@ -11,6 +11,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.measures.timing import played_ns
 from minihuman.recorded.categorical import Words
 from minihuman.recorded.episode import Episode
 from minihuman.study.plan import KeyMap
@@ -28,7 +29,7 @@ class KeyUse:
 
     key: str
     action: str | None  # None: no action
-    first_episode: int  # the key map's first, by EpisodePlan.episode
+    first_episode: int  # the key map's first, by Episode.number
     presses: int  # all that went down while an episode ran, auto-repeats left out
     steps: int  # that stepped the world
     in_vain: int  # steps without a visible effect
@@ -86,7 +87,7 @@ def key_uses(tallies: Sequence[Tally]) -> tuple[KeyUse, ...]:
                 KeyUse(
                     key=key,
                     action=action,
-                    first_episode=under[0].episode.plan.episode,
+                    first_episode=under[0].episode.number,
                     presses=presses[key],
                     steps=steps[key],
                     in_vain=in_vain[key],
@@ -122,15 +123,15 @@ def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
 
 
 def _found(under: Sequence[Tally]) -> dict[str, tuple[float, int]]:
-    """Playing time, s, and steps under one key map until each key's action first showed."""
+    """Playing time, s, pauses left out, and steps under one key map until each key's action first showed."""
     found: dict[str, tuple[float, int]] = {}
-    done = played_ns = 0
+    done = before_ns = 0
     for tally in under:
         episode = tally.episode
         for key, step in tally.first_shown.items():
             if key not in found:
-                since_ns = played_ns + int(episode.key_t_ns[step] - episode.t_ns[0])
+                since_ns = before_ns + played_ns(episode, int(episode.key_t_ns[step]))
                 found[key] = (since_ns / 1e9, done + step + 1)
         done += len(episode.actions)
-        played_ns += int(episode.t_ns[-1] - episode.t_ns[0])
+        before_ns += played_ns(episode)
     return found

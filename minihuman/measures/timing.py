@@ -2,36 +2,21 @@
 
 import math
 import statistics
-from collections.abc import Iterable
 
 import numpy as np
 
 from minihuman.recorded.episode import Episode
-from minihuman.study.events import Noted, Paused, Resumed
-
-Pauses = tuple[tuple[int, int | None], ...]  # begin and end, ns
 
 
-def pauses(notes: Iterable[Noted | Paused | Resumed]) -> Pauses:
-    """Begin and end of every pause, ns; the end is None for a pause that the session ended in."""
-    found: list[tuple[int, int | None]] = []
-    for note in sorted(notes, key=lambda note: note.t_ns):
-        is_open = bool(found) and found[-1][1] is None
-        match note:
-            case Paused() if not is_open:
-                found.append((note.t_ns, None))
-            case Resumed() if is_open:
-                found[-1] = (found[-1][0], note.t_ns)
-    return tuple(found)
+def played_ns(episode: Episode, until_ns: int | None = None) -> int:
+    """Playing time from the reset to a moment of session time, by default the last step: pauses in between left out."""
+    first, last = int(episode.t_ns[0]), int(episode.t_ns[-1]) if until_ns is None else until_ns
+    return last - first - sum(max(0, min(last, end) - max(first, begin)) for begin, end in episode.pauses)
 
 
-def playing_s(episode: Episode, paused: Pauses = ()) -> float:
+def playing_s(episode: Episode) -> float:
     """Seconds from the reset to the last step, without the pauses in between."""
-    first, last = int(episode.t_ns[0]), int(episode.t_ns[-1])
-    still = sum(
-        max(0, min(last, last if end is None else end) - max(first, begin)) for begin, end in paused if begin < last
-    )
-    return (last - first - still) / 1e9
+    return played_ns(episode) / 1e9
 
 
 def reaction_ms(episode: Episode) -> tuple[float, float]:

@@ -43,6 +43,19 @@ class EventColumns(Sequence[E], Generic[E]):
 
         return cls(kind, column, range(len(given)))
 
+    @classmethod
+    def joined(cls, parts: "Sequence[EventColumns[E]]") -> "EventColumns[E]":
+        """Several, one behind the other; there is at least one."""
+        if len(parts) == 1:
+            return parts[0]
+
+        @cache
+        def column(name: str) -> Any:
+            columns = [part.column(name) for part in parts]
+            return Words.joined(columns) if isinstance(columns[0], Words) else np.concatenate(columns)
+
+        return cls(parts[0]._kind, column, range(sum(map(len, parts))))
+
     def column(self, name: str) -> Any:
         """The field of that name, of every event: ``Words`` or an array; actions are NO_ACTION where there is none."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]

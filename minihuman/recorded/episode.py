@@ -1,4 +1,7 @@
-"""The read side: a session log as values. Everything that looks at data looks at these."""
+"""The read side: a session log as values. Everything that looks at data looks at these.
+
+Every time is session time, ns since the session's first segment began; see ``Segment``.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.recorded.columns import EventColumns
-from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Noted, Outcome, Paused, Resumed
+from minihuman.recorded.segment import Note, Pauses, Segment
+from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Outcome
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.worlds.pose import Pose
 
@@ -27,10 +31,10 @@ class Episode:
 
     start: EpisodeStarted  # plan, action names, mission, map, initial pose and hashes
     poses: NDArray[np.float64]  # (n + 1, 4) x, y, z, yaw_rad; NaN where the world cannot tell
-    t_ns: NDArray[np.int64]  # (n + 1,) reset, then each step
+    t_ns: NDArray[np.int64]  # (n + 1,) reset, then each step; session time
     actions: NDArray[np.int64]  # (n,)
     step_keys: Sequence[str]  # (n,) causing key, "" for a tick's no-op
-    key_t_ns: NDArray[np.int64]  # (n,)
+    key_t_ns: NDArray[np.int64]  # (n,) session time
     rewards: NDArray[np.float64]  # (n,)
     terminated: NDArray[np.bool_]  # (n,)
     truncated: NDArray[np.bool_]  # (n,)
@@ -41,24 +45,34 @@ class Episode:
     frames: EventColumns[FrameShown]
     outcome: Outcome | None  # None: the log was cut off inside this episode
     observations: Sequence[Any] | None = None  # (n + 1,) read when looked at; None where the log holds none
-    segment: int = 1  # of the session: one more after each resume; t_ns starts again at 0
+    segment: int = 1  # of the session: one more after each resume
+    attempt: int = 1  # more where an interrupted episode was begun again
+    pauses: Pauses = ()  # that lay between its reset and its last step, session time
 
     def __post_init__(self) -> None:
         """Refuse lengths that do not belong together."""
         n = len(self.actions)
         for name in ("poses", "t_ns", "state_hashes", "observation_hashes"):
             if len(getattr(self, name)) != n + 1:
-                raise ValueError(
-                    f"episode {self.plan.episode}: {name} has {len(getattr(self, name))} rows, not {n + 1}"
-                )
+                raise ValueError(f"episode {self.number}: {name} has {len(getattr(self, name))} rows, not {n + 1}")
         for name in ("step_keys", "key_t_ns", "rewards", "terminated", "truncated", "rt_ms"):
             if len(getattr(self, name)) != n:
-                raise ValueError(f"episode {self.plan.episode}: {name} has {len(getattr(self, name))} rows, not {n}")
+                raise ValueError(f"episode {self.number}: {name} has {len(getattr(self, name))} rows, not {n}")
 
     @property
     def plan(self) -> EpisodePlan:
         """What was to be played."""
         return self.start.plan
+
+    @property
+    def number(self) -> int:
+        """The session's episode as a person counts it: 1 for the first. The log counts from 0."""
+        return self.plan.episode + 1
+
+    @property
+    def name(self) -> str:
+        """The episode in words, as messages name it: "episode 3", "episode 3 (attempt 2)"."""
+        return f"episode {self.number}" + (f" (attempt {self.attempt})" if self.attempt > 1 else "")
 
     @property
     def outcome_word(self) -> str:
@@ -78,11 +92,20 @@ class SessionLog:
     path: Path
     plan: SessionPlan
     player: str  # "human", "human-like", "optimal", "random", "policy:..."
-    started_at: str  # ISO 8601 UTC, the only wall clock
+    started_at: str  # ISO 8601 UTC, the wall clock when session time was 0
     clean: bool
     end_reason: str  # an EndReason, or "cut_off"
     facts: dict[str, str]
     episodes: tuple[Episode, ...]
-    notes: tuple[Noted | Paused | Resumed, ...]
-    keys: EventColumns[KeyPressed]  # the whole session's, outside episodes too
+    segments: tuple[Segment, ...]
     metadata: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What was noted in all segments, in order of time."""
+        return tuple(note for segment in self.segments for note in segment.notes)
+
+    @property
+    def keys(self) -> EventColumns[KeyPressed]:
+        """Every press and release of the session, outside episodes too."""
+        return EventColumns.joined([segment.keys for segment in self.segments])

@@ -11,10 +11,10 @@ def facts_page(log: SessionLog) -> str:
         f"# {participant.id}, session {plan.session}",
         "",
         f"**{plan.study}** {plan.study_version}, group *{participant.group}*, played by *{log.player}*.",
-        f"Started {log.started_at}; the log is {clean}, the session ended: {log.end_reason}.",
+        f"Started {log.started_at} ({_segments(log)}); the log is {clean}, the session ended: {log.end_reason}.",
         "",
-        "| episode | block | world | keys | outcome | steps | return |",
-        "|--:|---|---|---|---|--:|--:|",
+        "| episode | attempt | block | world | keys | outcome | steps | return |",
+        "|--:|--:|---|---|---|---|--:|--:|",
         *(_row(episode) for episode in log.episodes),
         "",
         "| fact | value |",
@@ -26,10 +26,18 @@ def facts_page(log: SessionLog) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _segments(log: SessionLog) -> str:
+    """Where each segment begins, on the session's clock."""
+    if len(log.segments) == 1:
+        return "one segment"
+    begins = ", ".join(f"{segment.start_ns / 1e9:.1f} s" for segment in log.segments)
+    return f"{len(log.segments)} segments, beginning at session time {begins}"
+
+
 def _row(episode: Episode) -> str:
     plan = episode.plan
     keys = ", ".join(f"{key}: {action}" for key, action in sorted(plan.key_map.keys.items()))
     return (
-        f"| {plan.episode + 1} | {plan.block_name} | {plan.world} (seed {plan.seed}) | {keys} "
+        f"| {episode.number} | {episode.attempt} | {plan.block_name} | {plan.world} (seed {plan.seed}) | {keys} "
         f"| {episode.outcome_word} | {len(episode.actions)} | {episode.return_:.3f} |"
     )

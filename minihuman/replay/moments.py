@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from minihuman.recorded.episode import SessionLog
 
-SESSION_TIME = "session_time"  # since the session began
+SESSION_TIME = "session_time"  # since the session's first segment began
 STEP = "step"  # counts on through the session; every episode's first picture counts as one too
 EPISODE = "episode"  # 1 for the session's first, 0 before it
 ALIGNED = "aligned_time"  # several sessions: their n-th episodes begin together
@@ -27,7 +27,7 @@ class Moments:
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "Moments":
         """The moments of a session; ``aligned_ns`` maps an episode's number to its common beginning."""
-        numbers = [episode.plan.episode + 1 for episode in log.episodes]
+        numbers = [episode.number for episode in log.episodes]
         rows = [episode.t_ns for episode in log.episodes]
         return cls(
             row_t_ns=np.concatenate(rows) if rows else np.zeros(0, np.int64),
@@ -58,7 +58,7 @@ def common_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
     longest: dict[int, int] = {}
     for log in logs:
         for episode in log.episodes:
-            number = episode.plan.episode + 1
+            number = episode.number
             longest[number] = max(longest.get(number, 0), int(episode.t_ns[-1] - episode.t_ns[0]))
     starts, now_ns = {}, 0
     for number in sorted(longest):

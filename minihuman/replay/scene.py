@@ -224,7 +224,7 @@ def _press_line(press: KeyPressed) -> str:
 
 def _episode_lines(episode: Episode) -> list[tuple[int, str, str]]:
     plan = episode.plan
-    number, steps = plan.episode + 1, len(episode.actions)
-    began = f"episode {number} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"
-    ended = f"episode {number} ends: {episode.outcome_word}, {steps} steps, return {episode.return_:.3f}"
+    steps = len(episode.actions)
+    began = f"{episode.name} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"
+    ended = f"{episode.name} ends: {episode.outcome_word}, {steps} steps, return {episode.return_:.3f}"
     return [(int(episode.t_ns[0]), "INFO", began), (int(episode.t_ns[-1]), "INFO", ended)]

@@ -45,7 +45,7 @@ def _redrawn(episode: Episode, world: World) -> Iterator[NDArray[np.uint8]]:
             seen = world.step(int(episode.actions[step - 1])).observation_hash
         if seen != int(episode.observation_hashes[step]):
             raise LogError(
-                f"episode {plan.episode + 1}, step {step}: {plan.world} now shows something else than was seen; "
+                f"{episode.name} step {step}: {plan.world} now shows something else than was seen; "
                 "replay without the view, or with the version of the world in the session's facts"
             )
         yield world.frame(plan.view, SIZE_PX, plan.palette)

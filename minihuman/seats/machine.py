@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import minihuman
+from minihuman.worlds.sources import rules_digest
 
 _PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
 
@@ -17,16 +18,27 @@ class SessionClock:
 
     def __init__(self) -> None:
         self.started_unix_ns = time.time_ns()
-        self._start_ns = time.monotonic_ns()
+        self.started_monotonic_ns = time.monotonic_ns()
 
     def __call__(self) -> int:
         """Nanoseconds since it was made."""
-        return time.monotonic_ns() - self._start_ns
+        return time.monotonic_ns() - self.started_monotonic_ns
+
+    def facts(self) -> dict[str, str]:
+        """What the machine's monotonic clock showed, and which clock that is.
+
+        Any other recording of this machine by that clock can be laid beside the log to the nanosecond.
+        """
+        return {
+            "started_monotonic_ns": str(self.started_monotonic_ns),
+            "monotonic_clock": time.get_clock_info("monotonic").implementation,
+        }
 
 
 def machine_facts() -> dict[str, str]:
-    """Versions, platform, processor, and the commit of a checked-out minihuman; by name."""
+    """A digest of the worlds' rules, versions, platform, processor, the commit of a checked-out minihuman; by name."""
     facts = {
+        "rules": rules_digest(),
         "python": platform.python_version(),
         "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),

@@ -75,6 +75,8 @@ class _Loop:
             self._show()
             for happened in self._next_inputs():
                 self.take(happened)
+                if not self._session.over:
+                    self._show()  # each step's picture, though the next key is there already
 
     def take(self, happened: Input) -> None:
         """Let the session have an input, and write what it says. A log that cannot be written stops the session."""

@@ -20,7 +20,7 @@ def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> P
         WorldError: if the world failed; the log says so too, and everything before is in it.
         OSError: if the data folder cannot be written.
     """
-    facts = {"player": "human", **machine_facts(), **window.facts()}
+    facts = {"player": "human", **machine_facts(), **clock.facts(), **window.facts()}
     recorder = McapRecorder(data, plan, started_ns=clock.started_unix_ns)
     session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
     path = run_session(session, window, recorder, clock)

@@ -18,7 +18,7 @@ def lines(plan: SessionPlan) -> Iterator[str]:
     for episode in plan.episodes:
         if episode.episode_in_block == 0:
             yield from _block(plan, episode)
-        yield f"  {episode.episode:3}  episode {episode.episode_in_block + 1:2}  seed {episode.seed}"
+        yield f"  {episode.episode + 1:3}  episode {episode.episode_in_block + 1:2} of the block  seed {episode.seed}"
 
 
 def _block(plan: SessionPlan, first: EpisodePlan) -> Iterator[str]:

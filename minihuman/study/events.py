@@ -64,7 +64,11 @@ class EpisodeStarted:
 
 @dataclass(frozen=True, slots=True)
 class KeyPressed:
-    """A key went down or up, mapped or not, and what came of it."""
+    """A key went down or up, mapped or not, and what came of it.
+
+    ``t_ns`` is when the session took it. A press that comes while a picture is being drawn waits for it: the press
+    itself was at ``t_ns - waited_ns``.
+    """
 
     t_ns: int
     key: str
@@ -73,6 +77,7 @@ class KeyPressed:
     action: int | None
     verdict: Verdict
     phase: str
+    waited_ns: int = 0  # from the press to t_ns, where it had to wait
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,6 +269,16 @@ class Noted:
 
 
 @dataclass(frozen=True, slots=True)
+class Sampled:
+    """A device of the protocol gave a sample: a gaze, a pulse, a trigger."""
+
+    t_ns: int  # when it was taken, which is before it arrived: samples may be older than the event before them
+    device: str  # its name in the protocol
+    values: tuple[float, ...]  # one a channel, in the protocol's order; NaN where it has none
+    text: str = ""  # what it says in words, a trigger box's code say
+
+
+@dataclass(frozen=True, slots=True)
 class SessionEnded:
     """The last event."""
 
@@ -294,5 +309,6 @@ Event = (
     | Paused
     | Resumed
     | Noted
+    | Sampled
     | SessionEnded
 )

@@ -19,6 +19,7 @@ class Phase(StrEnum):
     KEYBOARD_CHECK = "keyboard_check"
     QUESTIONS = "questions"
     INSTRUCTIONS = "instructions"
+    PREPARING = "preparing"
     READY = "ready"
     INTERVAL = "interval"
     FIXATION = "fixation"

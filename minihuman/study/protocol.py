@@ -15,6 +15,8 @@ from minihuman.study.activities.pages import Example
 from minihuman.study.activities.play_plan import Criterion, Points
 from minihuman.study.design import Day, Order, Override, Questionnaire, Strata, Text
 from minihuman.study.design_complaints import design_complaints
+from minihuman.study import about as facts
+from minihuman.study import devices as apparatus
 from minihuman.study.keys import KEY_NAMES, RESERVED
 from minihuman.study.plan import Bonus, KeyMapPolicy, PacePolicy, Spare
 from minihuman.worlds.contract import Palette, View
@@ -123,6 +125,8 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bonus: Bonus | None = None
     strata: Strata | None = None
     files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
+    about: facts.About = facts.About()
+    devices: tuple[apparatus.Device, ...] = ()
     toml: bytes = b""  # the file itself, byte for byte; not a field of the file
 
     @property
@@ -220,16 +224,22 @@ _STRUCTS: dict[str, type[msgspec.Struct]] = {
     "questions": Questionnaire,
     "orders": Order,
     "sessions": Day,
+    "questions.items": Asked,
+    "pages.example": Example,
+    "blocks.until": Criterion,
+    "blocks.points": Points,
     "bonus": Bonus,
     "strata": Strata,
+    "about": facts.About,
+    "about.authors": facts.Author,
+    "about.participants": facts.ParticipantColumn,
+    "devices": apparatus.Device,
 }
-
-_DEEPER: dict[str, type[msgspec.Struct]] = {"items": Asked, "until": Criterion, "points": Points, "example": Example}
 
 
 def _struct_at(path: str) -> type[msgspec.Struct]:
-    first, *deeper = (step.split("[")[0] for step in path.split(".")[1:]) if "." in path else ("",)
-    return _DEEPER.get(deeper[-1], Protocol) if deeper else _STRUCTS.get(first, Protocol)
+    parts = ".".join(part.split("[")[0] for part in path.split(".")[1:])
+    return _STRUCTS.get(parts, _STRUCTS.get(parts.split(".")[0], Protocol))
 
 
 def _known(struct: type[msgspec.Struct], wrong: str = "") -> str:
@@ -251,6 +261,8 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
         ),
         *_carry_complaints(protocol),
         *design_complaints(protocol),
+        *facts.complaints(protocol.about),
+        *apparatus.complaints(protocol.devices),
         *(
             (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
             for number, rule in enumerate(protocol.exclusions)

@@ -37,12 +37,17 @@ class Stage:
 
     def say_key(self, key: KeyDown | KeyUp, verdict: Verdict, phase: str, action: int | None = None) -> None:
         """Say what came of a key."""
-        self.say(KeyPressed(self.now_ns, key.key, key.symbol, isinstance(key, KeyDown), action, verdict, phase))
+        down, waited_ns = isinstance(key, KeyDown), self.now_ns - key.t_ns
+        self.say(KeyPressed(self.now_ns, key.key, key.symbol, down, action, verdict, phase, waited_ns))
 
     def take_events(self) -> list[Event]:
         """What was said since the last call."""
         events, self._events = self._events, []
         return events
+
+    def has_world(self, world_id: str, options: dict[str, Any]) -> bool:
+        """Whether that world is the one that is open."""
+        return self._world is not None and self._world[0] == (world_id, options)
 
     def world(self, world_id: str, options: dict[str, Any]) -> World:
         """The one world that is open; another is closed first."""

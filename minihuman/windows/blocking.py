@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from minihuman.study.inputs import FocusChanged, Input, Shown
 from minihuman.study.screens import Screen
-from minihuman.windows.compose import Box, Size, picture_size_px, repaint
+from minihuman.windows.compose import Box, Size, compose, picture_size_px, repaint
 from minihuman.windows.held import HeldKeys
 from minihuman.windows.port import Clock, Window
 
@@ -24,6 +24,7 @@ class BlockingWindow(Window):
         self._focused = False
         self._shown: Screen | None = None
         self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
+        self._last_key_ns = -(1 << 62)
 
     @property
     @abc.abstractmethod
@@ -62,6 +63,14 @@ class BlockingWindow(Window):
         flip_ns = self._clock()
         return Shown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
 
+    def _repaint(self) -> None:
+        """Bring what is shown to the display once more, all of it: it was covered, or the window has another size."""
+        if self._shown is None:
+            return
+        width, height = self.size_px
+        self._frame = compose(self._shown, (width, height))
+        self._flip(self._frame, (0, 0, width, height))
+
     def wait(self, until_ns: int | None) -> list[Input]:
         """Block until an input comes or the clock reaches ``until_ns``; what has arrived is returned even so."""
         while True:
@@ -74,6 +83,11 @@ class BlockingWindow(Window):
                 return list(repeats)
             if until_ns is not None and now_ns >= until_ns:
                 return []
+
+    def _key(self, down: bool, key: str, symbol: str, t_ns: int) -> list[Input]:
+        """What a word about a key amounts to. Its stamp is after that of the key before, by a nanosecond at least."""
+        t_ns = self._last_key_ns = max(t_ns, self._last_key_ns + 1)
+        return [*(self._held.press if down else self._held.release)(t_ns, key, symbol)]
 
     def _focus(self, t_ns: int, focused: bool) -> list[Input]:
         """What a word about the focus amounts to: toolkits say the same thing twice, and "lost" before any was had."""

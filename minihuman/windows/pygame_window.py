@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import pygame
@@ -14,17 +15,25 @@ from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
 from minihuman.windows.compose import Box, Size
 from minihuman.windows.keys import from_scancode, to_scancode
 from minihuman.windows.port import Clock
+from minihuman.windows.x11_time import ON_RECEIPT, SERVER_TIME, KeyTimes
 
 _NS_PER_MS = 1_000_000
 _SAY_WHERE = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
 _NO_DISPLAY = ("offscreen", "dummy")  # what SDL falls back to by itself
+_TO_REPAINT = (  # after these SDL's surface may be another, and black
+    pygame.WINDOWEXPOSED,
+    pygame.WINDOWSHOWN,
+    pygame.WINDOWRESTORED,
+    pygame.WINDOWSIZECHANGED,
+    pygame.WINDOWDISPLAYCHANGED,
+)
+_KEYS = (pygame.KEYDOWN, pygame.KEYUP)
 _EVENTS = (
-    pygame.KEYDOWN,
-    pygame.KEYUP,
+    *_KEYS,
     pygame.WINDOWFOCUSGAINED,
     pygame.WINDOWFOCUSLOST,
-    pygame.WINDOWEXPOSED,
     pygame.QUIT,
+    *_TO_REPAINT,
 )
 
 
@@ -53,7 +62,7 @@ class PygameWindow(BlockingWindow):
             if driver in _NO_DISPLAY and os.environ.get("SDL_VIDEODRIVER") != driver:
                 raise pygame.error("SDL found no screen")
             pygame.display.set_caption(TITLE)
-            self._surface = self._open(size_px, fullscreen=fullscreen)
+            self._open(size_px, fullscreen=fullscreen)
         except pygame.error as error:
             pygame.display.quit()
             raise WindowError(
@@ -62,31 +71,33 @@ class PygameWindow(BlockingWindow):
             ) from error
         self._fullscreen = fullscreen
         self._closed = False
+        self._key_times = _key_times(clock) if driver == "x11" else None
         pygame.mouse.set_visible(False)
         pygame.key.stop_text_input()  # an input method would swallow keys
         pygame.event.set_blocked(None)
         pygame.event.set_allowed(_EVENTS)
 
     @staticmethod
-    def _open(size_px: Size, *, fullscreen: bool) -> pygame.Surface:
+    def _open(size_px: Size, *, fullscreen: bool) -> None:
         """Open with vsync where the display has a refresh rate and the driver grants it, else without."""
         screen_px = pygame.display.get_desktop_sizes()[0]
         size_px = screen_px if fullscreen else (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
-        flags = pygame.FULLSCREEN if fullscreen else 0
+        flags = pygame.FULLSCREEN if fullscreen else pygame.RESIZABLE
         if any(pygame.display.get_desktop_refresh_rates()):
             try:
-                return pygame.display.set_mode(size_px, flags | pygame.SCALED, vsync=1)
+                pygame.display.set_mode(size_px, flags | pygame.SCALED, vsync=1)
+                return
             except pygame.error:
                 pass  # a driver without vsync; the facts say so
-        return pygame.display.set_mode(size_px, flags)
+        pygame.display.set_mode(size_px, flags)
 
     @property
     def size_px(self) -> Size:
         """Width and height of what is drawn."""
-        return self._surface.get_size()
+        return _surface().get_size()
 
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
-        self._surface.blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
+        _surface().blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
         pygame.display.update(changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
@@ -97,22 +108,31 @@ class PygameWindow(BlockingWindow):
             events.append(pygame.event.wait(timeout_ns // _NS_PER_MS))
         else:
             time.sleep(timeout_ns * 1e-9)
-        t_ns = self._clock()
         events += pygame.event.get()
-        return [arrived for event in events for arrived in self._inputs(event, t_ns)]
+        t_ns = self._clock()
+        if any(event.type in _TO_REPAINT for event in events):
+            self._repaint()
+        return [arrived for event, at_ns in self._timed(events, t_ns) for arrived in self._inputs(event, at_ns)]
+
+    def _timed(self, events: list[pygame.event.Event], now_ns: int) -> Iterator[tuple[pygame.event.Event, int]]:
+        """Events and when they came: SDL does not tell, so keys are looked up at the X server, where there is one."""
+        keys = [event for event in events if event.type in _KEYS and self._key_times is not None]
+        told = [(from_scancode(event.scancode), event.type == pygame.KEYDOWN) for event in keys]
+        times = iter(self._key_times.of(told) if self._key_times and told else ())
+        for event in events:
+            at_ns = next(times, None) if event.type in _KEYS else None
+            yield event, now_ns if at_ns is None else at_ns
 
     def _inputs(self, event: pygame.event.Event, t_ns: int) -> list[Input]:
         match event.type:
             case pygame.KEYDOWN:
-                return [*self._held.press(t_ns, from_scancode(event.scancode), _symbol(event))]
+                return self._key(True, from_scancode(event.scancode), _symbol(event), t_ns)
             case pygame.KEYUP:
-                return [*self._held.release(t_ns, from_scancode(event.scancode), _symbol(event))]
+                return self._key(False, from_scancode(event.scancode), _symbol(event), t_ns)
             case pygame.WINDOWFOCUSGAINED:
                 return self._focus(t_ns, True)
             case pygame.WINDOWFOCUSLOST:
                 return self._focus(t_ns, False)
-            case pygame.WINDOWEXPOSED:
-                pygame.display.flip()
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
         return []
@@ -133,6 +153,7 @@ class PygameWindow(BlockingWindow):
             "fullscreen": str(self._fullscreen).lower(),
             "vsync": "on" if pygame.display.is_vsync() else "off",
             "refresh_hz_reported": str(pygame.display.get_current_refresh_rate() or "unknown"),
+            "key_times": ON_RECEIPT if self._key_times is None else SERVER_TIME,
             "key_identity": "position (SDL scancode)",
         }
 
@@ -140,7 +161,24 @@ class PygameWindow(BlockingWindow):
         """Give the display back."""
         if not self._closed:
             self._closed = True
+            if self._key_times is not None:
+                self._key_times.close()
             pygame.display.quit()
+
+
+def _key_times(clock: Clock) -> KeyTimes | None:
+    """The X server's word on keys; None where it cannot be had."""
+    try:
+        return KeyTimes(clock)
+    except OSError:
+        return None
+
+
+def _surface() -> pygame.Surface:
+    """What is drawn on; another one after each change of size."""
+    surface = pygame.display.get_surface()
+    assert surface is not None, "the window is open"
+    return surface
 
 
 def _symbol(event: pygame.event.Event) -> str:

@@ -30,10 +30,10 @@ def screen_now() -> Any:
 
 
 class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 has no types
-    """Dispatches ``on_key(down, key, symbol)`` in our key names, beside pyglet's own events.
+    """Dispatches ``on_key(down, key, symbol, server_ms)`` in our key names, beside pyglet's own events.
 
     On X11 the key is read from the keycode of the X event, before pyglet reduces it to a symbol and drops what it
-    takes for auto-repeat. Elsewhere pyglet's symbol is all there is.
+    takes for auto-repeat, and so is its time. Elsewhere pyglet's symbol is all there is, and ``server_ms`` is None.
     """
 
     _enable_event_queue = False  # deliver at once and in order, as pyglet's own event loop has it
@@ -44,11 +44,13 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
         screen = screen_now()
         settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
         if size_px is not None:
-            settings = {"width": min(size_px[0], screen.width), "height": min(size_px[1], screen.height)}
+            wide, high = min(size_px[0], screen.width), min(size_px[1], screen.height)
+            settings = {"width": wide, "height": high, "resizable": True}
         super().__init__(caption=title, vsync=True, **settings)
         if ON_X11:
             self._positions = positions(xlib._lib, self.display._display)
         self._frame_size: Size | None = None
+        self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
 
     # Keys on X11
 
@@ -71,7 +73,9 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
         xlib.XLookupString(event.xkey, text, len(text), ctypes.byref(keysym), None)
         symbol = xlib.XKeysymToString(keysym.value) or b""
         key = from_xkb(self._positions.get(keycode, ""), keycode)
-        self.dispatch_event("on_key", event.type == xlib.KeyPress, key, symbol.decode("ascii", "replace"))
+        self.dispatch_event(
+            "on_key", event.type == xlib.KeyPress, key, symbol.decode("ascii", "replace"), event.xkey.time
+        )
         return True
 
     # Keys elsewhere
@@ -86,7 +90,7 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
 
     def _key_of_symbol(self, down: bool, symbol: int) -> bool:
         name = pyglet.window.key.symbol_string(symbol)
-        self.dispatch_event("on_key", down, from_symbol(name), name)
+        self.dispatch_event("on_key", down, from_symbol(name), name, None)
         return bool(EVENT_HANDLED)
 
     # Pictures
@@ -103,21 +107,15 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
         left, top, wide, high = changed
         pixels = np.ascontiguousarray(frame[top : top + high, left : left + wide]).ctypes.data_as(ctypes.c_void_p)
         gl.glTexSubImage2D(gl.GL_TEXTURE_2D, 0, left, top, wide, high, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, pixels)
-        self.present_again()
-
-    def present_again(self) -> None:
-        """Show the last picture once more, after something covered it."""
-        if self._frame_size is None:
-            return
-        width, height = self._frame_size
-        self.switch_to()
         gl.glBlitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST)
         self.flip()
         gl.glFinish()  # a flip only queues the frame
 
     def _make_frame(self, width: int, height: int) -> None:
-        """A texture the frame is uploaded into, bound for reading ever after."""
-        texture, framebuffer = gl.GLuint(), gl.GLuint()
+        """A texture the frame is uploaded into, bound for reading until there is another of another size."""
+        for delete, name in ((gl.glDeleteFramebuffers, self._framebuffer), (gl.glDeleteTextures, self._texture)):
+            delete(1, ctypes.byref(name))  # 0, which there is before the first, is passed over
+        texture, framebuffer = self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
         gl.glGenTextures(1, ctypes.byref(texture))
         gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
         gl.glTexParameteri(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_MIN_FILTER, gl.GL_NEAREST)

@@ -10,6 +10,7 @@ from minihuman.study.inputs import Input, Stop
 from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
 from minihuman.windows.compose import Box, Size
 from minihuman.windows.port import Clock
+from minihuman.windows.x11_time import ON_RECEIPT, SERVER_TIME, server_time_is_ours, when_ns
 
 if TYPE_CHECKING:
     from minihuman.windows.pyglet_native import NativeWindow
@@ -30,13 +31,17 @@ class PygletWindow(BlockingWindow):
     def __init__(self, clock: Clock, *, fullscreen: bool = False, size_px: Size = DEFAULT_SIZE_PX) -> None:
         super().__init__(clock)
         self._inputs: list[Input] = []
+        self._to_repaint = False
         self._native: NativeWindow | None = _open(fullscreen=fullscreen, size_px=size_px)
+        self._server_time = server_time_is_ours()
         self._native.push_handlers(
             on_key=self._on_key,
             on_activate=lambda: self._on_focus(True),
             on_deactivate=lambda: self._on_focus(False),
             on_close=self._on_close,
-            on_expose=self._native.present_again,
+            on_expose=self._repaint_soon,
+            on_show=self._repaint_soon,
+            on_resize=lambda width, height: self._repaint_soon(),
         )
 
     @property
@@ -59,18 +64,22 @@ class PygletWindow(BlockingWindow):
 
         if not self._inputs:
             pyglet.app.platform_event_loop.step(None if timeout_ns is None else timeout_ns * 1e-9)
+        if self._to_repaint:
+            self._to_repaint = False
+            self._repaint()
         arrived, self._inputs = self._inputs, []
         return arrived
 
-    def _on_key(self, down: bool, key: str, symbol: str) -> None:
-        t_ns = self._clock()
-        if down:
-            self._inputs += self._held.press(t_ns, key, symbol)
-        else:
-            self._inputs += self._held.release(t_ns, key, symbol)
+    def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None) -> None:
+        told = server_ms if self._server_time else None
+        t_ns = self._clock() if told is None else when_ns(told, self._clock)
+        self._inputs += self._key(down, key, symbol, t_ns)
 
     def _on_focus(self, focused: bool) -> None:
         self._inputs += self._focus(self._clock(), focused)
+
+    def _repaint_soon(self) -> None:
+        self._to_repaint = True
 
     def _on_close(self) -> bool:
         self._inputs.append(Stop(self._clock(), "window_closed"))
@@ -81,7 +90,7 @@ class PygletWindow(BlockingWindow):
         import pyglet
 
         for down in (True, False):
-            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "")
+            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None)
 
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified."""
@@ -99,6 +108,7 @@ class PygletWindow(BlockingWindow):
             "fullscreen": str(bool(window.fullscreen)).lower(),
             "vsync": "on" if window.vsync else "off",
             "refresh_hz_reported": window.refresh_hz(),
+            "key_times": SERVER_TIME if self._server_time else ON_RECEIPT,
             "key_identity": "position (X11 keycode)" if ON_X11 else "symbol (US layout assumed)",
         }
 

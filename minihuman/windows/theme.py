@@ -22,7 +22,7 @@ LIT: Colour = (86, 180, 233)
 @lru_cache(maxsize=64)
 def font(size_px: int, *, bold: bool = False) -> ImageFont.FreeTypeFont:
     """DejaVu Sans, ``size_px`` from ascender to descender: Latin, Greek, Cyrillic and arrows."""
-    return ImageFont.truetype(str(_folder() / f"DejaVuSans{'-Bold' if bold else ''}.ttf"), size_px)
+    return ImageFont.truetype(str(_folder() / f"DejaVuSans{'-Bold' if bold else ''}.ttf"), max(1, size_px))
 
 
 @lru_cache(maxsize=1)

@@ -93,7 +93,7 @@ def test_blocks_and_participants_sum_their_episodes_up(log, tables):
 
 def test_an_episode_begun_again_is_told_apart_and_the_broken_one_does_not_count(log):
     broken = dataclasses.replace(log.episodes[0], outcome="abandoned")
-    tables = rows_of(session_of([broken, log.episodes[0]]))
+    tables = rows_of(session_of([broken, dataclasses.replace(log.episodes[0], attempt=2)]))
     assert tables["episodes"]["attempt"].tolist() == [1, 2]
     assert tables["episodes"]["left_out"].tolist() == [UNFINISHED, ""]
     assert tables["participants"]["episodes"].tolist() == [1]

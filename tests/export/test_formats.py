@@ -161,7 +161,7 @@ def test_rerun_reads_the_lerobot_export(items, tmp_path):
 def test_an_episode_that_does_not_replay_is_refused_by_name():
     (item,) = chosen([played(WORLDS[0], seed=1)])
     item.episode.observation_hashes[4] += 1
-    with pytest.raises(ExportError, match=r"episode 0 step 4: the observation differs .* minihuman 0\.1\.0"):
+    with pytest.raises(ExportError, match=r"episode 1 step 4: the observation differs .* minihuman 0\.1\.0"):
         Resimulator()(item)
 
 

@@ -86,7 +86,7 @@ def test_a_changed_world_is_refused_and_then_exported_from_what_the_log_holds(tm
 
 def test_a_log_that_holds_none_cannot_give_them(tmp_path, monkeypatch):
     source = study(tmp_path / "data", stored=False)
-    with pytest.raises(ExportError, match=r"episode 0 has no stored observations .* export without --stored-frames"):
+    with pytest.raises(ExportError, match=r"episode 1 has no stored observations .* export without --stored-frames"):
         exported(source, tmp_path / "out", stored_frames=True)
     monkeypatch.setattr(changing, "shade", 90)
     with pytest.raises(ExportError, match=r"export with that version$"):

@@ -51,7 +51,7 @@ def test_the_first_step_that_differs_is_named(
         for event in events
     ]
     result = verify(open_log(record(tmp_path, plan, changed)))
-    assert result.difference.startswith("episode 1 step 7: ")
+    assert result.difference.startswith("episode 2 step 7: ")
     assert named in result.difference
     assert (result.episodes, result.steps) == (1, STEPS)
 
@@ -62,7 +62,7 @@ def test_another_start_is_named(tmp_path: Path, plan: SessionPlan, events: list[
         for event in events
     ]
     result = verify(open_log(record(tmp_path, plan, changed)))
-    assert result.difference.startswith("episode 0 reset: state hash ")
+    assert result.difference.startswith("episode 1 reset: state hash ")
 
 
 def test_a_seed_that_was_not_played_is_found(tmp_path: Path, plan: SessionPlan, events: list[Event]) -> None:

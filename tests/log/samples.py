@@ -255,6 +255,7 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
     ev.Paused: st.builds(ev.Paused, TIMES, st.sampled_from(get_args(ev.PauseReason))),
     ev.Resumed: st.builds(ev.Resumed, TIMES),
     ev.Noted: st.builds(ev.Noted, TIMES, TEXTS, TEXTS),
+    ev.Sampled: st.builds(ev.Sampled, TIMES, TEXTS, st.lists(FLOATS, max_size=3).map(tuple), TEXTS),
     ev.SessionEnded: st.builds(ev.SessionEnded, TIMES, st.sampled_from(get_args(ev.EndReason)), TEXTS, COUNTS),
 }
 EVENTS = st.one_of(*EVENTS_BY_TYPE.values())

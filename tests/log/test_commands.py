@@ -12,7 +12,8 @@ from minihuman.cli import logs
 from minihuman.errors import LogError
 from minihuman.log.read.open_log import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import Stepped
+from minihuman.study.events import SessionStarted, Stepped
+from minihuman.worlds.sources import rules_digest
 from tests.log.played import played_events, record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -48,6 +49,21 @@ def test_verify_says_that_a_log_replays_and_exits_0(app: typer.Typer, tmp_path: 
     assert (result.exit_code, result.stdout) == (0, f"{log}: 2 episodes, 10 steps, all as logged\n")
 
 
+def test_verify_says_first_that_other_rules_recorded_a_log(app: typer.Typer, tmp_path: Path) -> None:
+    events = [
+        replace(event, facts=event.facts | {"rules": "0123456789abcdef"})
+        if isinstance(event, SessionStarted)
+        else event
+        for event in played_events(PLAN, steps=5)
+    ]
+    result = CliRunner().invoke(app, ["verify", str(log := record(tmp_path, PLAN, events))])
+    assert result.exit_code == 0
+    assert result.stdout.splitlines() == [
+        f"{log}: recorded by rules 0123456789abcdef, checked by rules {rules_digest()}",
+        f"{log}: 2 episodes, 10 steps, all as logged",
+    ]
+
+
 def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_path: Path) -> None:
     events = [
         replace(event, state_hash=0) if isinstance(event, Stepped) and event.step == 3 else event
@@ -56,7 +72,7 @@ def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_pat
     log = record(tmp_path, PLAN, events)
     result = CliRunner().invoke(app, ["verify", str(log)])
     assert result.exit_code == 1
-    assert result.stdout.startswith(f"{log}: episode 0 step 3: state hash 0000000000000000 in the log, now ")
+    assert result.stdout.startswith(f"{log}: episode 1 step 3: state hash 0000000000000000 in the log, now ")
 
 
 def test_recover_says_how_many_steps_it_kept(app: typer.Typer, tmp_path: Path) -> None:

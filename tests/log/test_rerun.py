@@ -30,7 +30,7 @@ def test_reruns_checker_finds_nothing(log: Path) -> None:
     )
     assert checked.returncode == 0, checked.stdout + checked.stderr
     verdicts = [line.split()[0] for line in checked.stdout.splitlines() if "/" in line and str(log) not in line]
-    assert verdicts == ["ok"] * len(TOPICS), checked.stdout
+    assert verdicts == ["ok"] * (len(TOPICS) - 1), f"all but /sample, of which the session has none: {checked.stdout}"
 
 
 def test_reruns_reader_sees_text_images_poses_and_steps(log: Path) -> None:

@@ -51,5 +51,6 @@ def test_any_events_written_are_read_in_the_same_order(start: ev.SessionStarted,
 
 def test_what_viewers_get_is_no_event_of_its_own() -> None:
     for event in session_events(session_plan(episodes=1)):
-        for topic, message in for_viewers(event, started_ns=STARTED_NS):
-            assert decode(topic, message.SerializeToString()) is None
+        topic, message = truth(event)
+        for drawn_on, drawn in for_viewers(topic, message.SerializeToString(), started_ns=STARTED_NS):
+            assert decode(drawn_on, drawn.SerializeToString()) is None

@@ -9,8 +9,8 @@ import pytest
 from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import Tally, key_uses, visible_effect
 from minihuman.measures.path import net_displacement, turned_rad, turns_in_place, walks
-from minihuman.measures.timing import pauses, playing_s, reaction_ms
-from minihuman.study.events import KeyPressed, Paused, Resumed
+from minihuman.measures.timing import played_ns, playing_s, reaction_ms
+from minihuman.study.events import KeyPressed
 from tests.builders import episode, grid_map, made, plan, pursue
 
 SECOND = 1_000_000_000
@@ -58,14 +58,24 @@ def test_pauses_are_no_playing_time():
     played = round_a_corner()
     whole = (played.t_ns[-1] - played.t_ns[0]) / 1e9
     inside = (int(played.t_ns[2]), int(played.t_ns[2]) + SECOND // 2)
-    before = (-3 * SECOND, -2 * SECOND)
-    assert playing_s(played, [before, inside]) == pytest.approx(whole - 0.5)
-    assert playing_s(played, [(int(played.t_ns[-1]), None)]) == pytest.approx(whole)
+    assert playing_s(played) == pytest.approx(whole)
+    assert playing_s(dataclasses.replace(played, pauses=(inside,))) == pytest.approx(whole - 0.5)
 
 
-def test_a_second_reason_to_pause_does_not_pause_twice():
-    notes = (Paused(1, "participant"), Paused(2, "focus_lost"), Resumed(5), Resumed(6), Paused(9, "quit_question"))
-    assert pauses(notes) == ((1, 5), (9, None))
+def test_playing_time_until_a_key_press_counts_only_the_pauses_before_it():
+    played = round_a_corner()
+    paused = (int(played.t_ns[2]), int(played.t_ns[2]) + SECOND // 4)
+    of = dataclasses.replace(played, pauses=(paused,))
+    assert played_ns(of, int(played.t_ns[1])) == played_ns(played, int(played.t_ns[1]))
+    assert played_ns(of, int(played.t_ns[5])) == played_ns(played, int(played.t_ns[5])) - SECOND // 4
+
+
+def test_a_key_is_not_found_later_for_a_pause_before_it():
+    poses = [(1.0, 0.0, 1.0, 0.0)] * 3 + [(2.0, 0.0, 1.0, 0.0)]
+    played = made(plan(0), poses, [2, 2, 2], None)
+    paused = dataclasses.replace(played, pauses=((int(played.t_ns[1]), int(played.t_ns[1]) + SECOND // 5),))
+    found = [{use.key: use.found_s for use in key_uses([Tally.of(one)])}["1"] for one in (played, paused)]
+    assert found[1] == pytest.approx(found[0] - 0.2)
 
 
 def test_reaction_times_leave_out_steps_without_one():
@@ -107,7 +117,7 @@ def test_presses_without_an_action_are_counted_by_key():
 def test_a_new_key_map_starts_its_own_discovery():
     other = dataclasses.replace(episode(kind="room"))
     uses = key_uses([Tally.of(played) for played in (round_a_corner(0), round_a_corner(1), other)])
-    assert [use.first_episode for use in uses if use.key == "2"] == [0, other.plan.episode]
+    assert [use.first_episode for use in uses if use.key == "2"] == [1, other.number]
 
 
 def test_adaptation_is_the_slope_of_the_first_episodes():

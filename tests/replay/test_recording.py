@@ -1,14 +1,11 @@
 """What a replay's file holds, read back with rerun's own reader."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
 from minihuman.errors import LogError
-from minihuman.recorded.columns import EventColumns
 from minihuman.replay.facts import facts_page
 from minihuman.replay.moments import ALIGNED, EPISODE, SESSION_TIME, STEP
 from minihuman.replay.recording import save_recording
@@ -107,7 +104,7 @@ def test_keys_show_what_became_of_them_until_they_come_up(tmp_path):
             [("9", True, "unmapped"), ("9", True, "repeat"), ("9", False, "release"), ("4", True, "spare")]
         )
     )
-    log = dataclasses.replace(session_of([first]), keys=keys)
+    log = session_of([first], keys=keys)
     saved = save_recording([log], tmp_path / "keys.rrd")
     assert column(rows(saved, "sub-01_ses-01/keys/9"), "StateChange:state") == [["unmapped"], [""]]
     assert column(rows(saved, "sub-01_ses-01/keys/4"), "StateChange:state") == [["spare"]]
@@ -115,8 +112,8 @@ def test_keys_show_what_became_of_them_until_they_come_up(tmp_path):
 
 def test_pauses_notes_and_presses_read_as_lines_in_order(tmp_path):
     first = session(episodes=1).episodes[0]
-    notes = (Paused(5, "focus_lost"), Noted(1, "consent", "given"))
-    saved = save_recording([dataclasses.replace(session_of([first]), notes=notes)], tmp_path / "events.rrd")
+    notes = (Noted(1, "consent", "given"), Paused(5, "focus_lost"))
+    saved = save_recording([session_of([first], notes=notes)], tmp_path / "events.rrd")
     lines = [text[0] for text in column(rows(saved, "sub-01_ses-01/events"), "TextLog:text")]
     assert lines[:2] == ["consent: given", "paused: focus_lost"]
     assert lines[2].startswith("episode 1 begins: minihuman/MiniGrid-FourRooms-v0, seed 100")
@@ -128,7 +125,7 @@ def test_only_a_press_that_nothing_came_of_is_a_warning(tmp_path):
         KeyPressed(1, "enter", "enter", True, None, "accepted", "ready"),
         KeyPressed(2, "8", "8", True, None, "spare", "playing"),
     ]
-    made_of = dataclasses.replace(session_of([]), keys=EventColumns.of(KeyPressed, presses))
+    made_of = session_of([], keys=presses)
     found = rows(save_recording([made_of], tmp_path / "presses.rrd"), "sub-01_ses-01/events")
     assert column(found, "TextLog:level") == [["INFO"], ["WARN"]]
 
@@ -136,7 +133,10 @@ def test_only_a_press_that_nothing_came_of_is_a_warning(tmp_path):
 def test_the_facts_say_who_what_and_how_it_ended(log):
     page = facts_page(log)
     assert "# sub-01, session 1" in page
-    assert "| 2 | grid | minihuman/MiniGrid-FourRooms-v0 (seed 101) | 1: forward, 2: right, 3: left | timeout |" in page
+    assert (
+        "| 2 | 1 | grid | minihuman/MiniGrid-FourRooms-v0 (seed 101) | 1: forward, 2: right, 3: left | timeout |"
+        in page
+    )
 
 
 def test_the_layout_travels_inside_the_file(saved):

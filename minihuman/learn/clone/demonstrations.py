@@ -87,9 +87,7 @@ def _replay(found: Sequence[Chosen], world: World, eyesight: Eyesight) -> Iterat
             seen.append(eyesight.see(world.unwrapped, world.observation))
             hashes.append(world.step(int(action)).observation_hash)
         if not np.array_equal(np.array(hashes, dtype=np.uint64), episode.observation_hashes):
-            raise LearnError(
-                f"{item.log.path}: episode {episode.plan.episode} does not replay; see `minihuman verify` for where"
-            )
+            raise LearnError(f"{item.log.path}: {episode.name} does not replay; see `minihuman verify` for where")
         yield Demonstration(item.log.plan.participant.id, item.log.player, episode.actions, tuple(seen))
 
 

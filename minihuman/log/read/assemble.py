@@ -4,9 +4,9 @@ No object is made of a step, a key press or a picture shown: that is what makes 
 """
 
 from bisect import bisect
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from operator import itemgetter
 from typing import Any, get_args
@@ -24,13 +24,28 @@ from minihuman.log.read.chunk import OfTopic
 from minihuman.log.read.file import Reading
 from minihuman.log.read.wire import Column, Columns, read_columns
 from minihuman.recorded.columns import NO_ACTION, EventColumns
-from minihuman.recorded.episode import Episode, pose_row
+from minihuman.recorded.episode import CUT_OFF, Episode, pose_row
+from minihuman.recorded.segment import Note, Pauses, Segment, in_session
 from minihuman.study import events as ev
 
 _AXES = ("x", "y", "z", "yaw_rad")
 _THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
+_TIMES = frozenset(
+    {"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"}
+)  # columns that are times, whatever the message
 _VERDICTS = get_args(ev.Verdict)
-_FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
+_TRUTHS = frozenset(topic.name for topic in topics.TOPICS if not topic.for_viewers) - {topics.SAMPLE}
+
+
+@dataclass(slots=True)
+class _Part:
+    """A segment as far as it has been read: its messages are those from one place on, its times begin at 0."""
+
+    started: ev.SessionStarted
+    begin: int
+    ended: ev.SessionEnded | None = None
+    last_ns: int = 0  # of what has been read one by one
+    notes: list[Note] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -72,17 +87,19 @@ class _Rows:
 
     def within(self, span: _Span) -> slice:
         """Which of them belong to an episode."""
-        begin = int(np.searchsorted(self.places, span.begin))
-        return slice(begin, len(self.places) if span.end is None else int(np.searchsorted(self.places, span.end)))
+        return self.between(span.begin, span.end)
+
+    def between(self, begin: int, end: int | None) -> slice:
+        """Which of them lie between two places, the second left out; None for the log's end."""
+        first = int(np.searchsorted(self.places, begin))
+        return slice(first, len(self.places) if end is None else int(np.searchsorted(self.places, end)))
 
 
 class Gathering:
     """Takes a session's messages in the order they were recorded. What lies between episodes belongs to none."""
 
     def __init__(self) -> None:
-        self.started: list[ev.SessionStarted] = []  # one a segment
-        self.ended: ev.SessionEnded | None = None  # the last segment's, if it said so
-        self.notes: list[ev.Noted | ev.Paused | ev.Resumed] = []
+        self._parts: list[_Part] = []
         self._chunks: list[bytes] = []  # that hold messages of the topics that have thousands
         self._found: dict[str, list[OfTopic]] = defaultdict(list)  # among those chunks' bytes
         self._observed: tuple[list[int], list[bytes]] = ([], [])  # places and messages, not looked at yet
@@ -99,7 +116,7 @@ class Gathering:
         for chunk in reading.chunks():
             others: list[tuple[int, str, bytes]] = []
             size = self._size
-            for topic, places, begins, ends in chunk.by_topic(without=_FOR_VIEWERS):
+            for topic, places, begins, ends in chunk.by_topic(among=_TRUTHS):
                 if topic in _THOUSANDS:
                     self._found[topic].append(OfTopic(topic, places + self._count, begins + size, ends + size))
                     self._size = size + len(chunk.data)
@@ -119,25 +136,65 @@ class Gathering:
                 self._take(place, reading.event(topic, data))
             self._count += len(chunk)
 
-    def keys_and_episodes(self, segments: Sequence[int]) -> tuple[EventColumns[ev.KeyPressed], tuple[Episode, ...]]:
-        """Every key press and release of the session, and every episode in the order played.
+    @property
+    def started(self) -> list[ev.SessionStarted]:
+        """How each segment began."""
+        return [part.started for part in self._parts]
 
-        ``segments`` are the numbers of those that were read.
+    @property
+    def end_reason(self) -> str:
+        """Why the last segment ended, as far as it said so."""
+        ended = self._parts[-1].ended
+        return CUT_OFF if ended is None else ended.reason
+
+    def session(
+        self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]
+    ) -> tuple[tuple[Segment, ...], tuple[Episode, ...]]:
+        """The session's segments and every episode in the order played, all on one clock.
+
+        ``starts`` and ``ends`` are what the files say of each segment that was read, and of each that was finished.
 
         Raises:
             LogError: if a step or a key press cannot be read, or a step is missing. Pictures are read when looked at.
         """
         data = b"".join(self._chunks)
         steps, downs, pictures = (_Rows(topic, self._found[topic], data) for topic in _THOUSANDS)
-        keys, shown = _presses(downs.column, len(downs.places)), _frames(pictures.column, len(pictures.places))
+        placed = self._placed(starts, ends, steps, downs)
+        segments = [segment for segment, _ in placed]
+        starts_ns = np.array([segment.start_ns for segment in segments], np.int64)
+        begins = np.array([part.begin for part in self._parts], np.int64)
+
+        def on_one_clock(rows: _Rows) -> Callable[[str], Column]:
+            """The columns of these messages, session time in those that are times."""
+
+            @cache
+            def column(name: str) -> Column:
+                found = rows.column(name)
+                if name not in _TIMES or not starts_ns.any():
+                    return found
+                start_ns = starts_ns[np.searchsorted(begins, rows.places, side="right") - 1]
+                return found._replace(values=found.values + start_ns)
+
+            return column
+
+        of_downs = _presses(on_one_clock(downs), len(downs.places))
+        shown = _frames(on_one_clock(pictures), len(pictures.places))
+        segments = [replace(segment, keys=of_downs[downs.between(*between)]) for segment, between in placed]
+        for span in self._spans:
+            if start_ns := segments[span.segment].start_ns:
+                span.start = replace(span.start, t_ns=span.start.t_ns + start_ns)
+        column = on_one_clock(steps)
         of_steps = [steps.within(span) for span in self._spans]
-        moments = _moments([span.start for span in self._spans], [its.start for its in of_steps], steps.column)
-        by_step = _by_step(steps.column)
-        numbers = [steps.column(name).values for name in ("episode", "step")]
-        step_keys = steps.column("key").values
+        moments = _moments([span.start for span in self._spans], [its.start for its in of_steps], column)
+        by_step = _by_step(column)
+        numbers = [column(name).values for name in ("episode", "step")]
+        step_keys = column("key").values
+        pauses = [segment.pauses for segment in segments]
+        attempts: Counter[int] = Counter()
         episodes = []
         for number, (span, its) in enumerate(zip(self._spans, of_steps, strict=True)):
             _check(span.start.plan.episode, *(column[its] for column in numbers))
+            attempts[span.start.plan.episode] += 1
             with_reset = slice(its.start + number, its.stop + number + 1)  # every episode before has a reset too
             episodes.append(
                 Episode(
@@ -145,14 +202,55 @@ class Gathering:
                     **{name: column[with_reset] for name, column in moments.items()},
                     **{name: column[its] for name, column in by_step.items()},
                     step_keys=step_keys[its],
-                    keys=keys[downs.within(span)],
+                    keys=of_downs[downs.within(span)],
                     frames=shown[pictures.within(span)],
                     outcome=span.outcome,
                     observations=self._observations(span, its.stop - its.start),
-                    segment=segments[span.segment],
+                    segment=segments[span.segment].number,
+                    attempt=attempts[span.start.plan.episode],
+                    pauses=_within(pauses[span.segment], moments["t_ns"][with_reset]),
                 )
             )
-        return keys, tuple(episodes)
+        return tuple(segments), tuple(episodes)
+
+    def _placed(
+        self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], steps: _Rows, downs: _Rows
+    ) -> list[tuple[Segment, tuple[int, int | None]]]:
+        """Every segment where it lies in the session, without its keys, and which places its messages have."""
+        clean = {int(end["segment"]): end["clean"] == "true" for end in ends}
+        placed: list[tuple[Segment, tuple[int, int | None]]] = []
+        after_ns = 0
+        for number, (part, facts) in enumerate(zip(self._parts, starts, strict=True)):
+            between = (part.begin, self._parts[number + 1].begin if number + 1 < len(self._parts) else None)
+            unix_ns = int(facts["started_unix_ns"])
+            start_ns = max(unix_ns - int(starts[0]["started_unix_ns"]), after_ns)
+            end_ns = start_ns + self._lasted_ns(part, [(rows, rows.between(*between)) for rows in (steps, downs)])
+            monotonic_ns = part.started.facts.get("started_monotonic_ns", "")
+            segment = Segment(
+                number=int(facts["segment"]),
+                started_at=facts["started_at"],
+                started_unix_ns=unix_ns,
+                started_monotonic_ns=int(monotonic_ns) if monotonic_ns else None,
+                monotonic_clock=part.started.facts.get("monotonic_clock", ""),
+                start_ns=start_ns,
+                end_ns=end_ns,
+                end_reason=CUT_OFF if part.ended is None else part.ended.reason,
+                clean=clean.get(int(facts["segment"]), False),
+                facts=part.started.facts,
+                notes=in_session(part.notes, start_ns),
+                keys=EventColumns.of(ev.KeyPressed, ()),
+            )
+            placed.append((segment, between))
+            after_ns = end_ns + 1  # a clock that was set back does not turn session time back
+        return placed
+
+    @staticmethod
+    def _lasted_ns(part: _Part, thousands: Sequence[tuple[_Rows, slice]]) -> int:
+        """Segment time of the last that is known of a segment, ns."""
+        if part.ended is not None:
+            return part.last_ns
+        times = [rows.column("t_ns").values[its] for rows, its in thousands]
+        return max(part.last_ns, *(int(theirs.max(initial=0)) for theirs in times))
 
     def _observations(self, span: _Span, steps: int) -> Observations | None:
         """What was observed in an episode; a log may break off between an observation and its step."""
@@ -164,22 +262,29 @@ class Gathering:
         match event:
             case ev.SessionStarted():
                 self._close(place)
-                self.started.append(event)
-                self.ended = None
+                self._parts.append(_Part(event, place))
             case ev.SessionEnded():
-                self.ended = event
+                self._parts[-1].ended = event
             case ev.EpisodeStarted():
                 self._close(place)
-                self._spans.append(_Span(event, len(self.started) - 1, begin=place))
+                self._spans.append(_Span(event, len(self._parts) - 1, begin=place))
             case ev.EpisodeEnded():
                 self._close(place, event.outcome)
             case ev.Noted() | ev.Paused() | ev.Resumed():
-                self.notes.append(event)
+                self._parts[-1].notes.append(event)
+        if event is not None:
+            self._parts[-1].last_ns = max(self._parts[-1].last_ns, event.t_ns)
 
     def _close(self, place: int, outcome: ev.Outcome | None = None) -> None:
         """End the last episode, if it has not ended."""
         if self._spans and self._spans[-1].end is None:
             self._spans[-1].end, self._spans[-1].outcome = place, outcome
+
+
+def _within(pauses: Pauses, t_ns: NDArray[np.int64]) -> Pauses:
+    """The pauses, or what of them lies between an episode's reset and its last step."""
+    first, last = int(t_ns[0]), int(t_ns[-1])
+    return tuple((max(begin, first), min(end, last)) for begin, end in pauses if begin < last and end > first)
 
 
 def _check(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
@@ -188,7 +293,7 @@ def _check(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) 
     if wrong.size:
         first = wrong[0]
         raise LogError(
-            f"episode {episodes[first]} step {steps[first]} follows episode {episode} step {first}; "
+            f"episode {episodes[first] + 1} step {steps[first]} follows episode {episode + 1} step {first}; "
             "something between them is missing"
         )
 

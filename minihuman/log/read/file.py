@@ -6,11 +6,11 @@ from pathlib import Path
 from mcap.records import Metadata
 
 from minihuman.errors import LogError
-from minihuman.log.decode import decode
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.read.chunk import LogMessage, Messages
 from minihuman.log.read.scan import Scan
-from minihuman.log.topics import END_METADATA, PLAN, SCHEMA_VERSION, SEGMENT_METADATA
+from minihuman.log.topics import END_METADATA, PLAN, SEGMENT_METADATA
+from minihuman.log.versions import Decode, reader_for
 from minihuman.study.events import Event
 
 
@@ -24,6 +24,7 @@ class Reading:
         self.path = path
         self.starts: list[dict[str, str]] = []  # one a segment whose plan is there: version, wall clock, study
         self.ends: list[dict[str, str]] = []  # one a finished segment: reason, clean
+        self._decode: Decode  # of the segment that is being read
 
     def messages(self) -> Iterator[LogMessage]:
         """Yield every message in file order.
@@ -38,7 +39,7 @@ class Reading:
         """Yield every chunk of messages in file order.
 
         Raises:
-            LogError: if the file cannot be opened, is no session log, of another schema version, or damaged.
+            LogError: if the file cannot be opened, is no session log, of a newer schema version, or damaged.
         """
         scan = Scan(self.path)
         start: dict[str, str] = {}
@@ -50,7 +51,7 @@ class Reading:
                     self.starts += [start] * record.count(PLAN)
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
-                    start = self._checked(record.metadata)
+                    self._decode, start = reader_for(record.metadata, self.path), record.metadata
                 case Metadata() if record.name == END_METADATA:
                     self.ends.append(record.metadata)
         if not scan.finished and not self.path.name.endswith(PART_SUFFIX):
@@ -75,18 +76,9 @@ class Reading:
             LogError: if it cannot be read.
         """
         try:
-            return decode(topic, data)
+            return self._decode(topic, data)
         except Exception as error:  # a foreign or newer message can make protobuf raise anything
             raise LogError(f"{self.path}: a message on {topic} cannot be read: {error}") from error
-
-    def _checked(self, facts: dict[str, str]) -> dict[str, str]:
-        version = facts.get("schema_version", "none")
-        if version != str(SCHEMA_VERSION):
-            raise LogError(
-                f"{self.path} has log schema version {version}, this minihuman reads version {SCHEMA_VERSION}; "
-                f"read it with the version that wrote it (minihuman {facts.get('minihuman', 'unknown')})"
-            )
-        return facts
 
 
 def all_clean(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:

@@ -7,7 +7,7 @@ from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX, sessions_in
 from minihuman.log.read.assemble import Gathering
 from minihuman.log.read.file import Reading, all_clean
-from minihuman.recorded.episode import CUT_OFF, SessionLog
+from minihuman.recorded.episode import SessionLog
 from minihuman.study import events as ev
 
 
@@ -56,17 +56,16 @@ def _session(path: Path, gathered: Gathering, readings: list[Reading]) -> Sessio
     first = gathered.started[0]
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
-    keys, episodes = gathered.keys_and_episodes([int(facts["segment"]) for facts in starts])
+    segments, episodes = gathered.session(starts, ends)
     return SessionLog(
         path=path,
         plan=first.plan,
         player=first.facts.get("player", "unknown"),
         started_at=starts[0]["started_at"],
         clean=all_clean(starts, ends),
-        end_reason=CUT_OFF if gathered.ended is None else gathered.ended.reason,
+        end_reason=gathered.end_reason,
         facts=first.facts,
         episodes=episodes,
-        notes=tuple(gathered.notes),
-        keys=keys,
+        segments=segments,
         metadata={"segments": starts, "ends": ends},
     )

@@ -1,8 +1,8 @@
 """A log file read from front to back, as far as it is whole: finished, live, cut off, or with a garbage tail.
 
 Every record is framed and checked here before anything is believed: a record that runs past the file's end, a chunk
-whose checksum is wrong, a message that is missing or bytes that are no record stop the scan, and ``stopped`` says
-where and why.
+whose checksum is wrong, a message of ours that is missing or bytes that are no record stop the scan, and ``stopped``
+says where and why. Other programs may add topics of their own; how they number their messages is theirs.
 """
 
 import os
@@ -23,7 +23,8 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from numpy.typing import NDArray
 
 from minihuman.errors import LogError
-from minihuman.log.read.chunk import HEAD, LogMessage, Messages, cut
+from minihuman.log.read.chunk import HEAD, LogMessage, Messages, Records, cut
+from minihuman.log.topics import BY_NAME
 
 _CRC = struct.Struct("<I")
 _NOT_NEEDED = frozenset({Opcode.HEADER, Opcode.MESSAGE_INDEX})
@@ -42,7 +43,8 @@ class Scan:
         self.channels: dict[int, Channel] = {}
         self.finished = False  # it has its summary and its end
         self._crc = 0  # of all that was read
-        self._sequence = 0  # of the last message; others' logs may not count, ours count from 1 in each segment
+        self._sequence = 0  # of our last message; others' logs may not count, ours count from 1 in each segment
+        self._between: list[int] = []  # of unknown topics since then: a newer version's, if our next one counts them
         self.stopped = ""  # why the scan ended before the end of the file; "" if it did not
 
     def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
@@ -132,17 +134,36 @@ class Scan:
         records = cut(data, index)
         for opcode, content in records.others:
             self._declared(opcode, content)
-        self._check_sequence(records.heads["sequence"])
+        self._check_sequence(self._counted(records))
         return Messages(records, self.channels)
+
+    def _counted(self, records: Records) -> NDArray[np.uint32]:
+        """The numbers of our messages, and of a newer version's topics where they lie between ours."""
+        sequences: NDArray[np.uint32] = records.heads["sequence"]
+        unknown = [number for number, channel in self.channels.items() if channel.topic not in BY_NAME]
+        guests = np.isin(records.heads["channel"], unknown)
+        if not guests.any() and not self._between:
+            return sequences
+        counted: list[int] = []
+        last = self._sequence
+        for sequence, guest in zip(sequences.tolist(), guests.tolist(), strict=True):
+            if guest:
+                self._between += [sequence] if sequence == last + len(self._between) + 1 else []
+                continue
+            counted += [number for number in self._between if number < sequence]
+            counted.append(sequence)
+            last, self._between = sequence, []
+        return np.array(counted, np.uint32)
 
     def _check_sequence(self, sequences: NDArray[np.uint32]) -> None:
         """Refuse a chunk before which, or in which, a message is missing."""
+        sequences = sequences[sequences > 0]  # those that only repeat others for viewers are not counted
         before = np.concatenate([np.array([self._sequence], np.uint32), sequences])
         follows = (sequences == before[:-1] + 1) | (before[:-1] == 0) | (sequences == 1)  # 1: the next segment
         if not follows.all():
             wrong = int(np.argmin(follows))
             raise ValueError(f"message {sequences[wrong]} follows message {before[wrong]}")
-        self._sequence = int(before[-1])
+        self._sequence = int(before[-1] if not len(sequences) else sequences[-1])
 
     def _declared(self, opcode: int, content: bytes) -> None:
         """Take a schema or channel of a chunk."""

@@ -32,7 +32,7 @@ def create(where: SegmentPath) -> int:
         except OSError as error:
             raise LogError(f"{where.part} cannot be made: {error.strerror}; choose another --data") from error
         fcntl.flock(fd, fcntl.LOCK_EX)
-        if _is_at(fd, where.part):
+        if is_at(fd, where.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
     if where.log.exists() and where.segment in (1, *segment_starts(where.log)):
@@ -62,7 +62,7 @@ def taken(part: Path) -> Iterator[None]:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise LogError(f"{part} is still being written by a running session; let it end first") from None
-        if not _is_at(fd, part):
+        if not is_at(fd, part):
             raise LogError(f"{part} has just been recovered by another process")
         yield
     finally:
@@ -87,9 +87,10 @@ def sync_folder(folder: Path) -> None:
         os.close(fd)
 
 
-def _is_at(fd: int, path: Path) -> bool:
+def is_at(fd: int, path: Path) -> bool:
+    """Say whether an open file is the one at a path."""
     try:
         there = os.stat(path)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return False
     return os.path.samestat(os.fstat(fd), there)

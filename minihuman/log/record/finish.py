@@ -8,25 +8,41 @@ if it could not be read to its end, put aside.
 import itertools
 import os
 from collections import Counter
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from google.protobuf.message import Message
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import Writer
 
 from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.decode import decode
-from minihuman.log.paths import PART_SUFFIX, SegmentPath
+from minihuman.log.encode import for_viewers
+from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_guest
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.file import segment_starts
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.claim import is_live, sync_folder, taken
 from minihuman.log.record.live_file import LIBRARY
+from minihuman.log.topics import schema_bytes
 from minihuman.recorded.episode import CUT_OFF
 from minihuman.study.events import SessionEnded
 
 CHUNK_BYTES = 1024 * 1024
+NOT_COUNTED = 0  # the sequence of a message that only repeats another for viewers
+_FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
+
+
+@dataclass(frozen=True, slots=True)
+class Promised:
+    """What a recorder has written, so that it can be told from what is found."""
+
+    messages: int
+    steps: int
+    late_writes: int  # that the disk did not take before their picture was shown
+    longest_wait_s: float  # of a write
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +55,8 @@ class Finished:
     episodes: int  # of this segment, started
     end_reason: str  # an EndReason, or "cut_off"
     stopped: str  # where and why reading stopped before the live file's end; "" if it did not
+    messages: int = 0  # of this segment that hold the truth
+    aside: Path | None = None  # where the live file was kept as it was found, if it was not whole
 
     def line(self) -> str:
         """Say it in one line."""
@@ -48,8 +66,10 @@ class Finished:
         return f"{told}; the file was {self.stopped}" if self.stopped else told
 
 
-def finish(where: SegmentPath, *, clean: bool) -> Finished:
+def finish(where: SegmentPath, *, clean: bool, promised: Promised | None = None) -> Finished:
     """Turn a live file into the session's log, or merge it into it. The caller holds the file's lock.
+
+    ``promised`` is what its recorder wrote; a segment that holds less is not clean.
 
     Raises:
         LogError: if the session's log is damaged or holds another run of this segment; the live file stays.
@@ -58,24 +78,24 @@ def finish(where: SegmentPath, *, clean: bool) -> Finished:
     starts = segment_starts(where.part)
     if not starts:  # nothing was played yet, or the file's start is gone
         aside = _put_aside(where.part, "unreadable")
-        return Finished(aside, False, steps=0, episodes=0, end_reason=CUT_OFF, stopped="it holds no session plan")
+        return Finished(aside, False, 0, 0, CUT_OFF, "it holds no session plan", aside=aside)
     earlier = segment_starts(where.log) if where.log.exists() else {}
     new = starts.items() - earlier.items()
     if new and where.segment in earlier:
         raise LogError(f"{where.log} already holds another segment {where.segment}; move it away, then recover again")
     temporary = where.log.with_name(f"{where.log.name}.finishing")
     try:
-        result = _rewrite(where, temporary, with_log=bool(earlier), clean=clean)
+        result = _rewrite(where, temporary, with_log=bool(earlier), clean=clean, promised=promised)
         if new:  # else a finish that was cut off before it removed the live file
             os.replace(temporary, where.log)
             sync_folder(where.log.parent)
     finally:
         temporary.unlink(missing_ok=True)
-    if result.stopped:
-        _put_aside(where.part, "as-found")  # what could not be read may yet be of use to somebody
-    else:
-        where.part.unlink()
-        sync_folder(where.part.parent)
+    if result.stopped or (promised is not None and result.messages < promised.messages):
+        # what could not be read may yet be of use to somebody
+        return replace(result, aside=_put_aside(where.part, "as-found"))
+    where.part.unlink()
+    sync_folder(where.part.parent)
     return result
 
 
@@ -95,11 +115,11 @@ def recover(part: Path) -> Finished:
 
 
 def leftovers(folder: Path) -> list[Path]:
-    """List the cut-off logs anywhere below a folder, those still being written left out."""
-    return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_live(part)]
+    """List the cut-off logs anywhere below a folder, those still being written and other programs' files left out."""
+    return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_guest(part) and not is_live(part)]
 
 
-def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -> Finished:
+def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, promised: Promised | None) -> Finished:
     with target.open("wb") as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         writer.start(profile=topics.PROFILE, library=LIBRARY)
@@ -107,10 +127,18 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -
         if with_log:
             copy.all_of(Scan(where.log))
         part = Scan(where.part)
-        copy.all_of(part)
+        copy.all_of(part, draw=True)
         end_reason = copy.end_reason or CUT_OFF
+        messages = sum(copy.counts[topic.name] for topic in topics.TOPICS if not topic.for_viewers)
+        clean = clean and (promised is None or promised.messages == messages)
         facts = {"segment": where.segment, "reason": end_reason, "clean": clean, "steps": copy.counts[topics.STEP]}
         facts |= {"stopped": part.stopped}
+        if promised is not None:
+            facts |= {
+                "messages_written": promised.messages,
+                "late_writes": promised.late_writes,
+                "longest_wait_ms": round(1e3 * promised.longest_wait_s),
+            }
         writer.flush()
         writer.add_metadata(topics.END_METADATA, {name: str(value).lower() for name, value in facts.items()})
         writer.finish()
@@ -123,6 +151,7 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool) -
         episodes=copy.counts[topics.EPISODE_START],
         end_reason=end_reason,
         stopped=part.stopped,
+        messages=messages,
     )
 
 
@@ -136,16 +165,20 @@ class _Copy:
         self._attachments: set[tuple[str, bytes]] = set()
         self.counts: Counter[str] = Counter()  # messages a topic
         self.end_reason = ""  # of the last file copied; "" if it holds none
+        self._started_ns: int | None = None  # None: nothing is to be added for viewers
 
-    def all_of(self, scan: Scan) -> None:
-        """Copy every record that the scan finds."""
+    def all_of(self, scan: Scan, *, draw: bool = False) -> None:
+        """Copy every record that the scan finds; add what viewers draw, unless the file has it already."""
         self.counts.clear()
         self.end_reason = ""
+        self._started_ns = None
         for record in scan:
             match record:
                 case LogMessage():
                     self._message(record, scan)
                 case Metadata():
+                    if draw and record.name == topics.SEGMENT_METADATA:
+                        self._started_ns = int(record.metadata["started_unix_ns"])
                     self._writer.flush()  # else it would come before the messages that it follows
                     self._writer.add_metadata(record.name, record.metadata)
                 case Attachment() if (record.name, record.data) not in self._attachments:
@@ -156,20 +189,46 @@ class _Copy:
 
     def _message(self, message: LogMessage, scan: Scan) -> None:
         topic = message.channel.topic
+        if topic in _FOR_VIEWERS:
+            self._started_ns = None  # a file of an earlier version
+        self._for_viewers(message)
         self._writer.add_message(
-            self._channel(message.channel, scan.schemas[message.channel.schema_id]),
+            self._channel(message.channel, scan.schemas.get(message.channel.schema_id)),
             log_time=message.log_time,
             data=message.data,
             publish_time=message.publish_time,
             sequence=message.sequence,
         )
         self.counts[topic] += 1
+        if topic == topics.PLAN:
+            self._writer.flush()  # a chunk of its own: without it nothing else can be read
         if topic == topics.SESSION_END and isinstance(ended := decode(topic, message.data), SessionEnded):
             self.end_reason = ended.reason
 
-    def _channel(self, channel: Channel, schema: Schema) -> int:
-        known = (schema.name, schema.data)
-        if known not in self._schemas:
+    def _for_viewers(self, message: LogMessage) -> None:
+        """Add what viewers draw of a message, before it: a step whose own message is there is whole."""
+        if self._started_ns is None:
+            return
+        drawings: list[tuple[str, Message]] = []
+        with suppress(Exception):  # of bytes that a foreign hand wrote; the message itself is kept all the same
+            drawings += for_viewers(message.channel.topic, message.data, started_ns=self._started_ns)
+        for topic, drawn in drawings:
+            name = drawn.DESCRIPTOR.full_name
+            schema = Schema(id=0, data=schema_bytes(type(drawn)), encoding="protobuf", name=name)
+            self._writer.add_message(
+                self._channel(Channel(0, topic, "protobuf", {}, 0), schema),
+                log_time=message.log_time,
+                data=drawn.SerializeToString(deterministic=True),
+                publish_time=message.publish_time,
+                sequence=NOT_COUNTED,
+            )
+            self.counts[topic] += 1
+
+    def _channel(self, channel: Channel, schema: Schema | None) -> int:
+        known = ("", b"") if schema is None else (schema.name, schema.data)
+        if schema is None:
+            self._schemas[known] = 0  # as MCAP says that there is none; another program's topic may have none
+        elif known not in self._schemas:
             self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
         key = (channel.topic, self._schemas[known])
         if key not in self._channels:

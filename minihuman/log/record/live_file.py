@@ -1,19 +1,17 @@
-"""A log while it is live: events appended, made durable at once, readable up to the last one whenever it stops."""
+"""A log while it is live, as bytes to be appended: readable up to the last event whenever it stops."""
 
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import distributions
-from pathlib import Path
 from typing import IO, cast
 
 import msgspec
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, IndexType, Writer
 
 import minihuman
-from minihuman.log.encode import caused_ns, for_viewers, truth
-from minihuman.log.record.space import require_space
+from minihuman.log.encode import caused_ns, truth
 from minihuman.log.topics import (
     BY_NAME,
     FACTS_METADATA,
@@ -24,51 +22,58 @@ from minihuman.log.topics import (
     schema_bytes,
 )
 from minihuman.study.events import EpisodeStarted, Event, SessionStarted, Stepped
-from minihuman.study.plan import SessionPlan
+from minihuman.study.plan import EpisodePlan, SessionPlan
 
 LIBRARY = f"minihuman/{minihuman.__version__} {LIBRARY_IDENTIFIER}"
 
 
-class LiveLog:
-    """Appends events to a file: plain chunks without an index, one a call, each fsynced."""
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Bytes to be appended in one go, and the episode that there must be room for before they are."""
 
-    def __init__(self, fd: int, folder: Path, *, started_ns: int, sync: Callable[[int], None]) -> None:
-        self._fd = fd
-        self._folder = folder
+    data: bytes
+    room_for: EpisodePlan | None = None
+
+
+class LiveLog:
+    """Turns events into a live file's bytes: plain chunks without an index, one or more a call.
+
+    Only what holds the truth is written while a session runs; what repeats it for viewers is made at its finish.
+    """
+
+    def __init__(self, *, started_ns: int) -> None:
         self._started_ns = started_ns
-        self._sync = sync
-        self._sequence = 0
-        self._steps = 0
-        self.durable_steps = 0
+        self.messages = 0  # encoded so far; the last one's sequence
+        self.steps = 0  # among them
+        self._bytes = _Taken()
         self._writer = Writer(
-            cast(IO[bytes], _Unbuffered(fd)),
+            cast(IO[bytes], self._bytes),
             compression=CompressionType.NONE,  # a step's chunk is too small to gain from it
             index_types=IndexType.NONE,
             use_statistics=False,
         )
         self._channels: dict[str, int] = {}
 
-    def append(self, events: Sequence[Event]) -> None:
-        """Write events and return when they are durable.
-
-        Raises:
-            LogError: if there is no room for another episode; the events before its start stay.
-            OSError: if the disk is full or gone; what earlier calls wrote stays.
-        """
+    def encode(self, events: Sequence[Event]) -> list[Piece]:
+        """Give the bytes of some events; a piece of its own for every episode's start and what follows it."""
+        pieces: list[Piece] = []
+        room_for: EpisodePlan | None = None
         for event in events:
             if not self._channels:
                 assert isinstance(event, SessionStarted), f"a log starts with SessionStarted, not {event!r}"
                 self._start(event)
             if isinstance(event, EpisodeStarted):
-                self._make_durable()
-                require_space(self._folder, event.plan)
+                pieces.append(Piece(self._flushed(), room_for))
+                room_for = event.plan
             self._add(event)
-        self._make_durable()
+            if isinstance(event, SessionStarted):
+                self._writer.flush()  # the plan has a chunk of its own
+        pieces.append(Piece(self._flushed(), room_for))
+        return [piece for piece in pieces if piece.data]
 
-    def _make_durable(self) -> None:
+    def _flushed(self) -> bytes:
         self._writer.flush()
-        self._sync(self._fd)
-        self.durable_steps = self._steps
+        return self._bytes.take()
 
     def _start(self, event: SessionStarted) -> None:
         writer, started_ns = self._writer, self._started_ns
@@ -79,39 +84,36 @@ class LiveLog:
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
         schemas: dict[str, int] = {}
         for topic in TOPICS:
+            if topic.for_viewers:
+                continue
             kind = topic.message.DESCRIPTOR.full_name
             if kind not in schemas:
                 schemas[kind] = writer.register_schema(kind, "protobuf", schema_bytes(topic.message))
             self._channels[topic.name] = writer.register_channel(topic.name, "protobuf", schemas[kind])
 
     def _add(self, event: Event) -> None:
-        log_time = self._started_ns + event.t_ns
-        publish_time = self._started_ns + caused_ns(event)
-        # the truth comes last, so that a whole step is one whose /step message is there
-        for topic, message in (*for_viewers(event, started_ns=self._started_ns), truth(event)):
-            assert isinstance(message, BY_NAME[topic].message)
-            self._sequence += 1
-            self._writer.add_message(
-                self._channels[topic],
-                log_time=log_time,
-                data=message.SerializeToString(deterministic=True),
-                publish_time=publish_time,
-                sequence=self._sequence,
-            )
-        self._steps += isinstance(event, Stepped)
+        topic, message = truth(event)
+        assert isinstance(message, BY_NAME[topic].message)
+        self.messages += 1
+        self._writer.add_message(
+            self._channels[topic],
+            log_time=self._started_ns + event.t_ns,
+            data=message.SerializeToString(deterministic=True),
+            publish_time=self._started_ns + caused_ns(event),
+            sequence=self.messages,
+        )
+        self.steps += isinstance(event, Stepped)
 
 
-class _Unbuffered:
-    """A file descriptor as the stream a ``Writer`` wants: a write is done or raises, and nothing lingers."""
+class _Taken:
+    """The stream that a ``Writer`` wants, over bytes that are taken away as they come."""
 
-    def __init__(self, fd: int) -> None:
-        self._fd = fd
+    def __init__(self) -> None:
+        self._held = bytearray()
         self._at = 0
 
     def write(self, data: bytes) -> int:
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(self._fd, rest) :]
+        self._held += data
         self._at += len(data)
         return len(data)
 
@@ -119,7 +121,11 @@ class _Unbuffered:
         return self._at
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Nothing goes anywhere before it is taken."""
+
+    def take(self) -> bytes:
+        taken, self._held = bytes(self._held), bytearray()
+        return taken
 
 
 def _segment_facts(plan: SessionPlan, started_ns: int) -> dict[str, str]:

@@ -1,27 +1,23 @@
-"""The recorder on disk: every event in an MCAP file, every step fsynced, the frame loop never waiting.
+"""The recorder on disk: every event in an MCAP file before its picture is shown, every step fsynced soon after.
 
-``write`` only queues. A thread of its own encodes what is queued, writes it as one chunk, and fsyncs: a fsync takes
-4 ms at the median and 25 ms at worst, so it has no place between a key and its picture.
+``write`` encodes and hands the bytes to the operating system: from then on a killed process cannot take them back.
+What makes them last through a power cut, fsync, takes 4 ms at the median and 25 ms at worst, so it has no place between
+a key and its picture, and follows on a thread of its own.
 """
 
 import os
-import queue
-import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from minihuman.errors import LogError
+from minihuman.errors import LogError, LossError
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.claim import create
-from minihuman.log.record.finish import finish
+from minihuman.log.record.disk import BACKLOG, WRITE_BOUND_S, Disk
+from minihuman.log.record.finish import Finished, Promised, finish
 from minihuman.log.record.live_file import LiveLog
 from minihuman.log.record.recorder import Recorder
 from minihuman.study.events import Event, SessionEnded
 from minihuman.study.plan import SessionPlan
-
-BACKLOG = 65_536  # queued writes; at a hundred a second a disk may stall for ten minutes
-
-_CLOSE: tuple[Event, ...] = ()  # no write ever queues nothing
 
 
 class McapRecorder(Recorder):
@@ -32,6 +28,8 @@ class McapRecorder(Recorder):
         plan: what is about to be played.
         started_ns: the wall clock at the session's time 0, ns since 1970.
         sync: makes a file descriptor's writes durable.
+        put: writes to a file descriptor, and says how many bytes it took.
+        bound_s: how long a write that the disk does not take may hold its picture up.
         backlog: how many writes may wait for the disk before the recorder gives up.
 
     Raises:
@@ -45,42 +43,46 @@ class McapRecorder(Recorder):
         *,
         started_ns: int,
         sync: Callable[[int], None] = os.fsync,
+        put: Callable[[int, memoryview], int] = os.write,
+        bound_s: float = WRITE_BOUND_S,
         backlog: int = BACKLOG,
     ) -> None:
         self.where = SegmentPath.of_plan(data, plan)
         self._fd = create(self.where)
-        self._live = LiveLog(self._fd, self.where.part.parent, started_ns=started_ns, sync=sync)
-        self._queue: queue.Queue[tuple[Event, ...]] = queue.Queue(backlog)
-        self._failure: Exception | None = None
+        self._live = LiveLog(started_ns=started_ns)
+        self._disk = Disk(self._fd, self.where.part, sync=sync, put=put, bound_s=bound_s, backlog=backlog)
         self._ended = False
         self._closed = False
-        # A daemon, so that a crash of the program is not held up; what was written stays and is recovered.
-        self._thread = threading.Thread(target=self._run, name="minihuman-log", daemon=True)
-        self._thread.start()
 
     def write(self, events: Sequence[Event]) -> None:
-        """Queue the events of one input; returns at once.
+        """Write the events of one input; when this returns they outlive the process, unless the disk stalls.
 
         Raises:
-            LogError: if an earlier write failed, the disk is a whole backlog behind, or the recorder is closed.
+            LogError: if this or an earlier write failed, the disk is a whole backlog behind, or the recorder is closed.
         """
-        if self._failure is not None:
-            raise self._error() from self._failure
+        self._refuse_after_failure()
         if self._closed:
             raise LogError(f"{self.where.part} is closed; a new segment needs a new recorder")
         if not events:
             return
         self._ended = self._ended or any(isinstance(event, SessionEnded) for event in events)
         try:
-            self._queue.put_nowait(tuple(events))
-        except queue.Full as full:
-            self._failure = TimeoutError(f"the disk is {self._queue.maxsize} writes behind")
-            raise self._error() from full
+            pieces = self._live.encode(events)
+        except Exception as error:  # a bug of ours, or a world's: the log must not go on with a hole in it
+            self._disk.failure = error
+        else:
+            self._disk.write(pieces, steps=self._live.steps)
+        self._refuse_after_failure()
 
     @property
     def durable_steps(self) -> int:
         """How many steps of this segment are fsynced."""
-        return self._live.durable_steps
+        return self._disk.durable_steps
+
+    @property
+    def late_writes(self) -> int:
+        """How many writes the disk did not take in time, so that their pictures were shown before them."""
+        return self._disk.late
 
     def drain(self) -> None:
         """Wait until all that was written is durable: for players that have no frame loop to keep.
@@ -88,48 +90,46 @@ class McapRecorder(Recorder):
         Raises:
             LogError: if writing failed.
         """
-        self._queue.join()
-        if self._failure is not None:
-            raise self._error() from self._failure
+        self._disk.drain()
+        self._refuse_after_failure()
 
     def close(self) -> Path | None:
-        """Write what is queued, finish the log and return it. A second call only says where it is.
+        """Write what is left, finish the log and return it. A second call only says where it is.
 
         Raises:
             LogError: if something could not be written; what could is kept, and the message says where.
+            LossError: if the log holds less than was written, because the live file was damaged meanwhile.
         """
         if self._closed:
             return self.where.log if self.where.log.exists() else None
         self._closed = True
-        self._queue.put(_CLOSE)
-        self._thread.join()
+        self._disk.close()
         try:
-            if self._failure is not None:
-                raise self._error() from self._failure
-            return finish(self.where, clean=self._ended).path
+            self._refuse_after_failure()
+            promised = Promised(self._live.messages, self._live.steps, self._disk.late, self._disk.longest_wait_s)
+            return self._whole(finish(self.where, clean=self._ended, promised=promised)).path
         except OSError as error:
-            self._failure = error
+            self._disk.failure = error
             raise self._error() from error
         finally:
             os.close(self._fd)
 
-    def _run(self) -> None:
-        closing = broken = False
-        while not closing:
-            batches = [self._queue.get()]
-            while not self._queue.empty():
-                batches.append(self._queue.get())
-            closing = batches[-1] is _CLOSE
-            if not broken:
-                try:
-                    self._live.append([event for batch in batches for event in batch])
-                except Exception as error:  # handed to the session at its next write
-                    broken, self._failure = True, error
-            for _ in batches:
-                self._queue.task_done()
+    def _whole(self, finished: Finished) -> Finished:
+        if (finished.messages, finished.steps) == (self._live.messages, self._live.steps):
+            return finished
+        raise LossError(
+            f"{finished.path}: kept {finished.steps} of {self._live.steps} steps, {finished.messages} of "
+            f"{self._live.messages} messages; somebody or something changed the live file while it was written "
+            f"({finished.stopped or 'a part of it is gone'}); it is kept as it was found: {finished.aside}"
+        )
+
+    def _refuse_after_failure(self) -> None:
+        if self._disk.failure is not None:
+            raise self._error() from self._disk.failure
 
     def _error(self) -> LogError:
-        reason = (isinstance(self._failure, OSError) and self._failure.strerror) or str(self._failure)
+        failure = self._disk.failure
+        reason = (isinstance(failure, OSError) and failure.strerror) or str(failure)
         return LogError(
             f"recording stopped: {reason}; {self.durable_steps} steps are safe in {self.where.part}; "
             f"put that right, then run: minihuman recover {self.where.part}"

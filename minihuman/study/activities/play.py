@@ -49,6 +49,7 @@ class Playing(Activity):
         self._limits = Limits(self.plan.max_s, self.plan.block_max_s)
         self._reader = Reader(len(self.plan.instruction))
         self._scored = 0.0
+        self._flip_ns: int | None = None  # when the present text reached the display
         self._drawn: tuple[object, Screen] | None = None  # a world's picture is drawn once
 
     # What the conditions beside the table ask
@@ -57,6 +58,12 @@ class Playing(Activity):
     def another_episode(self) -> bool:
         """Whether the block goes on."""
         return self.skip is None and self.stage.next_episode < self.plan.first + self.plan.count
+
+    @property
+    def world_takes_a_moment(self) -> bool:
+        """Whether the next episode's world has to be made, while somebody looks."""
+        plan = self.stage.plan.episodes[self.stage.next_episode]
+        return self.stage.picture_px is not None and not self.stage.has_world(plan.world, plan.options)
 
     @property
     def feedback_text(self) -> str:
@@ -135,6 +142,8 @@ class Playing(Activity):
             self.play = self._current
             due = [t for t in (self._current.next_tick_ns, self._limits.due_ns) if t is not None]
             return min(due, default=None)
+        if self.phase is Phase.PREPARING:
+            return self.stage.now_ns
         if self._until_ns is not None and self.stage.now_ns < self._until_ns:
             if self.phase is Phase.REST:
                 return self._until_ns - (self._rest_left_s - 1) * NS_PER_S
@@ -161,6 +170,8 @@ class Playing(Activity):
                     last=words["go_on"],
                     button=words["button.go_on"],
                 )
+            case Phase.PREPARING:
+                return texts.getting_ready(words)
             case Phase.READY:
                 return texts.ready(words, self._mission, self._progress)
             case Phase.INTERVAL | Phase.FIXATION:
@@ -178,6 +189,7 @@ class Playing(Activity):
             self.stage.say(self._current.shown(shown))
         elif self.phase is Phase.INSTRUCTIONS:
             self.stage.say(page_shown(self.number, self._reader, shown))
+        self._flip_ns = shown.flip_ns
         if self.phase in _TIMED and self._until_ns is not None:
             self._until_ns = shown.flip_ns + self._lasts_ns
 
@@ -190,6 +202,8 @@ class Playing(Activity):
                 self._episode_ended(cause)
             elif stepped := self._current.tick(now_ns):
                 self._stepped(stepped)
+        elif self.phase is Phase.PREPARING:
+            self._move(Cause.DONE)
         elif self.phase in _TIMED and self._until_ns is not None and now_ns >= self._until_ns:
             self._move(Cause.DONE)
 
@@ -201,11 +215,11 @@ class Playing(Activity):
         elif action is None:
             say_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped", self.phase)
         elif play.real_time:
-            play.queue(self.stage.now_ns, press.key, action)
+            play.queue(press.t_ns, press.key, action)
             say_key(press, "queued", self.phase, action)
         else:
             say_key(press, "accepted", self.phase, action)
-            self._stepped(play.step(self.stage.now_ns, action, key=press.key, key_t_ns=self.stage.now_ns))
+            self._stepped(play.step(self.stage.now_ns, action, key=press.key, key_t_ns=press.t_ns))
 
     def _key_outside_play(self, press: KeyDown) -> None:
         key, phase, say_key = press.key, self.phase, self.stage.say_key
@@ -214,6 +228,8 @@ class Playing(Activity):
             can = self._reader.page + by in range(self._reader.pages) or (by > 0 and key in ENTER)
             say_key(press, "accepted" if can else "unmapped", phase)
             self._turn(by, by_enter=key in ENTER)
+        elif phase is Phase.READY and key in ENTER and self._flip_ns is not None and press.t_ns < self._flip_ns:
+            say_key(press, "not_playing", phase)  # meant for the screen before: nobody has seen this one yet
         elif key in ENTER and (phase in _READ or (phase is Phase.REST and not self._rest_left_s)):
             say_key(press, "accepted", phase)
             self._move(Cause.DONE)
@@ -237,9 +253,11 @@ class Playing(Activity):
         if self.phase is Phase.OVER:
             self._end()
             return
-        if self.phase is Phase.READY:
-            self.wants_ready = before is not Phase.FEEDBACK or not self.feedback_text  # who has just gone on is ready
+        if before is Phase.FEEDBACK:
+            self.wants_ready = not self.feedback_text  # who has just gone on from the feedback is ready
+        elif self.phase is Phase.READY:
             self._prepare()
+        self._flip_ns = None
         if not SHOWN_IF.get(self.phase, _always)(self):
             self._move(Cause.DONE)
             return

@@ -17,13 +17,14 @@ def _another_episode_follows(play: "Playing") -> bool:
 MOVES: "Moves[Playing]" = Moves(
     [
         Move(Phase.START, Cause.BEGAN, Phase.INSTRUCTIONS),
-        Move(Phase.INSTRUCTIONS, Cause.DONE, Phase.READY),
+        Move(Phase.INSTRUCTIONS, Cause.DONE, Phase.PREPARING),
+        Move(Phase.PREPARING, Cause.DONE, Phase.READY),
         Move(Phase.READY, Cause.DONE, Phase.INTERVAL),
         Move(Phase.INTERVAL, Cause.DONE, Phase.FIXATION),
         Move(Phase.FIXATION, Cause.DONE, Phase.PLAYING),
         Move(Phase.PLAYING, Cause.EPISODE_ENDED, Phase.HOLD),
         Move(Phase.HOLD, Cause.DONE, Phase.FEEDBACK),
-        Move(Phase.FEEDBACK, Cause.DONE, Phase.READY, _another_episode_follows),
+        Move(Phase.FEEDBACK, Cause.DONE, Phase.PREPARING, _another_episode_follows),
         Move(Phase.FEEDBACK, Cause.DONE, Phase.REST),
         Move(Phase.REST, Cause.DONE, Phase.OVER),
     ]
@@ -31,6 +32,7 @@ MOVES: "Moves[Playing]" = Moves(
 
 SHOWN_IF: "Mapping[Phase, Callable[[Playing], bool]]" = {
     Phase.INSTRUCTIONS: lambda play: bool(play.plan.instruction),
+    Phase.PREPARING: lambda play: play.world_takes_a_moment,
     Phase.READY: lambda play: play.wants_ready,
     Phase.INTERVAL: lambda play: play.plan.interval_ms > 0,
     Phase.FIXATION: lambda play: play.plan.fixation_ms > 0,

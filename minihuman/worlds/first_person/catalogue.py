@@ -3,9 +3,8 @@
 from typing import Any
 
 from minihuman.worlds.entry import Entry
-from minihuman.worlds.first_person.parameters import DEFAULTS
 
-_FAST = DEFAULTS.fixed(forward_step=0.7, turn_step=45.0)
+_FAST = {"forward_step": 0.7, "turn_step": 45.0}
 _MAKE = "minihuman.worlds.first_person.make:make"
 _MAKE_MANY = "minihuman.worlds.first_person.make:make_many"
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.compiling import announce
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.agent import Agent
@@ -25,6 +24,7 @@ from minihuman.worlds.first_person.picture import Glimpse, Pictures, glimpse
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
 from minihuman.worlds.pose import Map, Pose
+from minihuman.worlds.whole import check_action, check_max_steps
 
 _NOT_STATE = frozenset(
     {
@@ -68,7 +68,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         window_width: width of what ``render`` draws, pixels.
         window_height: height of what ``render`` draws, pixels.
         view: what ``render`` draws: the "agent"'s eyes or the world from the "top".
-        parameters: step length, turn, camera and light, with their ranges.
+        parameters: step length, turn, camera and light, with their ranges; or the values of some, which then are fixed.
         domain_rand: draw the parameters from their ranges.
         assets: a folder with ``textures/NAME.png`` and ``meshes/NAME.obj`` to draw with; None for our own.
     """
@@ -88,13 +88,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         window_width: int = 800,
         window_height: int = 600,
         view: str = "agent",
-        parameters: Parameters = DEFAULTS,
+        parameters: Parameters | Mapping[str, float] = DEFAULTS,
         domain_rand: bool = False,
         assets: str | None = None,
     ) -> None:
-        announce()
-        if max_steps is not None and max_steps < 1:
-            raise WorldError(f"max_steps is {max_steps}; an episode has 1 step or more, or None for no end")
         if min(obs_width, obs_height) < 1:
             raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
         if view not in ("agent", "top"):
@@ -106,8 +103,8 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.action_names = actions
         self.action_space = gymnasium.spaces.Discrete(len(actions))
         self.observation_space = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
-        self.max_steps = max_steps
-        self.parameters = parameters
+        self.max_steps = None if max_steps is None else check_max_steps(max_steps)
+        self.parameters = parameters if isinstance(parameters, Parameters) else DEFAULTS.fixed(**parameters)
         self.domain_rand = domain_rand
         self.render_mode = render_mode
         self.view = view
@@ -297,8 +294,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """Raise what ``step`` would raise for this action now; nothing changes."""
         if self._stage is None:
             raise self._not_reset()
-        if not 0 <= action < len(self.action_names):
-            raise WorldError(f"action {action!r} is not one of 0 to {len(self.action_names) - 1}")
+        check_action(action, len(self.action_names))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The view asked for at construction, uint8[window_height, window_width, 3]; None without a render mode."""

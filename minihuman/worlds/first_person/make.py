@@ -20,3 +20,6 @@ def make_many(layout: str, **options: Any) -> FirstPersonBatch:
     """A batch of such worlds, for ``gymnasium.make_vec``."""
     settings = {name: options.pop(name) for name in _BATCH_SETTINGS & options.keys()}
     return FirstPersonBatch(lambda: make(layout, **options), **settings)
+
+
+vars(make)["metadata"] = FirstPersonEnv.metadata  # where Gymnasium looks which render modes it has to add

@@ -57,7 +57,8 @@ class Parameters:
     def fixed(self, **defaults: Value) -> "Parameters":
         """A copy in which nothing varies, with some defaults replaced: ``DEFAULTS.fixed(forward_step=0.7)``."""
         table = {name: Parameter(p.default, p.default, p.default) for name, p in self._table.items()}
-        table |= {name: Parameter(value, value, value) for name, value in defaults.items() if self[name]}
+        given = {name: tuple(value) if isinstance(value, list) else value for name, value in defaults.items()}
+        table |= {name: Parameter(value, value, value) for name, value in given.items() if self[name]}
         return Parameters(table)
 
     def varied(self, **ranges: Parameter) -> "Parameters":

@@ -15,6 +15,7 @@ from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.batch_seeds import Seeds, seeds_of
 from minihuman.worlds.first_person.env import FirstPersonEnv
 
 Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
@@ -51,18 +52,25 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self.action_space = batch_space(first.action_space, num_envs)
         self.observation_space = batch_space(first.observation_space, num_envs)
         self._over = np.zeros(num_envs, np.bool_)  # in the step before
-        self._painters = ThreadPoolExecutor(threads or os.cpu_count() or 1, thread_name_prefix="painter")
+        self._threads = threads or os.cpu_count() or 1
+        self._pool: ThreadPoolExecutor | None = None  # made when something is to be drawn
 
-    def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one a world too
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Each world's random stream."""
+        return tuple(world.np_random for world in self.worlds)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed each world was last given, or drew; -1 before its first reset."""
+        return tuple(-1 if (seed := world._np_random_seed) is None else seed for world in self.worlds)
+
+    def reset(self, *, seed: Seeds = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin new episodes, in all worlds or in those of ``options["reset_mask"]`` (bool[n]).
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing.
         """
-        seeds = seed if isinstance(seed, list) else [None if seed is None else seed + i for i in range(self.num_envs)]
-        if len(seeds) != self.num_envs:
-            raise WorldError(f"{len(seeds)} seeds for {self.num_envs} worlds; give one for each, or a single number")
+        seeds = seeds_of(seed, self.num_envs)
         chosen = np.ones(self.num_envs, np.bool_)
         if options is not None and "reset_mask" in options:
             chosen = np.asarray(options["reset_mask"])
@@ -112,7 +120,18 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""
-        self._painters.shutdown()
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_pool": None}
+
+    @property
+    def _painters(self) -> ThreadPoolExecutor:
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="painter")
+        return self._pool
 
     def _observe(self) -> Any:
         seen = list(self._painters.map(lambda world: world.observe(), self.worlds))

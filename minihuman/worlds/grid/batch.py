@@ -13,9 +13,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.batch_seeds import Seeds, seeds_of
 from minihuman.worlds.grid.art.pictures import draw
-from minihuman.worlds.grid.compiled import kernel
-from minihuman.worlds.grid.core.chance import Words, read_words
+from minihuman.worlds.grid.core.chance import Words, read_words, write_words
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
@@ -32,6 +32,7 @@ from minihuman.worlds.grid.core.state import (
 )
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.kernels import kernel
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
@@ -59,6 +60,10 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
     ) -> None:
         if num_envs < 1:
             raise WorldError(f"num_envs is {num_envs!r}; a batch has 1 world or more")
+        if options.pop("view", "grid") != "grid":
+            raise WorldError(
+                "a batch shows the grid's own view; make it with vectorization_mode='sync' to look from inside"
+            )
         self._world = GridEnv(family, **options)  # what all have in common: spaces, recipe, settings
         self._mode = MODES.index(AutoresetMode(autoreset_mode))
         self.metadata = {**self._world.metadata, "autoreset_mode": MODES[self._mode]}
@@ -70,35 +75,44 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._rows = np.tile(self._world.state.row, (num_envs, 1))
         self._words: Words = np.zeros((num_envs, 6), np.uint64)
-        self._each = list(zip(self._rows, self._words, strict=True))  # views, one pair a world
         self._missions = (self._world.mission,) * num_envs
+        self._seeds = [-1] * num_envs
 
     @property
     def states(self) -> list[State]:
         """The state of each world, readable by name."""
         return [State(row) for row in self._rows]
 
-    def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one a world too
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Each world's random stream as it is now, to look at; drawing from it draws nothing from the world."""
+        generators = tuple(np.random.default_rng(0) for _ in self._words)
+        for words, generator in zip(self._words, generators, strict=True):
+            if words.any():
+                write_words(words, generator)
+        return generators
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed each world was last given, or drew; -1 before its first reset."""
+        return tuple(self._seeds)
+
+    def reset(self, *, seed: Seeds = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Lay out new episodes, of all worlds or of those in ``options["reset_mask"]`` (bool[n]).
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing.
         """
-        seeds = (
-            [None if seed is None else seed + i for i in range(self.num_envs)] if not isinstance(seed, list) else seed
-        )
-        if len(seeds) != self.num_envs:
-            raise WorldError(f"{len(seeds)} seeds for {self.num_envs} worlds; give one for each, or a single number")
+        seeds = seeds_of(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)
         if options is not None and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
                 raise WorldError(f"reset_mask is {mask.dtype}{mask.shape}; it is bool({self.num_envs},)")
         for i in np.flatnonzero(mask).tolist():
-            row, words = self._each[i]
+            row, words = self._rows[i], self._words[i]
             if seeds[i] is not None or not words.any():
-                read_words(seeding.np_random(seeds[i])[0], words)
+                generator, self._seeds[i] = seeding.np_random(seeds[i])
+                read_words(generator, words)
             clear(row)
         images = np.zeros((self.num_envs, *self._world.image_shape), np.uint8)
         directions = np.zeros(self.num_envs, np.int64)
@@ -175,7 +189,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         recipe = self._world.recipe
         worlds = np.flatnonzero(over).tolist()
         for i in worlds:
-            recipe.layout(*self._each[i], *recipe.numbers)
+            recipe.layout(self._rows[i], self._words[i], *recipe.numbers)
         failed = begin_many(self._rows, over, seen, images, directions)
         if failed >= 0:
             raise WorldError(f"world {failed} of {self._world} found no free place for something it lays out")

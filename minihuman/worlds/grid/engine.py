@@ -39,6 +39,7 @@ from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.text import to_text
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
+from minihuman.worlds.whole import check_max_steps
 
 YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
 
@@ -64,12 +65,12 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         see_through_walls: Walls hide nothing.
         agent_view_size: Cells on a side of the agent's view, odd, 3 to 61.
         actions: How many of the seven actions there are.
-        render_mode: None or "rgb_array"; `render` then draws the whole world.
+        render_mode: What `render` gives: None, the whole world as a picture ("rgb_array") or as `text` ("ansi").
         tile_size: Pixels on a side of a cell that `render` draws.
         palette: The colours of pictures: "classic", or "colour-safe" for colour-blind eyes.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
     compile_apart = PIECES
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 
@@ -83,14 +84,16 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         see_through_walls: bool = False,
         agent_view_size: int = 7,
         actions: int = 7,
-        render_mode: Literal["rgb_array"] | None = None,
+        render_mode: Literal["rgb_array", "ansi"] | None = None,
         tile_size: int = 32,
         palette: Palette = "classic",
     ) -> None:
         if width < 3 or height < 3:
             raise WorldError(f"a grid of {width} x {height} has no room inside its walls; 3 x 3 is the smallest")
-        if max_steps < 1:
-            raise WorldError(f"max_steps is {max_steps!r}; an episode has 1 step or more")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise WorldError(
+                f"render_mode is {render_mode!r}; a grid world renders as {', '.join(self.metadata['render_modes'])}"
+            )
         self.action_names = ACTION_NAMES[:actions]
         self.mission_space = mission if isinstance(mission, MissionSpace) else MissionSpace(mission)
         self.mission = self.mission_space.first()
@@ -110,7 +113,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self._row[[WIDTH, HEIGHT, MAX_STEPS, SEE_THROUGH, ACTIONS]] = (
             width,
             height,
-            max_steps,
+            check_max_steps(max_steps),
             see_through_walls,
             actions,
         )
@@ -175,11 +178,17 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
         image = np.empty(self.image_shape, np.uint8)
         words = self._stream() if self._draws else self._words
-        status, direction, reward = step(self._row, index(action), words, image)
+        status, direction, reward = step(self._row, self._number(action), words, image)
         if status < 0:
             raise self._refusal(status, action)
         observation = {"image": image, "direction": direction, "mission": self.mission}
         return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
+
+    def _number(self, action: int) -> int:
+        try:
+            return index(action)
+        except TypeError:
+            raise self._refusal(NO_SUCH_ACTION, action) from None
 
     def _refusal(self, status: int, action: int) -> WorldError:
         if status == NO_SUCH_ACTION:
@@ -202,10 +211,12 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         see(self._in_world().row, image)
         return image
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """The whole world from above, ``tile_size`` pixels a cell; None without a render mode."""
+    def render(self) -> NDArray[np.uint8] | str | None:
+        """The whole world from above, ``tile_size`` pixels a cell, or in characters; None without a render mode."""
         if self.render_mode is None:
             return None
+        if self.render_mode == "ansi":
+            return self.text()
         row = self._in_world().row
         return draw(row, view="full", view_size=self.image_shape[0], tile_px=self.tile_size, palette=self.palette)
 

@@ -60,3 +60,6 @@ def in_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: A
 
     picture = {name: options.pop(name) for name in ("obs_width", "obs_height") if name in options}
     return first_person(grid(**options), view, **picture)
+
+
+vars(make)["metadata"] = GridEngine.metadata  # where Gymnasium looks which render modes it has to add

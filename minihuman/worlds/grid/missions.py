@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import COLOURS, KINDS
+from minihuman.worlds.sentences import Sentences
 
 
-class MissionSpace(spaces.Space[str]):
+class MissionSpace(Sentences):
     """Every sentence a template gives: ``MissionSpace("go to the {} door", COLOUR_WORDS)``.
 
     Choices are words by number: a list, or a mapping where the numbers have gaps.
@@ -33,18 +33,16 @@ class MissionSpace(spaces.Space[str]):
         self._pattern = re.compile(
             pattern.format(*("(?:" + "|".join(map(re.escape, words.values())) + ")" for words in self.choices))
         )
-        super().__init__(shape=None, dtype=str, seed=seed)
+        texts = (template.replace("{}", " "), *(word for words in self.choices for word in words.values()))
+        longest = template.format(*(max(words.values(), key=len) for words in self.choices))
+        wordiest = template.format(*(max(words.values(), key=lambda text: len(text.split())) for words in self.choices))
+        super().__init__(" ".join(texts).split(), max_length=len(longest), most_words=len(wordiest.split()), seed=seed)
 
     def sentence(self, numbers: Sequence[int]) -> str:
         """The sentence with these choices; numbers beyond the template's places are not looked at."""
         if not self.choices:
             return self.template
         return self.template.format(*(words[number] for words, number in zip(self.choices, numbers, strict=False)))
-
-    @property
-    def is_np_flattenable(self) -> bool:
-        """A sentence is no array."""
-        return False
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
         """A sentence with drawn choices. Masks and probabilities are not supported."""

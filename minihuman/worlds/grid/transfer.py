@@ -73,3 +73,6 @@ class GoToObj(GridWorld):
 def make(**options: Any) -> Any:
     """The world for ``gymnasium.make``; ``view="first_person"`` shows it from inside, in 3D."""
     return in_view(GoToObj, **options)
+
+
+vars(make)["metadata"] = GoToObj.metadata  # where Gymnasium looks which render modes it has to add

@@ -1,7 +1,6 @@
 """GridWorld: the class to write your own grid world with. `docs/grid-worlds.md` writes one in fifteen lines."""
 
 import abc
-from operator import index
 from typing import Any, ClassVar
 
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
@@ -43,7 +42,7 @@ class GridWorld(GridEngine, abc.ABC):
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
         if not self._judges:
             return super().step(action)
-        action = index(action)
+        action = self._number(action)
         status, reward = act(self._row, action, self._words)
         if status < 0:
             raise self._refusal(status, action)

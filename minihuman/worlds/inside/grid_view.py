@@ -35,6 +35,7 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         obs_height: height of the observation's picture in pixels.
     """
 
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own way to declare it
     compile_apart = rules, colours, faces
 
     def __init__(self, grid: GridEngine, *, obs_width: int = 80, obs_height: int = 60) -> None:
@@ -42,7 +43,8 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
             raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
         self.grid = grid
         self.size_px = (obs_width, obs_height)
-        self.metadata = grid.metadata
+        if grid.render_mode == "ansi":
+            raise WorldError("render_mode is 'ansi'; a grid seen from inside renders as 'rgb_array'")
         self.render_mode = grid.render_mode
         self.action_names = grid.action_names
         self.action_space = grid.action_space

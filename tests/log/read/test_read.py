@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import struct
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -147,11 +148,19 @@ def test_another_programs_mcap_is_named(tmp_path: Path) -> None:
         open_log(foreign)
 
 
-@pytest.mark.parametrize("version", ["0", "2"])
+@pytest.mark.parametrize("version", ["2", "2.1"])
 def test_another_schema_version_is_refused_in_one_sentence(tmp_path: Path, version: str) -> None:
     other = tmp_path / "other.mcap"
     _foreign(other, metadata={"schema_version": version, "minihuman": "9.9"})
-    with pytest.raises(LogError, match=rf"log schema version {version}, this .* reads version 1; .*\(minihuman 9\.9\)"):
+    with pytest.raises(LogError, match=rf"minihuman \(9\.9, log schema version {version}; .* up to 1\)"):
+        open_log(other)
+
+
+@pytest.mark.parametrize("version", ["0", "one", "1.x"])
+def test_a_version_that_never_was_is_named(tmp_path: Path, version: str) -> None:
+    other = tmp_path / "other.mcap"
+    _foreign(other, metadata={"schema_version": version, "minihuman": "9.9"})
+    with pytest.raises(LogError, match=rf"log schema version {version}, which no minihuman has written"):
         open_log(other)
 
 
@@ -182,7 +191,7 @@ def test_a_second_segment_that_has_no_plan_yet_changes_nothing(log: Path) -> Non
 def test_a_missing_step_is_named(tmp_path: Path) -> None:
     gap: list[Event] = [e for e in EVENTS if not (isinstance(e, Stepped) and (e.episode, e.step) == (1, 5))]
     log = record(tmp_path, PLAN, gap)
-    with pytest.raises(LogError, match="episode 1 step 6 follows episode 1 step 4"):
+    with pytest.raises(LogError, match="episode 2 step 6 follows episode 2 step 4"):
         open_log(log)
 
 
@@ -229,6 +238,15 @@ def test_a_folder_with_no_session_or_several_is_named(tmp_path: Path) -> None:
         open_log(tmp_path)
 
 
+def in_session_time(events: Iterable[Event], starts_ns: list[int]) -> Iterator[Event]:
+    """Events as they were logged, each segment's times from 0, told on the session's clock."""
+    segment = -1
+    for event in events:
+        segment += isinstance(event, SessionStarted)
+        times = [name for name in ("t_ns", "key_t_ns", "submit_ns", "flip_ns") if hasattr(event, name)]
+        yield dataclasses.replace(event, **{name: getattr(event, name) + starts_ns[segment] for name in times})
+
+
 def test_columns_hold_what_the_events_say(tmp_path: Path) -> None:
     """The quick way, by columns, against the plain one: a session in two segments, a missing pose, keys in between."""
     between = KeyPressed(0, "x", "x", True, None, "not_playing", "rest")
@@ -243,9 +261,12 @@ def test_columns_hold_what_the_events_say(tmp_path: Path) -> None:
     again = msgspec.structs.replace(session_plan(episodes=3, segment=2), first_episode=1)
     log = record(tmp_path, again, session_events(again, steps=6))
     session = open_log(log)
-    events = list(read_events(log))
+    events = list(in_session_time(read_events(log), [segment.start_ns for segment in session.segments]))
     assert list(session.keys) == [event for event in events if isinstance(event, KeyPressed)]
     assert [episode.segment for episode in session.episodes] == [1, 1, 2, 2]
+    assert [(episode.number, episode.attempt) for episode in session.episodes] == [(1, 1), (2, 1), (2, 2), (3, 1)]
+    assert session.segments[1].start_ns == session.segments[0].end_ns + 1  # as the wall clock had not moved
+    assert (np.diff(np.concatenate([episode.t_ns for episode in session.episodes])) > 0).all()
     assert [episode.outcome for episode in session.episodes] == ["goal", None, "goal", "goal"]
     starts = [place for place, event in enumerate(events) if isinstance(event, EpisodeStarted)]
     assert len(starts) == len(session.episodes)

@@ -177,7 +177,6 @@ def test_a_ball_is_shown_in_the_colour_of_the_palette():
     [
         ({"max_steps": 0}, "max_steps is 0"),
         ({"view": "side"}, "view is 'side'"),
-        ({"render_mode": "human"}, "render_mode is 'human'"),
         ({"obs_width": 0}, "0 x 60 pixels"),
     ],
 )

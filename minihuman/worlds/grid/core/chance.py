@@ -8,11 +8,10 @@ plain Python reading of this file is exact too.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.kernels import inlined, kernel, part
 
 Words = NDArray[np.uint64]  # (6,)
 
@@ -82,7 +81,7 @@ def next64(words: Words) -> np.uint64:
     return mixed >> turn | mixed << ((_64 - turn) & _63)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def next32(words: Words) -> np.uint64:
     """The stream's next 32 bits; the other half of the 64 is kept for the next call."""
     if words[4] != _0:

@@ -1,10 +1,8 @@
 """What an action does: the seven actions of Minigrid on one row of state."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import (
     BOX,
     CLOSED,
@@ -63,6 +61,7 @@ from minihuman.worlds.grid.core.tasks import (
     prize,
 )
 from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.kernels import inlined, kernel, part
 
 ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 
@@ -143,7 +142,7 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
     return 0.0, False
 
 
-@njit(cache=True, inline="always")
+@inlined
 def toggle(row: Row, x: int, y: int, code: int) -> None:
     """Open or close a door, unlock it with the key of its colour, or open a box, which leaves its contents."""
     if kind_of(code) == DOOR:

@@ -3,9 +3,6 @@
 A task is a number in the state and up to six numbers it is about (``TARGET``), so one kernel judges every world.
 """
 
-from numba import njit
-
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, GOAL, OPEN, colour_of, identity_of, kind_of, state_of
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.state import (
@@ -25,6 +22,7 @@ from minihuman.worlds.grid.core.state import (
     move,
     where_is,
 )
+from minihuman.worlds.kernels import inlined, kernel, part
 
 LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
 
@@ -102,7 +100,7 @@ def judge(
     return reward, ended
 
 
-@njit(cache=True, inline="always")
+@inlined
 def faces_obstacle(row: Row) -> bool:
     """Whether something other than a goal is in front of the agent."""
     x, y = front(row)

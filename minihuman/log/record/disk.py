@@ -1,0 +1,185 @@
+"""Bytes on their way to the disk: with the operating system before ``write`` returns, on the disk soon after.
+
+Two threads stand between a session and a file. One writes: what it has written survives the process, however that
+ends. One fsyncs behind it: what it has done survives the power. Neither can hold a picture up for longer than a bound:
+a write that the disk does not take by then goes on by itself, and until it is done nobody waits for the next ones.
+"""
+
+import fcntl
+import logging
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from minihuman.errors import LogError
+from minihuman.log.record.claim import is_at, sync_folder
+from minihuman.log.record.live_file import Piece
+from minihuman.log.record.space import require_space
+
+LOG = logging.getLogger("minihuman")
+WRITE_BOUND_S = 0.1  # the longest that a write holds a picture up
+BACKLOG = 65_536  # writes that may wait; at a hundred a second a disk may stall for ten minutes
+
+
+@dataclass(slots=True)
+class _Job:
+    pieces: Sequence[Piece]
+    steps: int  # of the segment, with these
+    done: threading.Lock = field(default_factory=threading.Lock)  # held until it is written or given up
+    whole: bool = False  # it was written to its last byte
+
+
+class Disk:
+    """A live file that is appended to. Its owner has made and locked it, and hands its descriptor over.
+
+    Args:
+        sync: makes a file descriptor's writes durable.
+        put: writes to a file descriptor, and says how many bytes it took.
+        bound_s: how long ``write`` waits.
+        backlog: how many writes may wait before it gives up.
+    """
+
+    def __init__(
+        self,
+        fd: int,
+        part: Path,
+        *,
+        sync: Callable[[int], None] = os.fsync,
+        put: Callable[[int, memoryview], int] = os.write,
+        bound_s: float = WRITE_BOUND_S,
+        backlog: int = BACKLOG,
+    ) -> None:
+        self.failure: Exception | None = None
+        self.durable_steps = 0  # how many are fsynced
+        self.late = 0  # writes that a picture did not wait for to their end
+        self.longest_wait_s = 0.0
+        self.rescued = 0  # how often the file was gone and was written again
+        self._fd = fd
+        self._part = part
+        self._sync = sync
+        self._put = put
+        self._bound_s = bound_s
+        self._backlog = backlog
+        self._bytes = 0  # that the file must have
+        self._given = 0  # jobs
+        self._written = 0
+        self._settled = 0  # jobs that are durable, or never will be
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._unsynced: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._file = threading.Lock()  # held while the file is written, or written again
+        self._rest = threading.Condition()
+        # Daemons, so that a crash of the program is not held up; what was written stays and is recovered.
+        self._threads = [
+            threading.Thread(target=run, name=f"minihuman-log-{name}", daemon=True)
+            for name, run in (("write", self._write_all), ("sync", self._sync_all))
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def write(self, pieces: Sequence[Piece], *, steps: int) -> None:
+        """Append pieces; when this returns they are written, have had ``bound_s`` to be, or ``failure`` says why not.
+
+        ``steps`` is how many the file holds with these.
+        """
+        behind = self._given - self._written
+        if behind >= self._backlog:
+            self.failure = self.failure or TimeoutError(f"the disk is {behind} writes behind")
+            return
+        job = _Job(pieces, steps)
+        job.done.acquire()
+        self._given += 1
+        self._jobs.put(job)
+        if behind:  # the disk stalls, and a picture has waited for it already
+            self.late += 1
+            return
+        began_s = time.monotonic()
+        self.late += not job.done.acquire(timeout=self._bound_s)
+        self.longest_wait_s = max(self.longest_wait_s, time.monotonic() - began_s)
+
+    def drain(self) -> None:
+        """Wait until all that was written is durable, or never will be."""
+        with self._rest:
+            self._rest.wait_for(lambda: self._settled >= self._given)
+
+    def close(self) -> None:
+        """Write and fsync what is left, and end both threads. The descriptor stays its owner's."""
+        self._jobs.put(None)
+        for thread in self._threads:
+            thread.join()
+
+    def _write_all(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            if self.failure is None or isinstance(self.failure, TimeoutError):
+                try:
+                    for piece in job.pieces:
+                        self._append(piece)
+                    job.whole = True
+                except Exception as error:  # handed to the session at this write or the next
+                    self.failure = error
+            self._written += 1
+            job.done.release()
+            self._unsynced.put(job)
+        self._unsynced.put(None)
+
+    def _append(self, piece: Piece) -> None:
+        if piece.room_for is not None:
+            require_space(self._part.parent, piece.room_for)
+        rest = memoryview(piece.data)
+        with self._file:
+            while rest:
+                taken = self._put(self._fd, rest)
+                self._bytes += taken
+                rest = rest[taken:]
+
+    def _sync_all(self) -> None:
+        closing, broken = False, False
+        while not closing:
+            jobs = [self._unsynced.get()]
+            while not self._unsynced.empty():
+                jobs.append(self._unsynced.get())
+            closing = jobs[-1] is None
+            written = [job for job in jobs if job is not None]
+            if not broken and (written or closing):
+                try:
+                    self._sync(self._fd)
+                    self._stay_there()
+                    self.durable_steps = max([self.durable_steps, *(job.steps for job in written if job.whole)])
+                except Exception as error:
+                    broken, self.failure = True, self.failure or error
+            with self._rest:
+                self._settled += len(written)
+                self._rest.notify_all()
+
+    def _stay_there(self) -> None:
+        """Where somebody took the file away or moved it, write it again from the open handle."""
+        if is_at(self._fd, self._part):
+            return
+        try:
+            with self._file:
+                self._part.parent.mkdir(parents=True, exist_ok=True)
+                again = os.open(self._part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, 0o644)
+                try:
+                    copied = self._copy_to(again)
+                    os.dup2(again, self._fd, inheritable=False)
+                finally:
+                    os.close(again)
+        except OSError as error:
+            self.durable_steps = 0
+            raise LogError(f"{self._part} was taken away and cannot be put back ({error.strerror})") from error
+        self.rescued += 1
+        LOG.warning("%s was taken away while it was being written; it is back, with all %d bytes", self._part, copied)
+
+    def _copy_to(self, again: int) -> int:
+        """Copy all that was written, and make it last."""
+        fcntl.flock(again, fcntl.LOCK_EX)
+        copied = 0
+        while found := os.pread(self._fd, 1 << 20, copied):
+            copied += os.write(again, found)
+        self._sync(again)
+        for folder in self._part.parents[:4]:
+            sync_folder(folder)
+        return copied

@@ -1,0 +1,177 @@
+"""How the frozen logs were made: ``python -m tests.golden.make FOLDER`` plays them all again into a new folder.
+
+Each version of the log's format has a folder of its own (``v1``), made by the software of that time and never made
+again: what is to be shown is that logs lying on a laboratory's disk for years are still read, proved and exported.
+"""
+
+import shutil
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from minihuman.data.marks import Mark, add_mark
+from minihuman.lab.next_session import next_session
+from minihuman.log.read.open_log import open_log
+from minihuman.log.record.finish import recover
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.players.choose import make_player
+from minihuman.seats.run import run_session
+from minihuman.seats.simulated import SimulatedWindow
+from minihuman.study.inputs import Input, KeyDown, KeyUp, Stop
+from minihuman.study.protocol import Protocol, decode
+from minihuman.study.session import Session
+from minihuman.windows.scripted import VirtualClock
+from minihuman.worlds.adapt.world import World
+
+STARTED_NS = 1_790_000_000_123_456_789  # the first session's wall clock; an hour later the next segment
+HOUR_NS = 3_600_000_000_000
+SECOND_NS = 1_000_000_000
+AT_ONCE = -1  # before anything is played
+
+_STUDY = """
+[study]
+name = "{name}"
+version = "1"
+seed = 11
+participants = 4
+consent = "I take part of my own free will."
+closing = "Thank you."
+[keys]
+pool = ["1", "2", "3", "4", "q"]
+[[groups]]
+name = "all"
+blocks = {blocks}
+"""
+_GRID = """
+[[blocks]]
+name = "grid"
+world = "minihuman/MiniGrid-FourRooms-v0"
+actions = ["left", "right", "forward"]
+max_steps = 50
+episodes = 2
+feedback = "{outcome}"
+"""
+_SMALL = """
+[[blocks]]
+name = "small"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+actions = ["left", "right", "forward"]
+max_steps = 30
+episodes = 3
+"""
+_ROOM = """
+[[blocks]]
+name = "first-person"
+world = "minihuman/MiniWorld-OneRoom-v0"
+actions = ["turn_left", "turn_right", "move_forward"]
+max_steps = 40
+episodes = 2
+"""
+BLOCKS = {
+    "plain": _GRID,
+    "resumed": _SMALL,
+    "cut-off": _SMALL,
+    "recovered": _SMALL,
+    "real-time": _SMALL + 'pace = "real_time"\nstep_period_ms = 400.0\nnoop = "done"\n',
+    "observations": _SMALL.replace("episodes = 3", "episodes = 2") + "record_observations = true\n",
+    "first-person": _ROOM,
+    "mixed": _SMALL.replace("episodes = 3", "episodes = 1") + _ROOM.replace("episodes = 2", "episodes = 1"),
+    "foreign": _SMALL.replace("minihuman/", "minigrid:"),
+    "no-step": _SMALL,
+    "no-episode": _SMALL,
+    "marked": _SMALL,
+}
+
+
+class Hand(SimulatedWindow):
+    """A simulated participant who, after so many steps of the session, presses one more key, or is killed.
+
+    After Escape the question is answered with Enter: the session is quit. After F8 Enter goes on.
+    """
+
+    def __init__(self, *args, after_steps: int | None = None, key: str = "", kill=lambda: None) -> None:
+        super().__init__(*args)
+        self._session_seen, self._clock_seen = args[1], args[2]
+        self._after_steps, self._key, self._kill = after_steps, key, kill
+        self._steps, self._last = 0, 0
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        play = self._session_seen.play
+        if play is not None:
+            self._steps += play.steps > self._last
+            self._last = play.steps
+        if self._after_steps is not None and (self._steps >= self._after_steps and play is not None):
+            self._after_steps = None
+            self._kill()
+            if self._key:
+                self._clock_seen.advance_to(self._clock_seen() + SECOND_NS)
+                now_ns = self._clock_seen()
+                return [KeyDown(now_ns, self._key, self._key), KeyUp(now_ns, self._key, self._key)]
+        elif self._after_steps == AT_ONCE:
+            return [Stop(self._clock_seen(), "window_closed")]
+        return super().wait(until_ns)
+
+
+def study(name: str) -> Protocol:
+    """The protocol of one frozen study."""
+    blocks = BLOCKS[name]
+    names = [line.split('"')[1] for line in blocks.splitlines() if line.startswith("name = ")]
+    toml = _STUDY.replace("{name}", name).replace("{blocks}", str(names).replace("'", '"')) + blocks
+    return decode(toml.encode())
+
+
+def segment(data: Path, protocol: Protocol, player: str = "optimal", participant: str = "sub-01", **hand) -> Path:
+    """Play the participant's session, or the rest of it, and give its log."""
+    plan = next_session(protocol, data, participant=participant)
+    clock = VirtualClock()
+    facts = {"player": player, "platform": "golden", "refresh_hz": "60.0"}
+    session = Session(plan, World, facts, picture_px=None)
+    recorder = McapRecorder(data, plan, started_ns=STARTED_NS + HOUR_NS * (plan.segment - 1))
+    if "part" in hand:
+        hand["kill"] = partial(_keep, recorder, hand.pop("part"))
+    window = Hand(make_player(player, np.random.default_rng(5)), session, clock, **hand)
+    log = run_session(session, window, recorder, clock)
+    assert log is not None
+    return log
+
+
+def _keep(recorder: McapRecorder, part: Path) -> None:
+    """What lies on the disk at this moment, as it would after a power cut."""
+    recorder.drain()
+    part.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(recorder.where.part, part)
+
+
+def make(data: Path) -> None:
+    """Play every frozen study."""
+    segment(data, study("plain"), after_steps=7, key="f8")
+    segment(data, study("plain"), "random", participant="sub-02")
+    segment(data, study("resumed"), after_steps=6, key="escape")
+    segment(data, study("resumed"))
+    for name in ("cut-off", "recovered"):
+        log = segment(data, study(name), after_steps=8, part=data / "as-killed")
+        log.unlink()
+        part = log.with_name(log.name + ".part")
+        shutil.move(data / "as-killed", part)
+    part.write_bytes(part.read_bytes()[:-300])  # the last bytes never reached the disk
+    recover(part)
+    for found in part.parent.glob("*.as-found-*"):  # as large again, and never read
+        found.unlink()
+    segment(data, study("real-time"))
+    segment(data, study("observations"))
+    segment(data, study("first-person"))
+    segment(data, study("mixed"))
+    segment(data, study("foreign"), "random")
+    segment(data, study("no-step"), after_steps=0, key="escape")
+    segment(data, study("no-episode"), after_steps=AT_ONCE)
+    marked = open_log(segment(data, study("marked")))
+    add_mark(marked, Mark("exclude", "2026-11-22T09:00:00Z", episode=2, note="the phone rang"))
+    add_mark(marked, Mark("slow", "2026-11-22T09:01:00Z", note="all of it"))
+    add_mark(marked, Mark("doubt", "2026-11-22T09:02:00Z", episode=1))
+    add_mark(marked, Mark("doubt", "2026-11-22T09:03:00Z", episode=1, taken_back=True))
+
+
+if __name__ == "__main__":
+    make(Path(sys.argv[1]))

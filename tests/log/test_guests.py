@@ -1,0 +1,120 @@
+"""Guests: other programs' topics in a log, their files beside it, and topics that a newer version adds."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.records import Attachment, Metadata
+from mcap.writer import Writer
+
+from minihuman.data.opened import log_files
+from minihuman.errors import LogError
+from minihuman.lab.next_session import next_session
+from minihuman.lab.verify import verify
+from minihuman.log.paths import sessions_in
+from minihuman.log.read.chunk import LogMessage
+from minihuman.log.read.open_log import open_log, read_events
+from minihuman.log.read.scan import Scan
+from minihuman.log.record.finish import leftovers, recover
+from minihuman.log.topics import SCHEMA_VERSION, SEGMENT_METADATA
+from tests.golden.make import segment, study
+
+PLAIN = Path(__file__).parents[1] / "golden/v1/resumed/sub-01/ses-01/sub-01_ses-01.mcap"
+Guest = Callable[[int], int | None]  # the number of one more message after ours of this number; None: none there
+
+
+def again(log: Path, target: Path, guest: Guest, *, version: str = str(SCHEMA_VERSION), leave_out: int = 0) -> Path:
+    """Write a log again with a guest's messages between ours; those that a newer version counts shift ours on."""
+    scan = Scan(log)
+    with target.open("wb") as file:
+        writer = Writer(file, chunk_size=4096)
+        writer.start(profile="minihuman")
+        gaze = writer.register_channel("/ext/gaze", "json", 0)
+        channels: dict[tuple[str, int], int] = {}
+        shift = 0
+        for record in scan:
+            match record:
+                case LogMessage():
+                    schema = scan.schemas[record.channel.schema_id]
+                    if (record.channel.topic, schema.id) not in channels:
+                        number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                        channels[record.channel.topic, schema.id] = writer.register_channel(
+                            record.channel.topic, "protobuf", number
+                        )
+                    shift *= record.sequence != 1
+                    sequence = record.sequence + shift
+                    if record.sequence != leave_out:
+                        channel = channels[record.channel.topic, schema.id]
+                        writer.add_message(channel, record.log_time, record.data, record.publish_time, sequence)
+                    if (its := guest(sequence)) is not None:
+                        shift += its == sequence + 1
+                        writer.add_message(gaze, record.log_time, b'{"x": 1}', record.log_time, its)
+                case Metadata():
+                    writer.flush()
+                    facts = record.metadata
+                    if record.name == SEGMENT_METADATA:
+                        facts = facts | {"schema_version": version}
+                    writer.add_metadata(record.name, facts)
+                case Attachment():
+                    writer.add_attachment(record.create_time, record.log_time, record.name, "", record.data)
+        writer.finish()
+    return target
+
+
+GUESTS: dict[str, Guest] = {
+    "uncounted": lambda ours: 0,
+    "counting for itself": lambda ours: ours % 7,
+    "now and then": lambda ours: None if ours % 5 else 1,
+    "a newer version's own": lambda ours: ours + 1 if ours % 3 == 0 else None,
+}
+
+
+@pytest.mark.parametrize("guest", GUESTS.values(), ids=GUESTS)
+def test_a_guests_topic_changes_nothing(tmp_path, guest):
+    log = again(PLAIN, tmp_path / "sub-01_ses-01.mcap", guest, version="1.7")
+    assert list(read_events(log)) == list(read_events(PLAIN))
+    assert verify(open_log(log)) == verify(open_log(PLAIN))
+
+
+@pytest.mark.parametrize("guest", [GUESTS["uncounted"], GUESTS["now and then"]])
+def test_a_message_of_ours_that_is_missing_is_still_noticed(tmp_path, guest):
+    log = again(PLAIN, tmp_path / "sub-01_ses-01.mcap", guest, leave_out=40)
+    with pytest.raises(LogError, match="message 41 follows message 39"):
+        open_log(log)
+
+
+def test_a_session_with_guests_goes_on_and_keeps_them(tmp_path):
+    log = segment(tmp_path, study("resumed"), after_steps=6, key="escape")
+    again(log, tmp_path / "with", GUESTS["uncounted"]).replace(log)
+    gaze = log.with_name("gaze.mcap")
+    with gaze.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="gazer")
+        writer.finish()
+    recording = log.with_name("gaze.mcap.part")  # another recorder's, still writing or broken off
+    recording.write_bytes(gaze.read_bytes()[:40])
+    before = gaze.read_bytes()
+    assert leftovers(tmp_path) == []
+    assert next_session(study("resumed"), tmp_path, participant="sub-01").segment == 2
+    assert segment(tmp_path, study("resumed")) == log
+    assert sessions_in(log.parent) == {log: [log]}
+    assert log_files(tmp_path) == [log]
+    assert open_log(log.parent).end_reason == "complete"
+    guests = [record for record in Scan(log) if isinstance(record, LogMessage) and record.channel.topic == "/ext/gaze"]
+    assert len(guests) > 20
+    assert gaze.read_bytes() == before
+
+
+def test_a_recovered_log_keeps_its_guests(tmp_path):
+    part = tmp_path / "sub-01_ses-01.mcap.part"
+    again(PLAIN, part, GUESTS["uncounted"])
+    part.write_bytes(part.read_bytes()[:-2000])
+    log = recover(part).path
+    guests = [record for record in Scan(log) if isinstance(record, LogMessage) and record.channel.topic == "/ext/gaze"]
+    assert len(guests) > 20
+    assert open_log(log).episodes
+
+
+def test_a_renamed_log_of_ours_is_still_one(tmp_path):
+    (tmp_path / "copy.mcap").write_bytes(PLAIN.read_bytes())
+    assert log_files(tmp_path) == [tmp_path / "copy.mcap"]

@@ -1,0 +1,77 @@
+"""The facts about a study: optional, checked, and named when they cannot be."""
+
+import pytest
+
+from minihuman.errors import ProtocolError
+from minihuman.study.about import is_orcid
+from minihuman.study.protocol import decode
+from tests.study.test_protocol import DEMO
+
+ABOUT = """
+[about]
+title = "Keys found again"
+description = "People find keys."
+licence = "CC-BY-4.0"
+funding = ["Grant 7"]
+ethics = ["Board of the faculty, 2026-17"]
+institution = "University of Nowhere"
+keywords = ["navigation", "transfer"]
+doi = "10.1234/abcd"
+task = "Find the goal."
+authors = [{ name = "Ada Lovelace", orcid = "0000-0002-1825-0097", email = "ada@example.org" }, { name = "N. N." }]
+participants = [
+    { name = "age", kind = "whole", unit = "year", meaning = "Age at the session." },
+    { name = "hand", meaning = "The hand at the keys.", levels = { left = "left", right = "right" } },
+]
+[[devices]]
+name = "gaze"
+source = "lsl:EyeTracker"
+channels = ["x", "y"]
+units = ["px", "px"]
+required = false
+"""
+
+
+def test_a_study_without_facts_is_one():
+    assert decode(DEMO.encode()).about.title == ""
+
+
+def test_every_fact_is_read():
+    protocol = decode((DEMO + ABOUT).encode())
+    assert [author.name for author in protocol.about.authors] == ["Ada Lovelace", "N. N."]
+    assert protocol.about.participants[1].levels == {"left": "left", "right": "right"}
+    assert protocol.devices[0].channels == ("x", "y")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("1825-0097", "1825-0098", "$.about.authors[0].orcid is '0000-0002-1825-0098', which is no ORCID"),
+        ("ada@", "ada", "$.about.authors[0].email is 'adaexample.org', which is no address"),
+        ('"N. N."', '" "', "$.about.authors[1].name is empty"),
+        ("orcid", "orchid", "$.about.authors[0].orchid is not a field; did you mean 'orcid'?"),
+        ("licence", "license", "$.about.license is not a field; did you mean 'licence'?"),
+        ("CC-BY-4.0", "free for all", "$.about.licence is 'free for all'; use an SPDX identifier such as"),
+        ("10.1234", "https://doi.org/10.1234", "$.about.doi is 'https://doi.org/10.1234/abcd'; write it as"),
+        ('"navigation"', '""', "$.about.keywords[0] is empty; remove it"),
+        ('"age"', '"participant"', "$.about.participants[0].name is 'participant'; use"),
+        ('"hand"', '"age"', "$.about.participants[1].name is 'age' again"),
+        ("Age at the session.", "", "$.about.participants[0].meaning is empty"),
+        ('"whole"', '"integer"', "$.about.participants[0].kind: invalid enum value 'integer'"),
+        ('["px", "px"]', '["px"]', "$.devices[0].units has 1 for 2 channels"),
+        ('["x", "y"]', '["x", "x"]', "$.devices[0].channels names one twice"),
+        ('"gaze"', '"Gaze"', "$.devices[0].name is 'Gaze'; use lower-case"),
+        ("lsl:EyeTracker", "", "$.devices[0].source is empty"),
+    ],
+)
+def test_what_cannot_be_is_named_with_the_way_out(old, new, message):
+    assert old in ABOUT
+    with pytest.raises(ProtocolError) as caught:
+        decode((DEMO + ABOUT.replace(old, new, 1)).encode(), "demo.toml")
+    assert f"demo.toml: {message}" in str(caught.value)
+
+
+def test_check_digits_of_orcids():
+    assert is_orcid("0000-0001-5109-3700")
+    assert is_orcid("0000-0002-1694-233X")
+    assert not is_orcid("0000-0002-1694-2330")

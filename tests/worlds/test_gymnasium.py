@@ -1,0 +1,370 @@
+"""Gymnasium's whole table, a line a test: what a library may do with any world of ours, and get what Gymnasium says."""
+
+import copy
+import json
+import pickle
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pygame
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import FlattenObservation, FrameStackObservation, RecordEpisodeStatistics
+from Xlib.display import Display
+
+import minihuman  # noqa: F401  # registers the worlds
+from minihuman.errors import WorldError
+from minihuman.worlds.catalogue import ENTRIES
+from minihuman.worlds.grid.tokens import Tokens
+
+IDS = tuple(entry.id for entry in ENTRIES)
+GRID = "minihuman/MiniGrid-GoToObject-6x6-N2-v0"  # a mission with choices
+ROOMS = "minihuman/MiniWorld-OneRoomS6Fast-v0"
+INSIDE = (GRID, {"view": "first_person"})
+SOME = ((GRID, {}), (ROOMS, {}), INSIDE, ("minihuman/MiniGrid-GoToObj-Transfer-v0", {}))
+BATCHES = (GRID, "minihuman/MiniGrid-Dynamic-Obstacles-5x5-v0", ROOMS)  # what has a batch of its own
+
+every_id = pytest.mark.parametrize("world", IDS)
+some = pytest.mark.parametrize(("world", "options"), SOME, ids=["grid", "rooms", "inside", "own layout"])
+batches = pytest.mark.parametrize("world", BATCHES)
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*out of date"),  # v0 of worlds that have a v1
+    pytest.mark.filterwarnings("ignore:.*not in the possible render_modes"),  # Gymnasium warns of what we refuse
+]
+
+
+def same(a, b):
+    """Equal observations, whatever they are made of."""
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, str | tuple):
+        return tuple(a) == tuple(b)
+    return np.array_equal(a, b)
+
+
+def play(env, seed, steps=20):
+    """Everything that an environment says in some seeded steps."""
+    actions = np.random.default_rng(seed)
+    said = [env.reset(seed=seed)]
+    for _ in range(steps):
+        said.append(env.step(int(actions.integers(env.action_space.n))))
+        if said[-1][2] or said[-1][3]:
+            said.append(env.reset())
+    return said
+
+
+def same_play(a, b):
+    return len(a) == len(b) and all(same(x[0], y[0]) and x[1:-1] == y[1:-1] for x, y in zip(a, b, strict=True))
+
+
+# Making worlds.
+
+
+@every_id
+def test_make_by_plain_id_after_import_passes_gymnasiums_checker(world):
+    env = gymnasium.make(world)
+    check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@every_id
+def test_make_by_module_prefix(world):
+    assert gymnasium.make(f"minihuman:{world}").spec.id == world
+
+
+@pytest.mark.program
+def test_make_by_module_prefix_needs_no_import():
+    script = "import gymnasium; print(gymnasium.make('minihuman:minihuman/MiniGrid-Empty-5x5-v0').reset(seed=0)[1])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "{}", done.stderr
+
+
+@every_id
+def test_specs_are_json_and_make_the_same_world(world):
+    spec = gymnasium.make(world).spec
+    again = gymnasium.envs.registration.EnvSpec.from_json(json.dumps(json.loads(spec.to_json())))
+    assert again.to_json() == spec.to_json()
+    a, b = gymnasium.make(spec), gymnasium.make(again)
+    assert same(a.reset(seed=1)[0], b.reset(seed=1)[0])
+
+
+# Rendering.
+
+
+@pytest.mark.program
+@pytest.mark.filterwarnings("ignore:.*natively support")  # the window is Gymnasium's, which says so
+@pytest.mark.parametrize(("world", "size_px"), [(GRID, (192, 192)), (ROOMS, (800, 600))])
+def test_render_mode_human_opens_a_window(world, size_px, display, monkeypatch):
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
+    pygame.display.quit()  # whatever was tried before in this process was on another screen
+    env = gymnasium.make(world, render_mode="human")
+    env.reset(seed=0)
+    env.step(0)
+    screen = Display(display)
+    windows = [child.get_geometry() for child in screen.screen().root.query_tree().children]
+    sizes = {(window.width, window.height) for window in windows}
+    screen.close()
+    env.close()
+    assert size_px in sizes
+
+
+@every_id
+def test_render_mode_rgb_array_list_collects_pictures(world):
+    env = gymnasium.make(world, render_mode="rgb_array_list")
+    env.reset(seed=0)
+    env.step(0)
+    pictures = env.render()
+    assert len(pictures) == 2
+    assert all(picture.dtype == np.uint8 and picture.shape[2] == 3 for picture in pictures)
+
+
+@every_id
+def test_render_mode_ansi_is_text_in_the_grid_and_refused_elsewhere(world):
+    if "MiniWorld" in world:
+        with pytest.raises(WorldError, match="render_mode is 'ansi'"):
+            gymnasium.make(world, render_mode="ansi")
+        return
+    env = gymnasium.make(world, render_mode="ansi")
+    env.reset(seed=0)
+    assert env.render() == env.unwrapped.text()
+    assert "WW" in env.render()
+
+
+@pytest.mark.parametrize(("world", "options"), [(GRID, {}), (ROOMS, {}), (GRID, {"view": "first_person"})])
+@pytest.mark.parametrize("mode", ["depth", "humane"])
+def test_an_unknown_render_mode_is_refused(world, options, mode):
+    with pytest.raises(WorldError, match="render_mode is"):
+        gymnasium.make(world, render_mode=mode, **options)
+
+
+def test_a_grid_seen_from_inside_has_no_text():
+    with pytest.raises(WorldError, match="'ansi'"):
+        gymnasium.make(GRID, render_mode="ansi", view="first_person")
+
+
+# Many at once.
+
+
+def rollout(vector, seed=3, steps=40):
+    """Observations, rewards and ends of a vector under the same actions."""
+    said = [vector.reset(seed=seed)[0]]
+    actions = np.random.default_rng(seed)
+    for _ in range(steps):
+        step = vector.step(actions.integers(vector.single_action_space.n, size=vector.num_envs))
+        said += step[:4]
+    return said
+
+
+def short(world, mode, kind, **options):
+    kwargs = {"autoreset_mode": mode} if kind == "vector_entry_point" else {"vector_kwargs": {"autoreset_mode": mode}}
+    return gymnasium.make_vec(world, num_envs=3, vectorization_mode=kind, max_steps=7, **kwargs, **options)
+
+
+@batches
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_a_native_vector_is_the_sync_vector(world, mode):
+    native, sync = short(world, mode, "vector_entry_point"), short(world, mode, "sync")
+    assert all(same(a, b) for a, b in zip(rollout(native), rollout(sync), strict=True))
+    native.close()
+
+
+@batches
+def test_a_native_vector_without_autoreset_is_reset_by_mask(world):
+    native = short(world, AutoresetMode.DISABLED, "vector_entry_point")
+    native.reset(seed=0)
+    while True:
+        *_, terminated, truncated, _ = native.step(np.zeros(3, np.int64))
+        if (over := terminated | truncated).any():
+            break
+    with pytest.raises(WorldError, match=r"reset"):
+        native.step(np.zeros(3, np.int64))
+    native.reset(options={"reset_mask": over})
+    native.step(np.zeros(3, np.int64))
+    native.close()
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@some
+def test_an_async_vector_is_the_sync_vector_in_every_value(world, options, mode):
+    both = short(world, mode, "async", **options), short(world, mode, "sync", **options)
+    a, b = (rollout(vector) for vector in both)
+    assert all(same(x, y) for x, y in zip(a, b, strict=True))
+    if isinstance(a[0], dict):
+        assert set(a[0]["mission"]) != {"aaaaaaa"}  # what Gymnasium 1.4's own texts come out as
+    for vector in both:
+        vector.close()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@some
+def test_a_sync_vector_is_its_worlds(world, options, mode):
+    vector = short(world, mode, "sync", **options)
+    observations = vector.reset(seed=5)[0]
+    alone = gymnasium.make(world, **options)
+    for i in range(3):
+        expected = alone.reset(seed=5 + i)[0]
+        one = {key: observations[key][i] for key in observations} if isinstance(observations, dict) else observations[i]
+        assert same(one, expected)
+
+
+# Seeds.
+
+
+@batches
+@pytest.mark.parametrize("kind", ["vector_entry_point", "sync"])
+def test_seeds_are_a_number_a_tuple_a_list_or_an_array(world, kind):
+    vector = gymnasium.make_vec(world, num_envs=3, vectorization_mode=kind)
+    first = vector.reset(seed=11)[0]
+    for seed in ((11, 12, 13), [11, 12, 13]) + ((np.array([11, 12, 13]),) if kind == "vector_entry_point" else ()):
+        assert same(vector.reset(seed=seed)[0], first)
+    vector.close()
+
+
+@batches
+@pytest.mark.parametrize("seed", [(1, 2), 1.5, "a"])
+def test_seeds_that_are_none_are_refused(world, seed):
+    with pytest.raises(WorldError, match=r"seed"):
+        gymnasium.make_vec(world, num_envs=3, vectorization_mode="vector_entry_point").reset(seed=seed)
+
+
+@batches
+def test_np_random_of_a_native_vector_is_its_worlds(world):
+    native = gymnasium.make_vec(world, num_envs=3, vectorization_mode="vector_entry_point")
+    sync = gymnasium.make_vec(world, num_envs=3, vectorization_mode="sync")
+    for vector in (native, sync):
+        vector.reset(seed=(4, 9, 2))
+    assert native.np_random_seed == sync.np_random_seed == (4, 9, 2)
+    states = [[generator.bit_generator.state for generator in vector.np_random] for vector in (native, sync)]
+    assert states[0] == states[1]
+    native.close()
+
+
+@every_id
+def test_np_random_after_a_seeded_reset_is_seeded(world):
+    env = gymnasium.make(world)
+    env.reset(seed=8)
+    first = env.np_random.bit_generator.state
+    assert env.unwrapped.np_random_seed == 8
+    env.reset(seed=8)
+    assert env.np_random.bit_generator.state == first
+
+
+# Wrappers of Gymnasium's.
+
+
+@some
+def test_frame_stack_observation(world, options):
+    env = FrameStackObservation(gymnasium.make(world, **options), 3)
+    observation, _ = env.reset(seed=2)
+    assert observation in env.observation_space
+    assert env.step(0)[0] in env.observation_space
+
+
+@every_id
+def test_flatten_observation(world):
+    env = FlattenObservation(gymnasium.make(world))
+    observation, _ = env.reset(seed=2)
+    assert observation in env.observation_space
+    assert same(gymnasium.spaces.unflatten(env.env.observation_space, observation), env.env.reset(seed=2)[0])
+
+
+@some
+def test_record_episode_statistics(world, options):
+    env = RecordEpisodeStatistics(gymnasium.make(world, max_steps=3, **options))
+    env.reset(seed=0)
+    for _ in range(3):
+        *_, info = env.step(0)
+    assert info["episode"]["l"] == 3
+
+
+# Copies.
+
+
+@every_id
+def test_pickle_and_deepcopy_in_mid_episode(world):
+    env = gymnasium.make(world)
+    env.reset(seed=6)
+    env.step(0)
+    for other in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
+        here = copy.deepcopy(env)
+        assert all(same(here.step(action)[0], other.step(action)[0]) for action in (0, 1))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda vector: pickle.loads(pickle.dumps(vector))])
+@batches
+def test_pickle_and_deepcopy_of_a_batch_in_mid_episode(world, copied):
+    vector = short(world, AutoresetMode.NEXT_STEP, "vector_entry_point")
+    vector.reset(seed=6)
+    vector.step(np.zeros(3, np.int64))
+    other = copied(vector)
+    for step in range(20):  # through several ends: what is laid out anew is the same too
+        actions = np.full(3, step % 3)
+        assert all(same(a, b) for a, b in zip(vector.step(actions)[:4], other.step(actions)[:4], strict=True))
+    vector.close()
+    other.close()
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize("action", [1.0, 0.5, np.float64(2), "left", None, -1, 99])
+@some
+def test_an_action_that_is_no_whole_number_in_range_is_refused(world, options, action):
+    env = gymnasium.make(world, **options)
+    env.reset(seed=0)
+    before = env.unwrapped.state_hash()
+    with pytest.raises(WorldError, match="action"):
+        env.step(action)
+    assert env.unwrapped.state_hash() == before
+
+
+@pytest.mark.parametrize("max_steps", [7.5, 7.0, 0, -3, 10**12, "7", True])
+@some
+def test_max_steps_that_are_no_whole_number_in_range_are_refused(world, options, max_steps):
+    with pytest.raises(WorldError, match="max_steps is"):
+        gymnasium.make(world, max_steps=max_steps, **options)
+
+
+# Libraries that know no text.
+
+
+@pytest.mark.parametrize("world", [world for world in IDS if "MiniGrid" in world])
+def test_a_grid_in_tokens_observes_numbers_alone(world):
+    env = Tokens(gymnasium.make(world))
+    observation, _ = env.reset(seed=3)
+    assert observation in env.observation_space
+    numbers = gymnasium.spaces.Box | gymnasium.spaces.Discrete
+    assert all(isinstance(space, numbers) for space in env.observation_space.values())
+    said = [env.words[number - 1] for number in observation["mission"] if number]
+    assert " ".join(said) == env.unwrapped.mission
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("world", ["minihuman/MiniGrid-Empty-5x5-v0", GRID])
+def test_stable_baselines_learns_on_a_grid_by_its_id(world):
+    pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+
+    envs = make_vec_env(world, n_envs=2, wrapper_class=Tokens, seed=0)
+    agent = PPO("MultiInputPolicy", envs, n_steps=64, batch_size=64, n_epochs=2, seed=0, device="cpu")
+    before = {name: weight.clone() for name, weight in agent.policy.state_dict().items()}
+    agent.learn(256)
+    after = agent.policy.state_dict()
+    assert any(not after[name].equal(weight) for name, weight in before.items())
+    envs.close()
+
+
+@pytest.mark.program
+def test_stable_baselines_learns_on_rooms_as_they_come():
+    pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
+    from stable_baselines3 import PPO
+
+    agent = PPO("CnnPolicy", ROOMS, n_steps=32, batch_size=32, n_epochs=1, seed=0, device="cpu")
+    agent.learn(32)
+    assert agent.num_timesteps == 32
