@@ -1,4 +1,4 @@
-"""Commands for the experimenter's desk: withdraw, replace."""
+"""Commands for the experimenter's desk: watch, withdraw, replace."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +11,32 @@ StudyFolder = Annotated[Path, typer.Option("--study", help="The study's folder, 
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
+    app.command()(watch)
     app.command()(withdraw)
     app.command()(replace)
+
+
+def watch(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study's folder.")],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page; 0 takes a free one.")] = 0,
+) -> None:
+    """Show every running session on a page of this machine: picture, keys, reaction times, notes, pause, abort.
+
+    It reads the live logs and can be ended and started again at any time; the sessions do not notice.
+
+    Example: minihuman watch sessions/fourrooms-transfer
+    """
+    import os
+
+    from minihuman.seats.watch.server import WatchServer
+
+    server = WatchServer(study, port)
+    os.nice(10)  # the participants come first
+    print(f"open {server.url}   (Ctrl-C ends it; the sessions go on)", flush=True)
+    try:
+        server.serve()
+    except KeyboardInterrupt:
+        print()
 
 
 def withdraw(

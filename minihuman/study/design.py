@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from minihuman.study.activities.drafts import Asked
+from minihuman.study.activities.drafts import Question
 from minihuman.study.activities.pages import Example
 
 Override = dict[str, dict[str, Any]]  # group -> fields that are others for it
@@ -28,7 +28,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str
     title: str = ""
-    items: tuple[Asked, ...] = ()
+    items: tuple[Question, ...] = ()
     form: str = ""  # a shipped form instead of items: "nasa-tlx", "demographics"
     shuffle: bool = False  # the items come in an order of the participant's own
     tries: int = 1  # where items have right answers
@@ -52,10 +52,3 @@ class Day(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     parts: tuple[str, ...]
     days_after: tuple[int, int] | None = None  # earliest and latest
-
-
-class Strata(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An answer, given at enrolment, within whose levels the groups are balanced."""
-
-    question: str
-    levels: tuple[str, ...]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from minihuman.study.activities.drafts import Asked
+from minihuman.study.activities.drafts import Question
 from minihuman.study.forms import FORMS
 from minihuman.study.words import LANGUAGES, flat, of
 
@@ -109,7 +109,7 @@ def _questions(protocol: "Protocol") -> Iterator[Complaint]:
             yield from ((f"{path}.items[{place}].{field}", what) for field, what in _item(item))
 
 
-def _item(item: Asked) -> Iterator[Complaint]:
+def _item(item: Question) -> Iterator[Complaint]:
     if item.kind in ("choice", "choices") and len(item.options) < 2:
         yield "options", f"has {len(item.options)}; a choice is of two or more"
     if item.options and item.kind not in ("choice", "choices", "likert"):

@@ -24,7 +24,7 @@ Verdict = Literal[
 EndCause = Literal["", "max_s", "block_max_s"]  # what else than a step ended an episode
 SkipReason = Literal["criterion", "time", "given_up"]
 PartEnd = Literal["done", "failed", "again", "over"]
-PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question"]
+PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question", "experimenter"]
 EndReason = Literal[
     "complete", "screened_out", "aborted", "quit", "window_closed", "signal", "disk_full", "world_error", "internal_error"
 ]

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from minihuman.errors import ProtocolError
-from minihuman.study.activities.drafts import Asked
+from minihuman.study.activities.drafts import Question
 
 FORMS = ("nasa-tlx", "demographics")
 
@@ -17,7 +17,7 @@ class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A title and questions."""
 
     title: str
-    items: tuple[Asked, ...]
+    items: tuple[Question, ...]
 
 
 def form(name: str, language: str) -> Form:

@@ -100,5 +100,14 @@ class Stop:
     detail: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The experimenter asks for something, from their desk."""
+
+    t_ns: int
+    what: Literal["pause", "go_on", "abort", "note"]
+    text: str = ""  # the note, or why
+
+
 Pointer = PointerPressed | PointerMoved | PointerReleased
-Input = KeyDown | KeyUp | Typed | Pointer | Tick | Shown | FocusChanged | Stop
+Input = KeyDown | KeyUp | Typed | Pointer | Tick | Shown | FocusChanged | Asked | Stop

@@ -34,7 +34,7 @@ def words_of(protocol: Protocol) -> Words:
 
 def faces_of(protocol: Protocol) -> Faces:
     """The faces that a study's texts are set in."""
-    return faces_for(protocol.study.language, protocol.study.fonts)
+    return faces_for(protocol.study.language)
 
 
 def consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:

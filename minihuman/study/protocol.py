@@ -10,10 +10,10 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from minihuman.errors import ProtocolError
-from minihuman.study.activities.drafts import Asked
+from minihuman.study.activities.drafts import Question
 from minihuman.study.activities.pages import Example
 from minihuman.study.activities.play_plan import Criterion, Points
-from minihuman.study.design import Day, Order, Override, Questionnaire, Strata, Text
+from minihuman.study.design import Day, Order, Override, Questionnaire, Text
 from minihuman.study.design_complaints import design_complaints
 from minihuman.study import about as facts
 from minihuman.study import devices as apparatus
@@ -40,7 +40,6 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     closing: str | None = None  # the last screen; absent: thanks in the study's language
     break_s: float = 0.0  # the shortest break between blocks, seconds
     language: str = "en"  # of the interface's words: en de fr es zh ja ar, or another with all its [words]
-    fonts: tuple[str, ...] = ()  # font files beside the protocol, asked for a character before any other
 
 
 class Keys(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -123,7 +122,6 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sessions: tuple[Day, ...] = ()
     words: dict[str, Any] = {}  # the interface's words in other words, by table as in minihuman/study/words
     bonus: Bonus | None = None
-    strata: Strata | None = None
     files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
     about: facts.About = facts.About()
     devices: tuple[apparatus.Device, ...] = ()
@@ -224,12 +222,11 @@ _STRUCTS: dict[str, type[msgspec.Struct]] = {
     "questions": Questionnaire,
     "orders": Order,
     "sessions": Day,
-    "questions.items": Asked,
+    "questions.items": Question,
     "pages.example": Example,
     "blocks.until": Criterion,
     "blocks.points": Points,
     "bonus": Bonus,
-    "strata": Strata,
     "about": facts.About,
     "about.authors": facts.Author,
     "about.participants": facts.ParticipantColumn,

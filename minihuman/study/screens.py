@@ -10,6 +10,14 @@ Mark = Literal["", "good", "bad", "neutral"]
 
 
 @dataclass(frozen=True, slots=True)
+class Script:
+    """How a screen's words are written."""
+
+    language: str = "en"
+    rtl: bool = False  # from right to left
+
+
+@dataclass(frozen=True, slots=True)
 class Button:
     """A spot to click; ``name`` is the target of the pointer's inputs."""
 
@@ -38,7 +46,7 @@ class TextScreen:
     prompt: str  # what to press to go on, "" when nothing does
     progress: str = ""  # "episode 3 of 10"
     keys: tuple[tuple[str, bool], ...] = ()  # keyboard check: key name, already pressed
-    rtl: bool = False
+    script: Script = Script()
     labels: tuple[tuple[str, str, str], ...] = ()  # key name, what its cap says, what stands above it
 
 
@@ -49,7 +57,7 @@ class BlankScreen:
     wants_text: ClassVar[bool] = False
     wants_pointer: ClassVar[bool] = False
     cross: bool = False
-    rtl: bool = False
+    script: Script = Script()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +72,7 @@ class PlayScreen:
     legend: tuple[tuple[str, str], ...] = ()  # key, action name; empty unless keys are shown
     episode: int = 0
     step: int = 0
-    rtl: bool = False
+    script: Script = Script()
     mark: Mark = ""  # the last picture, held: how the episode ended
     said: str = ""  # beside the mark: what it was worth
     labels: tuple[tuple[str, str, str], ...] = ()  # key name, what its cap says, what stands above it
@@ -85,7 +93,7 @@ class PageScreen:
     progress: str = ""  # "Page 1 of 3", "" where there is one
     picture: NDArray[np.uint8] | None = None  # uint8[H, W, 3]
     marks: tuple[Pointed, ...] = ()  # in the picture
-    rtl: bool = False
+    script: Script = Script()
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +152,7 @@ class QuestionScreen:
     buttons: tuple[Button, ...] = ()
     progress: str = ""  # "Question 2 of 6"
     note: str = ""  # why it cannot be gone on with
-    rtl: bool = False
+    script: Script = Script()
 
     @property
     def wants_text(self) -> bool:

@@ -29,6 +29,7 @@ from minihuman.study.events import (
     TextTyped,
 )
 from minihuman.study.inputs import (
+    Asked,
     FocusChanged,
     Input,
     KeyDown,
@@ -200,6 +201,9 @@ class Session:
                 self._pointer("moved", happened)
             case PointerReleased():
                 self._pointer("released", happened)
+            case Asked():
+                self._let_time_pass()
+                self._asked(happened)
             case Tick():
                 self._let_time_pass()
 
@@ -232,6 +236,19 @@ class Session:
         self._held.clear()  # their releases go elsewhere
         self._escape_since_ns = None
         self._move(Cause.FOCUS_LOST)
+
+    def _asked(self, asked: Asked) -> None:
+        """Note what the experimenter asks for, and do it where it can be done."""
+        if self.over:
+            return
+        self._stage.say(Noted(self._now_ns, "experimenter", f"{asked.what}: {asked.text}"))
+        match asked.what:
+            case "pause":
+                self._move(Cause.PAUSE, "experimenter")
+            case "go_on":
+                self._move(Cause.RESUME)
+            case "abort":
+                self._end("aborted", asked.text)
 
     # Keys
 
@@ -301,7 +318,7 @@ class Session:
 
     # Moving on
 
-    def _move(self, cause: Cause) -> bool:
+    def _move(self, cause: Cause, why: PauseReason | None = None) -> bool:
         """Follow the table; False, and nothing changed, where no row allows it."""
         move = MOVES.find(self._phase, cause, self)
         if move is None:
@@ -321,7 +338,7 @@ class Session:
             self._return_to_part()
         else:
             if before is Phase.PART:
-                self.part.suspend(_PAUSE_REASONS[cause])
+                self.part.suspend(why or _PAUSE_REASONS[cause])
             if cause in (Cause.ASK_QUIT, Cause.ASK_ABORT):
                 self._came_from.append(before)
             self._stage.say(Noted(self._now_ns, "phase", self._phase))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.study.activities.drafts import Asked
+from minihuman.study.activities.drafts import Question
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.events import EndReason, Outcome
 from minihuman.study.plan import Bonus, EpisodePlan
@@ -46,22 +46,22 @@ def page(
     buttons += (Button("go_on", button if at_end else words["button.next"]),)
     progress = words.fill("page.progress", page=page + 1, pages=pages) if pages > 1 else ""
     prompt = last if at_end else words["page.prompt"]
-    return PageScreen(title, body, page + 1, pages, prompt, buttons, progress, picture, marks, words.rtl)
+    return PageScreen(title, body, page + 1, pages, prompt, buttons, progress, picture, marks, words.script)
 
 
 def question(
-    words: Words, *, title: str, asked: Asked, item: Item, number: int, count: int, note: str
+    words: Words, *, title: str, asked: Question, item: Item, number: int, count: int, note: str
 ) -> QuestionScreen:
     """One question and its answer so far."""
     buttons = (Button("back", words["button.back"]),) if number else ()
     buttons += (Button("go_on", words["button.go_on"]),)
     progress = words.fill("question.progress", number=number + 1, count=count) if count > 1 else ""
-    return QuestionScreen(title, asked.ask, item, words[f"prompt.{asked.kind}"], buttons, progress, note, words.rtl)
+    return QuestionScreen(title, asked.ask, item, words[f"prompt.{asked.kind}"], buttons, progress, note, words.script)
 
 
 def wrong(words: Words, text: str) -> TextScreen:
     """Some answers were wrong, and there is another try."""
-    return TextScreen(words["wrong.title"], text.strip() or words["wrong.body"], words["go_on"], rtl=words.rtl)
+    return TextScreen(words["wrong.title"], text.strip() or words["wrong.body"], words["go_on"], script=words.script)
 
 
 def progress(stage: "Stage", block: PlayPlan, episode: EpisodePlan, points: float | None) -> str:
@@ -88,14 +88,14 @@ def keyboard_check(words: Words, keys: Sequence[str], pressed: frozenset[str]) -
         words["keyboard_check.body"],
         words["keyboard_check.one_left"] if left == 1 else words.fill("keyboard_check.left", count=left),
         keys=tuple((key, key in pressed) for key in keys),
-        rtl=words.rtl,
+        script=words.script,
         labels=words.labels(tuple(keys)),
     )
 
 
 def ready(words: Words, mission: str, progress_line: str) -> TextScreen:
     """The last screen before play; the mission is there to be read in peace."""
-    return TextScreen(words["ready.title"], _sentence(mission), words["ready.prompt"], progress_line, rtl=words.rtl)
+    return TextScreen(words["ready.title"], _sentence(mission), words["ready.prompt"], progress_line, script=words.script)
 
 
 def feedback(
@@ -112,40 +112,40 @@ def feedback(
         points=Number(points),
         total=Number(total),
     )
-    return TextScreen("", _sentence(body.strip()), words["go_on"], progress_line, rtl=words.rtl)
+    return TextScreen("", _sentence(body.strip()), words["go_on"], progress_line, script=words.script)
 
 
 def rest(words: Words, text: str, left_s: int) -> TextScreen:
     """The rest after a block, with the seconds that must still pass."""
     prompt = words["go_on"] if left_s <= 0 else words.fill("rest.wait", seconds=left_s)
-    return TextScreen(words["rest.title"], text.strip() or words["rest.body"], prompt, rtl=words.rtl)
+    return TextScreen(words["rest.title"], text.strip() or words["rest.body"], prompt, script=words.script)
 
 
 def paused(words: Words) -> TextScreen:
     """Play is suspended."""
-    return TextScreen(words["paused.title"], words["paused.body"], words["go_on"], rtl=words.rtl)
+    return TextScreen(words["paused.title"], words["paused.body"], words["go_on"], script=words.script)
 
 
 def unfocused(words: Words) -> TextScreen:
     """The keys go to another window."""
-    return TextScreen(words["unfocused.title"], words["unfocused.body"], "", rtl=words.rtl)
+    return TextScreen(words["unfocused.title"], words["unfocused.body"], "", script=words.script)
 
 
 def getting_ready(words: Words) -> TextScreen:
     """Something takes a moment."""
-    return TextScreen("", words["getting_ready"], "", rtl=words.rtl)
+    return TextScreen("", words["getting_ready"], "", script=words.script)
 
 
 def quit_question(words: Words) -> TextScreen:
-    """Asked before Escape ends anything."""
-    return TextScreen(words["quit.title"], words["quit.body"], words["quit.prompt"], rtl=words.rtl)
+    """Question before Escape ends anything."""
+    return TextScreen(words["quit.title"], words["quit.body"], words["quit.prompt"], script=words.script)
 
 
 def abort_question(words: Words) -> TextScreen:
     """For the experimenter: why the session is to end."""
     reasons = (words[f"abort.reason_{number}"] for number in range(1, len(ABORT_REASONS) + 1))
     body = "\n".join(f"{number}  {reason}" for number, reason in enumerate(reasons, start=1))
-    return TextScreen(words["abort.title"], body, words["abort.prompt"], rtl=words.rtl)
+    return TextScreen(words["abort.title"], body, words["abort.prompt"], script=words.script)
 
 
 def abort_reason(key: str) -> str | None:
@@ -157,10 +157,10 @@ def abort_reason(key: str) -> str | None:
 def over(words: Words, reason: EndReason, detail: str) -> TextScreen:
     """The session is over; a failure says what failed and that the data is kept."""
     if reason in _FAILURES:
-        return TextScreen(words[f"over.{reason}"], f"{detail}\n\n{words['over.kept']}", "", rtl=words.rtl)
+        return TextScreen(words[f"over.{reason}"], f"{detail}\n\n{words['over.kept']}", "", script=words.script)
     if reason == "screened_out":
-        return TextScreen(words["over.title"], words["over.screened_out"], "", rtl=words.rtl)
-    return TextScreen(words["over.complete" if reason == "complete" else "over.title"], "", "", rtl=words.rtl)
+        return TextScreen(words["over.title"], words["over.screened_out"], "", script=words.script)
+    return TextScreen(words["over.complete" if reason == "complete" else "over.title"], "", "", script=words.script)
 
 
 def mark(outcome: Outcome | None) -> Mark:

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.util import find_spec
@@ -89,12 +89,12 @@ class Faces:
 
     Args:
         language: decides how characters that Chinese, Japanese and Korean share are drawn.
-        own: font files of the study's, asked first.
+        bold: whether the one that comes with us is bold; the others are as they are.
     """
 
-    def __init__(self, language: str = "en", own: Sequence[str] = ()) -> None:
+    def __init__(self, language: str = "en", *, bold: bool = False) -> None:
         self.language = language
-        self._first = (*(Face(path) for path in own), shipped())
+        self._first = (shipped(bold=bold),)
 
     def of(self, character: str) -> Face | None:
         """The first face that has a character; None if none has."""
@@ -113,9 +113,9 @@ class Faces:
 
 
 @cache
-def faces_for(language: str, own: tuple[str, ...] = ()) -> Faces:
+def faces_for(language: str, *, bold: bool = False) -> Faces:
     """The faces of a language."""
-    return Faces(language, own)
+    return Faces(language, bold=bold)
 
 
 @cache

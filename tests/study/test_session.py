@@ -10,6 +10,7 @@ from minihuman.study.events import (
     KeyMapDrawn,
     KeyPressed,
     Noted,
+    PartStarted,
     Paused,
     Resumed,
     SessionEnded,
@@ -338,7 +339,7 @@ def test_a_world_that_cannot_be_made_ends_the_session_before_the_episode():
 
     session = Session(corridor_plan(), make, {})
     events = session.receive(KeyDown(0, "enter"))
-    assert [type(event) for event in events] == [SessionStarted, SessionEnded]
+    assert [type(event) for event in events] == [SessionStarted, PartStarted, Noted, SessionEnded]
     assert events[-1].reason == "world_error"
 
 

@@ -13,7 +13,7 @@ ItemKind = Literal["likert", "slider", "choice", "choices", "number", "text", "l
 Value = str | int | float | list[str | int] | None
 
 
-class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Question(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One question."""
 
     name: str  # in the log and the table
@@ -43,7 +43,7 @@ class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Draft(abc.ABC):
     """An answer that is not given yet."""
 
-    def __init__(self, asked: Asked, *, rtl: bool) -> None:
+    def __init__(self, asked: Question, *, rtl: bool) -> None:
         self.asked = asked
         self.rtl = rtl
 
@@ -81,7 +81,7 @@ class Draft(abc.ABC):
 class ChoiceDraft(Draft):
     """One or several of some options, below each other."""
 
-    def __init__(self, asked: Asked, *, rtl: bool) -> None:
+    def __init__(self, asked: Question, *, rtl: bool) -> None:
         super().__init__(asked, rtl=rtl)
         self._many = asked.kind == "choices"
         self._chosen: frozenset[int] = frozenset()
@@ -135,7 +135,7 @@ class ChoiceDraft(Draft):
 class ScaleDraft(Draft):
     """A point in a row."""
 
-    def __init__(self, asked: Asked, *, rtl: bool) -> None:
+    def __init__(self, asked: Question, *, rtl: bool) -> None:
         super().__init__(asked, rtl=rtl)
         self._count = len(asked.options) or asked.points
         self._chosen: int | None = None
@@ -179,7 +179,7 @@ class ScaleDraft(Draft):
 class SliderDraft(Draft):
     """A place on a line, in steps. It has none until it is touched, so that its start suggests nothing."""
 
-    def __init__(self, asked: Asked, *, rtl: bool) -> None:
+    def __init__(self, asked: Question, *, rtl: bool) -> None:
         super().__init__(asked, rtl=rtl)
         self._steps = max(1, round((asked.maximum - asked.minimum) / asked.step))
         self._at: int | None = None  # steps from the minimum
@@ -224,7 +224,7 @@ class SliderDraft(Draft):
 class EntryDraft(Draft):
     """Text, or a number typed as one."""
 
-    def __init__(self, asked: Asked, *, rtl: bool) -> None:
+    def __init__(self, asked: Question, *, rtl: bool) -> None:
         super().__init__(asked, rtl=rtl)
         self._text = ""
         self._caret = 0
@@ -313,12 +313,12 @@ _DRAFTS: dict[ItemKind, type[Draft]] = {
 }
 
 
-def draft_of(asked: Asked, *, rtl: bool) -> Draft:
+def draft_of(asked: Question, *, rtl: bool) -> Draft:
     """An empty answer to a question."""
     return _DRAFTS[asked.kind](asked, rtl=rtl)
 
 
-def is_right(asked: Asked, value: Value) -> bool | None:
+def is_right(asked: Question, value: Value) -> bool | None:
     """Whether an answer is the right one; None where there is none."""
     if asked.right is None:
         return None

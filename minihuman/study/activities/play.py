@@ -338,7 +338,7 @@ class Playing(Activity):
             legend=tuple((key, words.action(action)) for key, action in legend),
             episode=play.plan.episode,
             step=play.steps,
-            rtl=words.rtl,
+            script=words.script,
             mark=texts.mark(play.outcome) if held and self.plan.marks else "",
             said=texts.score(words, self._scored) if held and self.plan.points is not None else "",
             labels=words.labels(tuple(key for key, _ in legend)),

@@ -5,7 +5,7 @@ from typing import Literal
 import msgspec
 
 from minihuman.study import texts
-from minihuman.study.activities.drafts import Asked, Draft, draft_of, is_right
+from minihuman.study.activities.drafts import Question, Draft, draft_of, is_right
 from minihuman.study.activities.port import Activity, Ended, Kind
 from minihuman.study.events import AnswerChanged, Answered, Noted
 from minihuman.study.inputs import Input, KeyDown, PointerMoved, PointerPressed, Shown, Typed
@@ -18,7 +18,7 @@ class QuestionsPlan(msgspec.Struct, frozen=True):
     """Questions in the order asked, and what follows wrong answers."""
 
     title: str
-    items: tuple[Asked, ...]
+    items: tuple[Question, ...]
     tries: int = 1
     wrong: str = ""  # shown after wrong answers while tries are left; "" says it in the interface's words
     back_to: int | None = None  # the part to which wrong answers lead; None asks again at once

@@ -7,6 +7,7 @@ from importlib.resources import files
 from typing import Any
 
 from minihuman.study.keycaps import caption_word, label
+from minihuman.study.screens import Script
 
 ENGLISH = "en"
 LANGUAGES = ("en", "de", "fr", "es", "zh", "ja", "ar")
@@ -61,6 +62,11 @@ class Words:
     def rtl(self) -> bool:
         """Whether text runs from right to left."""
         return self._words["direction"] == "rtl"
+
+    @property
+    def script(self) -> Script:
+        """How they are written."""
+        return Script(self.language, self.rtl)
 
     def action(self, name: str) -> str:
         """What an action is called; its name in the world where there is no word for it."""

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import gymnasium
@@ -70,11 +71,13 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         view: what ``render`` draws: the "agent"'s eyes or the world from the "top".
         parameters: step length, turn, camera and light, with their ranges; or the values of some, which then are fixed.
         domain_rand: draw the parameters from their ranges.
-        assets: a folder with ``textures/NAME.png`` and ``meshes/NAME.obj`` to draw with; None for our own.
+        assets: a folder with ``textures/NAME.png``, ``meshes/NAME.obj`` and ``meshes/NAME.glb`` to draw with beside our
+            own; None for the class's ``assets``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
     compile_apart = PIECES
+    assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
     def __init__(
@@ -90,7 +93,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         view: str = "agent",
         parameters: Parameters | Mapping[str, float] = DEFAULTS,
         domain_rand: bool = False,
-        assets: str | None = None,
+        assets: str | Path | None = None,
     ) -> None:
         if min(obs_width, obs_height) < 1:
             raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
@@ -112,7 +115,9 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.step_count = 0
         self._stage: Stage | None = None
         self._before: Glimpse | None = None  # how the last step began; None after a reset or restore
-        self._pictures = Pictures((obs_width, obs_height), assets)
+        self._pictures = Pictures(
+            (obs_width, obs_height), str(assets or self.assets) if assets or self.assets else None
+        )
 
     # What a world says of itself.
 
@@ -206,6 +211,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         Raises:
             WorldError: if no free place is found.
         """
+        self._pictures.measure(entity)
         if pos is None:
             self.stage.place(entity, room=room, dir=dir, x=(min_x, max_x), z=(min_z, max_z))
         else:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette, View
 from minihuman.worlds.first_person.building.floor import FloorPlan
-from minihuman.worlds.first_person.entities import Entity, Position
+from minihuman.worlds.first_person.entities import Entity, Mesh, Position
 from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render, render_depth, render_top, visible_things
 from minihuman.worlds.first_person.render.layout import furnish
@@ -33,13 +33,23 @@ class Pictures:
 
     def __init__(self, size_px: tuple[int, int], assets: str | None) -> None:
         self.size_px = size_px  # of an observation: width, height
-        self.assets = assets  # folder of textures and meshes; None: our own
+        self.assets = assets  # folder of textures and meshes beside our own; None: only those
         self._floor: FloorPlan | None = None
         self._rooms: tuple[Faces, Rooms]  # the floor's
         self._staged: dict[Palette, tuple[Stage, list[Entity], Scene]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Pictures, (self.size_px, self.assets)
+
+    def measure(self, entity: Entity) -> None:
+        """Say how wide a thing is whose mesh is the folder's.
+
+        Raises:
+            WorldError: if there is no such mesh.
+        """
+        if isinstance(entity, Mesh) and math.isnan(entity.radius):
+            with library_lock:
+                entity.measure(*library(self.assets).mesh_extents(entity.mesh))
 
     def observation(self, stage: Stage) -> NDArray[np.uint8]:
         """What the agent sees, in the size of an observation."""
@@ -89,7 +99,7 @@ class Pictures:
         if kept is not None and kept[0] is stage and set(map(id, things)) <= set(map(id, kept[1])):
             things, scene = kept[1], kept[2].at(places(stage, kept[1]))
         else:
-            looks = [look(thing, palette, own=self.assets is None) for thing in things]
+            looks = [look(thing, palette, library(self.assets)) for thing in things]
             with library_lock:
                 scene = furnish(
                     self._rooms,

@@ -17,6 +17,7 @@ Words = NDArray[np.uint64]  # (6,)
 
 _LOW = np.uint64(0xFFFFFFFF)
 _32 = np.uint64(32)
+_11 = np.uint64(11)
 _0 = np.uint64(0)
 _1 = np.uint64(1)
 _58 = np.uint64(58)
@@ -104,6 +105,12 @@ def integer(words: Words, low: int, high: int) -> int:
         left = scaled & _LOW
         if left >= span or left >= (_LOW - span + _1) % span:
             return low + int(scaled >> _32)
+
+
+@part()
+def unit(words: Words) -> int:
+    """The numerator of what ``Generator.random`` draws, in 2**-53: 0 to 2**53 - 1. It leaves a kept half alone."""
+    return int(next64(words) >> _11)
 
 
 @kernel()

@@ -48,6 +48,7 @@ from minihuman.worlds.grid.core.tasks import (
     DROP,
     FORWARD,
     IN_ORDER,
+    INSTRUCTED,
     LEFT,
     MATCH,
     PICKUP,
@@ -61,6 +62,8 @@ from minihuman.worlds.grid.core.tasks import (
     prize,
 )
 from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.grid.instructions.block import SATISFIED, WAITING
+from minihuman.worlds.grid.instructions.verify import verify
 from minihuman.worlds.kernels import inlined, kernel, part
 
 ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
@@ -100,7 +103,12 @@ def act(row: Row, action: int, words: Words) -> tuple[int, float]:
         collides = action == FORWARD and faces_obstacle(row)
         move_obstacles(row, words)
     reward, ended = apply(row, action)
-    reward, ended = judge(row, action, held_before, first_was_open, reward, ended)
+    if task == INSTRUCTED:
+        outcome = verify(row, action)
+        ended = outcome != WAITING
+        reward = prize(row) if outcome == SATISFIED else 0.0
+    else:
+        reward, ended = judge(row, action, held_before, first_was_open, reward, ended)
     if collides:
         reward, ended = -1.0, True
     status = TERMINATED if ended else 0

@@ -176,7 +176,8 @@ class State:
     @property
     def contents(self) -> NDArray[np.int32]:
         """Code of what each object contains, by identity - 1; 0 for nothing."""
-        return self.row[HEADER + 2 * self.width * self.height :]
+        cells = self.width * self.height
+        return self.row[HEADER + 2 * cells : HEADER + 3 * cells]
 
     def find(self, identity: int) -> tuple[int, int] | None:
         """Where an object lies; None while it is carried, inside a box, or gone."""

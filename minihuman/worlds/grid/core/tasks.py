@@ -36,7 +36,8 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
     IN_ORDER,  # open the door at TARGET, TARGET+1, then the one at TARGET+2, TARGET+3
     OPEN_DOOR,  # open the door at TARGET, TARGET+1
     DODGE,  # objects 1 to TARGET move by themselves; walking into one, or a wall, costs 1 and ends the episode
-) = range(9)
+    INSTRUCTED,  # what the instruction after the cells says; worlds without one have no such block
+) = range(10)
 
 
 @kernel("float64(int32[::1])")
