@@ -21,7 +21,7 @@ from minihuman.worlds.first_person.compile_apart import PIECES
 from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.map import floor_map
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
-from minihuman.worlds.first_person.picture import Glimpse, Pictures, glimpse
+from minihuman.worlds.first_person.picture import Pictures
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
 from minihuman.worlds.pose import Map, Pose
@@ -38,7 +38,7 @@ _NOT_STATE = frozenset(
         "render_mode",
         "view",
     }
-    | {"window_px", "spec", "_pictures", "_before"}
+    | {"window_px", "spec", "_pictures"}
 )
 
 EntityT = TypeVar("EntityT", bound=Entity)
@@ -114,7 +114,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.window_px = (window_width, window_height)
         self.step_count = 0
         self._stage: Stage | None = None
-        self._before: Glimpse | None = None  # how the last step began; None after a reset or restore
         self._pictures = Pictures(
             (obs_width, obs_height), str(assets or self.assets) if assets or self.assets else None
         )
@@ -277,7 +276,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """A reset without its observation."""
         super().reset(seed=seed)
         self.step_count = 0
-        self._before = None
         self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
         self.build()
         _ = self._stage.floor  # closes the plan, or says that it has no room
@@ -290,7 +288,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.check(action)
         stage = self.stage
         name = self.action_names[action]
-        self._before = glimpse(stage)
         self.step_count += 1
         rules.act(stage, self.motions.get(name, name))
         reward, terminated = self.judge(name)
@@ -325,13 +322,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """The agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
         return self._pictures.draw(self.stage, view=view, size_px=size_px, palette=palette)
 
-    def glide(
-        self, fraction: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
-    ) -> NDArray[np.uint8]:
-        """The agent's view on the way of the last step, 0 where it began to 1 where it ended. It changes no state."""
-        between = None if self._before is None else (self._before, fraction)
-        return self._pictures.draw(self.stage, view="partial", size_px=size_px, palette=palette, between=between)
-
     def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
         """How far away what the agent sees is, metres along its view, float32[H, W]."""
         return self._pictures.depth(self.stage, size_px=size_px)
@@ -359,7 +349,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         for name in self._state().keys() - saved.state.keys():
             delattr(self, name)
         vars(self).update(copy.deepcopy(saved.state))
-        self._before = None
 
     def _not_reset(self) -> WorldError:
         return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")
