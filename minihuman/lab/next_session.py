@@ -143,7 +143,5 @@ def _standing(log: SessionLog) -> Standing:
     if isinstance(its, PlayPlan):
         played = {episode.plan.episode: episode.outcome for episode in log.episodes}
         places = range(its.first, its.first + its.count)
-        outcomes = tuple(
-            outcome for place in places if (outcome := played.get(place)) and outcome != "abandoned"
-        )
+        outcomes = tuple(outcome for place in places if (outcome := played.get(place)) and outcome != "abandoned")
     return Standing(part, points, outcomes, tries)

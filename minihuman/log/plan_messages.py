@@ -9,8 +9,8 @@ from minihuman.errors import LogError, ProtocolError
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.study.activities.registry import kind_of
 from minihuman.study.plan import (
-    Bonus,
     BlockText,
+    Bonus,
     EpisodePlan,
     KeyMap,
     Part,

@@ -43,11 +43,8 @@ def _words(protocol: "Protocol") -> Iterator[Complaint]:
     if language not in LANGUAGES:
         missing = [key for key in known if key not in own and not key.startswith(("action.", "mission.", "key."))]
         if missing:
-            yield (
-                "$.study.language",
-                f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
-                f"{len(missing)} are missing, the first is {missing[0]}",
-            )
+            what = f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
+            yield "$.study.language", f"{what}{len(missing)} are missing, the first is {missing[0]}"
 
 
 def _names(protocol: "Protocol") -> Iterator[Complaint]:
@@ -70,7 +67,10 @@ def _lists(protocol: "Protocol") -> Iterator[Complaint]:
     for path, names, allowed in lists:
         for place, name in enumerate(names):
             if name not in allowed:
-                yield f"{path}[{place}]", f"is {name!r}, which is no part; parts: {', '.join(sorted(allowed)) or 'none'}"
+                yield (
+                    f"{path}[{place}]",
+                    f"is {name!r}, which is no part; parts: {', '.join(sorted(allowed)) or 'none'}",
+                )
     for number, group in enumerate(protocol.groups):
         for part, other in group.instead.items():
             for name in (part, other):
@@ -80,7 +80,10 @@ def _lists(protocol: "Protocol") -> Iterator[Complaint]:
         if not day.parts:
             yield f"$.sessions[{number}].parts", "is empty; a session has one part or more"
         if day.days_after and not 0 <= day.days_after[0] <= day.days_after[1]:
-            yield f"$.sessions[{number}].days_after", f"is {list(day.days_after)}; give the earliest day, then the latest"
+            yield (
+                f"$.sessions[{number}].days_after",
+                f"is {list(day.days_after)}; give the earliest day, then the latest",
+            )
         if day.days_after and not number:
             yield f"$.sessions[{number}].days_after", "is given for the first session; days count from the one before"
     for number, order in enumerate(protocol.orders):
@@ -164,16 +167,11 @@ def _block(block: "Block", protocol: "Protocol") -> Iterator[Complaint]:
     for key in block.fixed:
         if key not in pool:
             yield "fixed", f"has the key {key!r}, which is not in $.keys.pool"
-    if block.fixed and not any(
-        own.get("key_map", block.key_map) == "fixed" for own in ({}, *block.for_group.values())
-    ):
+    if block.fixed and not any(own.get("key_map", block.key_map) == "fixed" for own in ({}, *block.for_group.values())):
         yield "fixed", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
     if block.until and not 1 <= block.until.successes <= block.until.of <= block.episodes:
-        yield (
-            "until",
-            f"asks for {block.until.successes} of {block.until.of} in {block.episodes} episodes; "
-            "use successes <= of <= episodes",
-        )
+        what = f"asks for {block.until.successes} of {block.until.of} in {block.episodes} episodes"
+        yield "until", f"{what}; use successes <= of <= episodes"
     for field in ("max_s", "block_max_s", "interval_ms", "fixation_ms", "hold_ms"):
         if not 0 <= getattr(block, field) <= 86_400_000:
             yield field, f"is {getattr(block, field):g}; use 0 or more"

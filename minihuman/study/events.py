@@ -26,7 +26,15 @@ SkipReason = Literal["criterion", "time", "given_up"]
 PartEnd = Literal["done", "failed", "again", "over"]
 PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question", "experimenter"]
 EndReason = Literal[
-    "complete", "screened_out", "aborted", "quit", "window_closed", "signal", "disk_full", "world_error", "internal_error"
+    "complete",
+    "screened_out",
+    "aborted",
+    "quit",
+    "window_closed",
+    "signal",
+    "disk_full",
+    "world_error",
+    "internal_error",
 ]
 
 

@@ -4,9 +4,9 @@ import hashlib
 import re
 
 from minihuman.errors import AllocationError
+from minihuman.study.activities.pages import PagePlan
 from minihuman.study.allocation import allocation, allocation_sha256, slot_of
 from minihuman.study.chance import permutation, seeds
-from minihuman.study.activities.pages import PagePlan
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
 from minihuman.study.planned import consent_text, own_words, planned_parts, words_of
 from minihuman.study.protocol import Block, Protocol

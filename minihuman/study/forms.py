@@ -29,7 +29,9 @@ def form(name: str, language: str) -> Form:
     tree = _tree(name)
     if language not in tree["words"]:
         languages = ", ".join(tree["words"])
-        raise ProtocolError(f"the form {name!r} is not there in {language!r} but in {languages}; give its items yourself")
+        raise ProtocolError(
+            f"the form {name!r} is not there in {language!r} but in {languages}; give its items yourself"
+        )
     words = tree["words"][language]
     items = [{**item, **words["items"][item["name"]]} for item in tree["items"]]
     return msgspec.convert({"title": words["title"], "items": items}, Form)

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.study.events import EndCause, EpisodeEnded, EpisodeStarted, FrameShown, ObservationStored, Outcome, Stepped
+from minihuman.study.events import (
+    EndCause,
+    EpisodeEnded,
+    EpisodeStarted,
+    FrameShown,
+    ObservationStored,
+    Outcome,
+    Stepped,
+)
 from minihuman.study.inputs import Shown
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt.world import World

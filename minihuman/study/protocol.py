@@ -10,13 +10,13 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from minihuman.errors import ProtocolError
+from minihuman.study import about as facts
+from minihuman.study import devices as apparatus
 from minihuman.study.activities.drafts import Question
 from minihuman.study.activities.pages import Example
 from minihuman.study.activities.play_plan import Criterion, Points
 from minihuman.study.design import Day, Order, Override, Questionnaire, Text
 from minihuman.study.design_complaints import design_complaints
-from minihuman.study import about as facts
-from minihuman.study import devices as apparatus
 from minihuman.study.keys import KEY_NAMES, RESERVED
 from minihuman.study.plan import Bonus, KeyMapPolicy, PacePolicy, Spare
 from minihuman.worlds.contract import Palette, View
@@ -354,10 +354,12 @@ def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]
         found.append(("pace", "is 'on_key', which has no step_period_ms and no noop; remove them or use 'real_time'"))
     if block.pace == "real_time" and block.auto_repeat:
         found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
-    try:
-        block.feedback.format(outcome="", reward=0.0, steps=0, episode=0, episodes=0)
-    except (KeyError, IndexError, ValueError, AttributeError) as error:
-        found.append(("feedback", f"has a bad placeholder ({error}); use outcome, reward, steps, episode, episodes"))
+    for text in [block.feedback] if isinstance(block.feedback, str) else block.feedback.values():
+        try:
+            text.format(outcome="", reward=0.0, steps=0, episode=0, episodes=0, points=0.0, total=0.0)
+        except (KeyError, IndexError, ValueError, AttributeError) as error:
+            fields = "outcome, reward, steps, episode, episodes, points, total"
+            found.append(("feedback", f"has a bad placeholder ({error}); use {fields}"))
     return found
 
 

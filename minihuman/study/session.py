@@ -21,7 +21,6 @@ from minihuman.study.events import (
     Noted,
     PartEnded,
     PartStarted,
-    Paused,
     PauseReason,
     PointerUsed,
     SessionEnded,
@@ -184,13 +183,13 @@ class Session:
             case Shown():
                 self._to_part(happened)
             case FocusChanged():
-                self._let_time_pass()
+                self._let_time_pass(happened.t_ns)
                 self._focus_changed(happened.focused)
             case KeyDown():
-                self._let_time_pass()
+                self._let_time_pass(happened.t_ns)
                 self._key_down(happened)
             case KeyUp():
-                self._let_time_pass()
+                self._let_time_pass(happened.t_ns)
                 self._key_up(happened)
             case Typed():
                 self._stage.say(TextTyped(self._now_ns, happened.text))
@@ -202,22 +201,25 @@ class Session:
             case PointerReleased():
                 self._pointer("released", happened)
             case Asked():
-                self._let_time_pass()
+                self._let_time_pass(happened.t_ns)
                 self._asked(happened)
             case Tick():
-                self._let_time_pass()
+                self._let_time_pass(happened.t_ns)
 
     def _to_part(self, happened: Input) -> None:
         if self._phase is Phase.PART:
             self.part.receive(happened)
             self._follow_part()
 
-    def _let_time_pass(self) -> None:
-        """Do what was due by now, before anything that came later is looked at."""
+    def _let_time_pass(self, t_ns: int) -> None:
+        """Do what was due by now, before anything that came later is looked at.
+
+        How long Escape is held is told by its own times: a machine that stalled over a tap must not end the session.
+        """
         due_ns = self.next_tick_ns
         if self._phase is Phase.PART:
             self._to_part(Tick(self._now_ns))
-        elif self._phase is Phase.QUIT_QUESTION and due_ns is not None and self._now_ns >= due_ns:
+        elif self._phase is Phase.QUIT_QUESTION and due_ns is not None and t_ns >= due_ns:
             self._end("quit", "the participant ended the session")
 
     def _pointer(self, what: str, used: PointerPressed | PointerMoved | PointerReleased) -> None:
@@ -280,7 +282,7 @@ class Session:
         """Ask whether to end the session; over that question, a tap goes back and holding ends it."""
         self._say_key(press)
         if self._phase is Phase.QUIT_QUESTION:
-            self._escape_since_ns = self._now_ns
+            self._escape_since_ns = press.t_ns
         elif self._phase is Phase.ABORT_QUESTION:
             self._move(Cause.STAY)
         else:

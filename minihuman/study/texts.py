@@ -42,7 +42,7 @@ def page(
 ) -> PageScreen:
     """A page of a text; ``last`` is the last page's prompt and ``button`` what its button says."""
     at_end = page == pages - 1
-    buttons = (Button("back", words["button.back"]),) if page else ()
+    buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if page else ()
     buttons += (Button("go_on", button if at_end else words["button.next"]),)
     progress = words.fill("page.progress", page=page + 1, pages=pages) if pages > 1 else ""
     prompt = last if at_end else words["page.prompt"]
@@ -53,7 +53,7 @@ def question(
     words: Words, *, title: str, asked: Question, item: Item, number: int, count: int, note: str
 ) -> QuestionScreen:
     """One question and its answer so far."""
-    buttons = (Button("back", words["button.back"]),) if number else ()
+    buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if number else ()
     buttons += (Button("go_on", words["button.go_on"]),)
     progress = words.fill("question.progress", number=number + 1, count=count) if count > 1 else ""
     return QuestionScreen(title, asked.ask, item, words[f"prompt.{asked.kind}"], buttons, progress, note, words.script)
@@ -95,7 +95,9 @@ def keyboard_check(words: Words, keys: Sequence[str], pressed: frozenset[str]) -
 
 def ready(words: Words, mission: str, progress_line: str) -> TextScreen:
     """The last screen before play; the mission is there to be read in peace."""
-    return TextScreen(words["ready.title"], _sentence(mission), words["ready.prompt"], progress_line, script=words.script)
+    return TextScreen(
+        words["ready.title"], _sentence(mission), words["ready.prompt"], progress_line, script=words.script
+    )
 
 
 def feedback(

@@ -104,7 +104,10 @@ class _Reader:
             case SessionEnded():
                 self._ended = True
                 self._rule(self._playing is None, "an episode ends before its session")
-                self._rule(event.episodes_completed == self._next - self._skipped - self._first, "completed episodes are counted")
+                self._rule(
+                    event.episodes_completed == self._next - self._skipped - self._first,
+                    "completed episodes are counted",
+                )
             case Noted():
                 self._rule(bool(event.kind), "a note says of what kind it is")
         self._t_ns = event.t_ns
@@ -154,9 +157,7 @@ class _Reader:
         expected = "abandoned"
         if last is not None and last.terminated:
             expected = "goal" if last.reward > 0 else "failure"
-        elif last is not None and last.truncated:
-            expected = "timeout"
-        elif event.cause:
+        elif (last is not None and last.truncated) or event.cause:
             expected = "timeout"
         self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
         self._playing, self._paused = None, False

@@ -7,9 +7,13 @@ from minihuman.typeset.faces import Faces
 from minihuman.typeset.line import width_px
 
 # what must not begin a line, and what must not end one, in Chinese and Japanese (JIS X 4051, GB/T 15834)
-_NOT_FIRST = frozenset("、。，．：；！？）］｝〉》」』】〕〗’”…—ー々ぁぃぅぇぉっゃゅょゎァィゥェォッャュョヮ・%‰℃,.:;!?)]}")
+_NOT_FIRST = frozenset(
+    "、。，．：；！？）］｝〉》」』】〕〗’”…—ー々ぁぃぅぇぉっゃゅょゎァィゥェォッャュョヮ・%‰℃,.:;!?)]}"
+)
 _NOT_LAST = frozenset("（［｛〈《「『【〔〖‘“([{$￥")
-_WIDE = re.compile("[\u1100-\u11ff\u2e80-\u9fff\uac00-\ud7af\uf900-\ufaff\ufe30-\ufe4f\uff00-\uffef\U00020000-\U0003ffff]")
+_WIDE = re.compile(
+    "[\u1100-\u11ff\u2e80-\u9fff\uac00-\ud7af\uf900-\ufaff\ufe30-\ufe4f\uff00-\uffef\U00020000-\U0003ffff]"
+)
 _KOREAN = re.compile("[\u1100-\u11ff\uac00-\ud7af]")
 
 
@@ -35,7 +39,7 @@ def _may_break(before: str, after: str) -> bool:
 
 
 def wrap(text: str, *, faces: Faces, size_px: int, wide_px: float) -> list[str]:
-    """Break text into lines no longer than ``wide_px``; its own line breaks stay, a piece too long is broken anywhere."""
+    """Break text into lines no longer than ``wide_px``; its own line breaks stay. A piece too long is broken."""
     lines: list[str] = []
     for paragraph in text.strip("\n").split("\n"):
         line, length = "", 0.0

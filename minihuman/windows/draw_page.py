@@ -11,7 +11,7 @@ from minihuman.windows.sheet import LINE, Sheet, Size
 
 
 def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
-    """Draw it. Lines are those of the reference, whatever the window's size; a smaller window only draws them smaller."""
+    """Draw it. Lines are those of the reference, whatever the window's size: a smaller one only draws them smaller."""
     sheet = Sheet(size_px, screen.script)
     width, height = size_px
     high = sheet.high

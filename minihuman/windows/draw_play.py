@@ -123,9 +123,7 @@ def _legend(sheet: Sheet, around: Around) -> None:
     for cap_px in range(round(height * 0.06), 8, -1):
         type_px = round(cap_px * 0.5)
         sizes = [cap_px if len(cap) == 1 else cap_px * 2 for cap, _ in caps]
-        lengths = [
-            size + cap_px * 0.3 + sheet.width_px(word, type_px) for size, word in zip(sizes, words, strict=True)
-        ]
+        lengths = [size + cap_px * 0.3 + sheet.width_px(word, type_px) for size, word in zip(sizes, words, strict=True)]
         gap = cap_px * 0.7
         whole = sum(lengths) + gap * (len(lengths) - 1)
         if whole <= width - 2 * height * MARGIN:

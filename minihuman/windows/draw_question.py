@@ -169,7 +169,9 @@ def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) 
     if item.along is not None:
         along = 1 - item.along if rtl else item.along
         x, reach = left + (right - left) * along, sheet.high * 0.022
-        sheet.draw.ellipse((x - reach, y - reach, x + reach, y + reach), fill=theme.LIT, outline=theme.INK, width=stroke)
+        sheet.draw.ellipse(
+            (x - reach, y - reach, x + reach, y + reach), fill=theme.LIT, outline=theme.INK, width=stroke
+        )
         if item.value:
             sheet.put((x, y - reach * 2.4), item.value, round(sheet.high / 30), theme.INK, "m")
     sheet.spots.append(Spot("slider", left, y - sheet.high * 0.06, right, y + sheet.high * 0.06, rtl))

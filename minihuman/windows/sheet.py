@@ -65,15 +65,11 @@ class Sheet:
     def put(
         self, place: tuple[float, float], words: str, type_px: int, colour: theme.Colour, anchor: str = "l"
     ) -> None:
-        """Set a line: ``place`` is the middle of its height at its left end, its middle ("m") or its right end ("r")."""
+        """Set a line: ``place`` is the middle of its height at its left end, middle ("m") or right end ("r")."""
         rtl = self.script.rtl
-        draw_line(
-            self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl
-        )
+        draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
 
-    def one_line(
-        self, place: tuple[float, float], words: str, type_px: int, wide: float, colour: theme.Colour
-    ) -> None:
+    def one_line(self, place: tuple[float, float], words: str, type_px: int, wide: float, colour: theme.Colour) -> None:
         """Centre one line on a place, in smaller type if it would be too long."""
         while type_px > 8 and self.width_px(words, type_px) > wide:
             type_px -= 1

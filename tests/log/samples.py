@@ -287,12 +287,16 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
     ev.ObservationStored: st.builds(ev.ObservationStored, TIMES, COUNTS, COUNTS, OBSERVATIONS),
     ev.FrameShown: st.builds(ev.FrameShown, TIMES, COUNTS, COUNTS, TIMES, TIMES),
     ev.EpisodeEnded: st.builds(
-        ev.EpisodeEnded, TIMES, COUNTS, st.sampled_from(get_args(ev.Outcome)), COUNTS, FLOATS, SEEDS,
+        ev.EpisodeEnded,
+        TIMES,
+        COUNTS,
+        st.sampled_from(get_args(ev.Outcome)),
+        COUNTS,
+        FLOATS,
+        SEEDS,
         st.sampled_from(get_args(ev.EndCause)),
     ),
-    ev.EpisodesSkipped: st.builds(
-        ev.EpisodesSkipped, TIMES, COUNTS, COUNTS, st.sampled_from(get_args(ev.SkipReason))
-    ),
+    ev.EpisodesSkipped: st.builds(ev.EpisodesSkipped, TIMES, COUNTS, COUNTS, st.sampled_from(get_args(ev.SkipReason))),
     ev.Scored: st.builds(ev.Scored, TIMES, COUNTS, FLOATS, FLOATS),
     ev.PartStarted: st.builds(ev.PartStarted, TIMES, COUNTS, TEXTS, TEXTS),
     ev.PartEnded: st.builds(ev.PartEnded, TIMES, COUNTS, st.sampled_from(get_args(ev.PartEnd)), COUNTS),

@@ -122,17 +122,14 @@ class Pages(Activity):
     def _screen(self) -> PageScreen:
         plan: PagePlan = self.part.plan
         words, reader = self.stage.words, self._reader
-        if plan.agree:
-            last = words["consent.prompt"]
-        else:
-            last = words["closing.prompt"] if plan.closing else words["go_on"]
+        last = "consent.prompt" if plan.agree else "closing.prompt" if plan.closing else "go_on"
         return texts.page(
             words,
             title=plan.title,
             body=texts.with_score(self.stage, plan.pages[reader.page] if plan.pages else ""),
             page=reader.page,
             pages=reader.pages,
-            last=last,
+            last=words[last],
             button=words["consent.button"] if plan.agree else words["button.go_on"],
             picture=self._pictures.get(reader.page),
             marks=self._marks if reader.page == 0 else (),

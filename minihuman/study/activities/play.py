@@ -1,5 +1,7 @@
 """Play: the episodes of one block, with what is read before, between and after them."""
 
+from enum import StrEnum
+
 from minihuman.study import texts
 from minihuman.study.activities.pages import BACK, FORWARD, Reader, page_shown
 from minihuman.study.activities.play_limits import Limits
@@ -43,7 +45,7 @@ class Playing(Activity):
         self.phase = Phase.START
         self.outcomes: list[str] = []  # of this block's episodes, in order
         self.skip: SkipReason | None = None  # why no other episode is played
-        self.wants_ready = True
+        self.wants_ready: bool = True
         self._play: Play | None = None  # from the ready screen to the end of the feedback
         self._until_ns: int | None = None  # interval, fixation, hold and rest last until then
         self._limits = Limits(self.plan.max_s, self.plan.block_max_s)
@@ -202,10 +204,14 @@ class Playing(Activity):
                 self._episode_ended(cause)
             elif stepped := self._current.tick(now_ns):
                 self._stepped(stepped)
-        elif self.phase is Phase.PREPARING:
+        elif self.phase is Phase.PREPARING or (
+            self.phase in _TIMED and self._until_ns is not None and now_ns >= self._until_ns
+        ):
             self._move(Cause.DONE)
-        elif self.phase in _TIMED and self._until_ns is not None and now_ns >= self._until_ns:
-            self._move(Cause.DONE)
+
+    @property
+    def _timed_out(self) -> bool:
+        return self.phase in _TIMED and self._until_ns is not None and self.stage.now_ns >= self._until_ns
 
     def _key_in_play(self, press: KeyDown) -> None:
         play, say_key = self._current, self.stage.say_key
@@ -362,12 +368,12 @@ class Playing(Activity):
 
     @property
     def _lasts_ns(self) -> int:
-        ms = {
+        ms: dict[StrEnum, float] = {
             Phase.INTERVAL: self.plan.interval_ms,
             Phase.FIXATION: self.plan.fixation_ms,
             Phase.HOLD: self.plan.hold_ms,
-        }[self.phase]
-        return round(ms * NS_PER_MS)
+        }
+        return round(ms[self.phase] * NS_PER_MS)
 
     @property
     def _rest_left_s(self) -> int:

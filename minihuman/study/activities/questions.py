@@ -5,7 +5,7 @@ from typing import Literal
 import msgspec
 
 from minihuman.study import texts
-from minihuman.study.activities.drafts import Question, Draft, draft_of, is_right
+from minihuman.study.activities.drafts import Draft, Question, draft_of, is_right
 from minihuman.study.activities.port import Activity, Ended, Kind
 from minihuman.study.events import AnswerChanged, Answered, Noted
 from minihuman.study.inputs import Input, KeyDown, PointerMoved, PointerPressed, Shown, Typed

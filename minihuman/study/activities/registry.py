@@ -1,4 +1,4 @@
-"""The kinds of activity that there are: ours, and those registered in the entry-point group ``minihuman.activities``."""
+"""The kinds of activity that there are: ours, and those of the entry-point group ``minihuman.activities``."""
 
 from functools import cache
 from importlib.metadata import entry_points
