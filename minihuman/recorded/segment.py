@@ -5,7 +5,7 @@ segments. In the log each segment's times begin at 0; where a segment lies in th
 its start, and it never begins before the one before it ended.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from minihuman.recorded.columns import EventColumns
@@ -19,11 +19,16 @@ from minihuman.study.events import (
     PartEnded,
     PartStarted,
     Paused,
+    PointerUsed,
     Resumed,
+    Sampled,
     Scored,
+    TextTyped,
 )
 
-PartEvent = PartStarted | PartEnded | PageShown | EpisodesSkipped | Scored | AnswerChanged | Answered
+PartEvent = (
+    PartStarted | PartEnded | PageShown | EpisodesSkipped | Scored | AnswerChanged | Answered | TextTyped | PointerUsed
+)
 Note = Noted | Paused | Resumed
 Pauses = tuple[tuple[int, int], ...]  # begin and end of each, ns of session time
 
@@ -47,6 +52,7 @@ class Segment:
     notes: tuple[Note, ...]  # consent, focus, pauses, errors, in order of time
     keys: EventColumns[KeyPressed]  # every press and release, outside episodes too
     part_events: tuple[PartEvent, ...] = ()  # parts, pages, answers, points, in the order logged
+    samples: Sequence[Sampled] = ()  # of the protocol's devices, read when looked at
 
     @property
     def pauses(self) -> Pauses:
