@@ -28,8 +28,9 @@ from minihuman.log.record.claim import is_live, sync_folder, taken
 from minihuman.log.record.live_file import LIBRARY
 from minihuman.log.topics import schema_bytes
 from minihuman.recorded.episode import CUT_OFF
-from minihuman.study.events import SessionEnded
+from minihuman.study.events import EpisodeEnded, SessionEnded, SessionStarted
 
+_TOLD = frozenset({topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # what the end's metadata says comes of these
 CHUNK_BYTES = 1024 * 1024
 NOT_COUNTED = 0  # the sequence of a message that only repeats another for viewers
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
@@ -132,7 +133,8 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, p
         messages = sum(copy.counts[topic.name] for topic in topics.TOPICS if not topic.for_viewers)
         clean = clean and (promised is None or promised.messages == messages)
         facts = {"segment": where.segment, "reason": end_reason, "clean": clean, "steps": copy.counts[topics.STEP]}
-        facts |= {"stopped": part.stopped}
+        facts |= {"stopped": part.stopped, "planned": copy.planned, "completed": len(copy.completed)}
+        facts |= {"lasted_ns": copy.lasted_ns}
         if promised is not None:
             facts |= {
                 "messages_written": promised.messages,
@@ -165,12 +167,17 @@ class _Copy:
         self._attachments: set[tuple[str, bytes]] = set()
         self.counts: Counter[str] = Counter()  # messages a topic
         self.end_reason = ""  # of the last file copied; "" if it holds none
+        self.planned = 0  # episodes of the session
+        self.completed: set[int] = set()  # of them, in all files copied: with an outcome other than abandoned
+        self.lasted_ns = 0  # from the last file's first message to its last
+        self._first_ns = 0
         self._started_ns: int | None = None  # None: nothing is to be added for viewers
 
     def all_of(self, scan: Scan, *, draw: bool = False) -> None:
         """Copy every record that the scan finds; add what viewers draw, unless the file has it already."""
         self.counts.clear()
         self.end_reason = ""
+        self.lasted_ns = self._first_ns = 0
         self._started_ns = None
         for record in scan:
             match record:
@@ -200,10 +207,17 @@ class _Copy:
             sequence=message.sequence,
         )
         self.counts[topic] += 1
+        self._first_ns = self._first_ns or message.log_time
+        self.lasted_ns = max(self.lasted_ns, message.log_time - self._first_ns)
         if topic == topics.PLAN:
             self._writer.flush()  # a chunk of its own: without it nothing else can be read
-        if topic == topics.SESSION_END and isinstance(ended := decode(topic, message.data), SessionEnded):
-            self.end_reason = ended.reason
+        match decode(topic, message.data) if topic in _TOLD else None:
+            case SessionStarted(plan=plan):
+                self.planned = len(plan.episodes)
+            case EpisodeEnded(outcome=outcome, episode=episode) if outcome != "abandoned":
+                self.completed.add(episode)
+            case SessionEnded(reason=reason):
+                self.end_reason = reason
 
     def _for_viewers(self, message: LogMessage) -> None:
         """Add what viewers draw of a message, before it: a step whose own message is there is whole."""
