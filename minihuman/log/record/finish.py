@@ -51,12 +51,18 @@ class Finished:
     aside: Path | None = None  # where the live file was kept as it was found, if it was not whole
     chain: str = ""  # the head of the log's hash chain
 
+    @property
+    def damaged(self) -> bool:
+        """Whether something in it was harmed; a last write that a cut tore is not."""
+        return bool(self.stopped) and self.readable and not self.stopped.startswith("cut off")
+
     def line(self) -> str:
         """Say it in one line."""
         if not self.readable:
             return f"{self.path}: kept nothing; {self.stopped}"
         told = f"{self.path}: kept {self.steps} steps of {self.episodes} episodes; ended: {self.end_reason}"
-        return f"{told}; the file was {self.stopped}" if self.stopped else told
+        kept = f"; it is kept as it was found: {self.aside}" if self.damaged else ""
+        return f"{told}; the file was {self.stopped}{kept}" if self.stopped else told
 
 
 def finish(where: SegmentPath, *, clean: bool, promised: Promised | None = None) -> Finished:
