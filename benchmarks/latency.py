@@ -1,10 +1,14 @@
 """From a key to changed pixels, and how late keys are stamped, in a real session in a real window.
 
-    python -m benchmarks.latency [--keys 100] [--window pygame] [--world minihuman/MiniGrid-FourRooms-v0]
+    python -m benchmarks.latency [--keys 100] [--window pygame] [--world minihuman/MiniWorld-FourRooms-v0]
+                                 [--size 1920x1080] [--as-of CHECKOUT]
 
-Starts an X server of its own (Xvfb), runs `minihuman run` in it with the log on disk and one press one step, sends key
-events that the server itself makes (XTEST), and reads the window's pixels back until they change. Prints distributions;
-judges nothing. Xvfb refreshes nothing, so the display's own period is 0: what is printed is all the software's.
+Starts an X server of its own (Xvfb), runs `minihuman run` in it, full screen, with the log on disk and one press one
+step, sends key events that the server itself makes (XTEST), and reads the window's pixels back until they change.
+Then it sends as many more, 60 to 150 ms apart and rolled over each other, whether or not a picture is being drawn.
+Prints distributions; judges nothing. Xvfb refreshes nothing, so the display's own period is 0: what is printed is all
+the software's. `--as-of` measures another checkout of minihuman too, in turns with this one, on the same machine in the
+same minutes: its ratios hold where others use the machine too.
 """
 
 import argparse
@@ -16,6 +20,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,11 +53,12 @@ blocks = ["turning"]
 [[blocks]]
 name = "turning"
 world = "{world}"
-episodes = 1
+episodes = 2
 actions = {actions}
 max_steps = {keys}
 key_map = "shown"
 """
+Sent = tuple[str, bool, int, int]  # key, down, sent, answered by the server: ns since 1970
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,56 +67,108 @@ class Measured:
 
     facts: dict[str, str]
     key_to_pixels: list[float]
-    stamp_error: list[float]
     unseen: int
+    waiting: list[float]  # stamp error of keys sent while the session waits for one
+    rolling: list[float]  # of keys sent whatever it does
+    answered: list[float]  # and how long the X server took to take those
+    beyond: list[float]  # how long after the server had taken a key its stamp is: what is ours of the error
+    same: int  # events of the latter that have the stamp of the one before
 
 
-def measure(window: str, world: str, keys: int) -> Measured:
-    with xvfb() as display, tempfile.TemporaryDirectory() as folder:
+def measure(window: str, world: str, keys: int, size_px: tuple[int, int], checkout: Path) -> Measured:
+    with xvfb(size_px) as display, tempfile.TemporaryDirectory() as folder:
         protocol = Path(folder) / "latency.toml"
         protocol.write_text(PROTOCOL.format(world=world, actions=turns(world), keys=keys))
-        command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", folder]
+        command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", folder, "--window", window]
         station = subprocess.Popen(
-            [*command, "--window", window, "--windowed"], env={**os.environ, "DISPLAY": display}, stdout=subprocess.PIPE
+            command,
+            env={**os.environ, "DISPLAY": display, "PYTHONPATH": str(checkout)},
+            cwd=checkout,
+            stdout=subprocess.PIPE,
         )
         typist = Typist(display)
         typist.focus(TITLE)
-        typist.tap("enter")
-        while not begun(Path(folder)):
-            time.sleep(0.1)
-        time.sleep(2)  # the log is written before the picture is shown
+        begin_episode(typist, Path(folder), 1)
         study = read_protocol(protocol)
         pressed = list(expand(study, enrol(study, 0)).episodes[0].key_map.keys)
-        look = typist.watch(TITLE, ROWS)
-        sent_ns, seen_ms = [], []
-        for number in range(keys):
-            before = look()
-            time.sleep(random.uniform(0.05, 0.12))
-            sent_ns.append(time.time_ns())
-            started_s = time.monotonic()
-            typist.press(pressed[number % 2])
-            while look() == before and time.monotonic() - started_s < UNSEEN_S:
-                time.sleep(0.0003)
-            seen_ms.append((time.monotonic() - started_s) * 1000)
-            typist.release(pressed[number % 2])
+        seen_ms, waiting = one_by_one(typist, pressed, keys)
+        time.sleep(2)  # the last picture is held
+        begin_episode(typist, Path(folder), 2)
+        rolling = rolled(typist, pressed, keys)
+        time.sleep(2)
         typist.tap("enter")
-        said, _ = station.communicate(timeout=60)
-        log = open_log(Path(said.decode().splitlines()[-1]))
+        station.communicate(timeout=120)
+        log = open_log(next(Path(folder).rglob("*.mcap")))
     began_ns = datetime.fromisoformat(log.started_at).timestamp() * 1e9
-    stamped_ns = [
-        began_ns + key.t_ns for key in log.keys if key.down and key.key in pressed and key.verdict == "accepted"
+    stamped = [
+        (key.key, key.down, began_ns + key.t_ns - key.waited_ns)
+        for key in log.keys
+        if key.key in pressed and key.verdict in ("accepted", "release", "not_playing")
     ]
-    errors_ms = [(stamped - sent) / 1e6 for stamped, sent in zip(stamped_ns, sent_ns, strict=True)]
+    sent = [*waiting, *rolling]
+    assert [one[:2] for one in stamped] == [one[:2] for one in sent], "keys were lost, or came in another order"
+    errors_ms = [(at_ns - one[2]) / 1e6 for (_, _, at_ns), one in zip(stamped, sent, strict=True)]
     seen = [ms for ms in seen_ms if ms < UNSEEN_S * 1000]
-    return Measured(dict(log.facts), seen, errors_ms, len(seen_ms) - len(seen))
+    stamps = [at_ns for _, _, at_ns in stamped[len(waiting) :]]
+    return Measured(
+        facts=dict(log.facts),
+        key_to_pixels=seen,
+        unseen=len(seen_ms) - len(seen),
+        waiting=errors_ms[: len(waiting)],
+        rolling=errors_ms[len(waiting) :],
+        answered=[(answered - sent) / 1e6 for _, _, sent, answered in rolling],
+        beyond=[max(0.0, (at_ns - one[3]) / 1e6) for at_ns, one in zip(stamps, rolling, strict=True)],
+        same=sum(one == other for one, other in pairwise(stamps)),
+    )
 
 
-def begun(folder: Path) -> bool:
-    """Whether the live log holds an episode: from then on keys act."""
+def begin_episode(typist: Typist, folder: Path, number: int) -> None:
+    typist.tap("enter")
+    while begun(folder) < number:
+        time.sleep(0.2)
+    time.sleep(2)  # the log is written before the picture is shown
+
+
+def send(typist: Typist, key: str, down: bool) -> Sent:
+    sent_ns = time.time_ns()
+    (typist.press if down else typist.release)(key)
+    return key, down, sent_ns, time.time_ns()
+
+
+def one_by_one(typist: Typist, pressed: list[str], keys: int) -> tuple[list[float], list[Sent]]:
+    """Press a key when the picture of the one before is there; say how long each picture took, and what was sent."""
+    look = typist.watch(TITLE, ROWS)
+    seen_ms, sent = [], []
+    for number in range(keys):
+        before = look()
+        time.sleep(random.uniform(0.05, 0.12))
+        started_s = time.monotonic()
+        sent.append(send(typist, pressed[number % 2], True))
+        while look() == before and time.monotonic() - started_s < UNSEEN_S:
+            time.sleep(0.0003)
+        seen_ms.append((time.monotonic() - started_s) * 1000)
+        sent.append(send(typist, pressed[number % 2], False))
+    return seen_ms, sent
+
+
+def rolled(typist: Typist, pressed: list[str], keys: int) -> list[Sent]:
+    """Press keys 60 to 150 ms apart, each coming up after the next went down, as fingers roll; say what was sent."""
+    sent = [send(typist, pressed[0], True)]
+    for number in range(1, keys):
+        time.sleep(random.uniform(0.06, 0.15))
+        sent.append(send(typist, pressed[number % 2], True))
+        time.sleep(random.uniform(0.005, 0.03))
+        sent.append(send(typist, pressed[(number - 1) % 2], False))
+    sent.append(send(typist, pressed[(keys - 1) % 2], False))
+    return sent
+
+
+def begun(folder: Path) -> int:
+    """How many episodes the live log holds: from an episode's start on its keys act."""
     try:
-        return any(open_log(part).episodes for part in folder.rglob("*.part"))
+        return max((len(open_log(part).episodes) for part in folder.rglob("*.part")), default=0)
     except LogError:  # nothing of the session is written yet
-        return False
+        return 0
 
 
 def turns(world: str) -> str:
@@ -129,14 +187,26 @@ def main() -> None:
     parser.add_argument("--keys", type=int, default=100, help="at most the steps that the world allows an episode")
     parser.add_argument("--window", action="append", help="pygame or pyglet; both if absent")
     parser.add_argument("--world", default="minihuman/MiniGrid-FourRooms-v0")
+    parser.add_argument("--size", default="1280x720", help="of the screen, which the window fills")
+    parser.add_argument("--as-of", type=Path, help="another checkout of minihuman to measure beside this one")
     settings = parser.parse_args()
+    width, height = map(int, settings.size.split("x"))
+    checkouts = [path.resolve() for path in (settings.as_of, Path(__file__).parents[1]) if path is not None]
     for window in settings.window or ("pygame", "pyglet"):
-        measured = measure(window, settings.world, settings.keys)
-        facts = measured.facts
-        print(f"{facts['window_version']}, {facts['window_size_px']}, vsync {facts['vsync']}, {settings.world}")
-        print(f"  load average     {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-        print(f"  key to pixels    {distribution(measured.key_to_pixels)}   ({measured.unseen} changed nothing seen)")
-        print(f"  key stamp error  {distribution(measured.stamp_error)}", flush=True)
+        for checkout in checkouts:
+            tell(measure(window, settings.world, settings.keys, (width, height), checkout), settings.world)
+
+
+def tell(measured: Measured, world: str) -> None:
+    facts = measured.facts
+    commit = facts.get("git_commit", "")[:7]
+    print(f"{facts['window_version']}, {facts['window_size_px']}, vsync {facts['vsync']}, {world}, {commit}")
+    print(f"  load average           {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    print(f"  key to pixels          {distribution(measured.key_to_pixels)}   ({measured.unseen} changed nothing seen)")
+    print(f"  stamp error, waiting   {distribution(measured.waiting)}")
+    print(f"  stamp error, rolling   {distribution(measured.rolling)}   ({measured.same} with the stamp before)")
+    print(f"  X server took the key  {distribution(measured.answered)}")
+    print(f"  stamp after that       {distribution(measured.beyond)}", flush=True)
 
 
 if __name__ == "__main__":

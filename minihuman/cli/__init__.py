@@ -17,9 +17,9 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
-    from minihuman.cli import export, learn, logs, see, session, station, worlds
+    from minihuman.cli import desk, export, learn, logs, see, session, station, worlds
 
-    for part in (session, station, worlds, logs, see, export, learn):
+    for part in (session, station, worlds, logs, see, desk, export, learn):
         part.add_to(app)
     try:
         app()

@@ -36,12 +36,16 @@ def verify(
 
     Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
     """
+    from minihuman.lab.verify import other_rules
     from minihuman.lab.verify import verify as play_again
     from minihuman.log.read.open_log import open_log
 
     differ = False
     for log in logs:
-        result = play_again(open_log(log))
+        session = open_log(log)
+        if other := other_rules(session):
+            print(f"{log}: {other}")
+        result = play_again(session)
         differ = differ or bool(result.difference)
         print(f"{log}: {result.difference or f'{result.episodes} episodes, {result.steps} steps, all as logged'}")
     raise typer.Exit(1 if differ else 0)

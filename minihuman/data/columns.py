@@ -22,11 +22,13 @@ class Column:
 
 _WHO = (
     Column("study", "text", "", "The study's name in the protocol."),
+    Column("version", "text", "", "The protocol's version and the start of its SHA-256: other bytes, another version."),
     Column("participant", "text", "", "The participant's code."),
     Column("group", "text", "", "The group the participant was allocated to."),
     Column("session", "whole", "", "The participant's session, 1 for the first."),
 )
 _WHERE = (
+    Column("segment", "whole", "", "The session's segment: 1, and one more after each resume."),
     Column("episode", "whole", "", "The session's episode, 1 for the first, as on the screen and in the figures."),
     Column("attempt", "whole", "", "1, or more where an interrupted episode was begun again."),
 )
@@ -38,7 +40,8 @@ STEPS = (
     *_BLOCK,
     *_WHERE,
     Column("step", "whole", "", "1 for the episode's first."),
-    Column("t_s", "number", "s", "When the step was done, since the session (segment) began."),
+    Column("t_ns", "whole", "ns", "The same as t_s, exactly as logged."),
+    Column("t_s", "number", "s", "When the step was done: session time, since the session's first segment began."),
     Column("action", "text", "", "The action's name."),
     Column("key", "text", "", "The physical key that caused it; empty for a tick's no-op."),
     Column("reward", "number", "", "The step's reward."),
@@ -54,7 +57,8 @@ PRESSES = (
     *_WHO,
     *_BLOCK,
     *_WHERE,
-    Column("t_s", "number", "s", "When the key moved, since the session (segment) began."),
+    Column("t_ns", "whole", "ns", "The same as t_s, exactly as logged."),
+    Column("t_s", "number", "s", "When the key moved: session time, since the session's first segment began."),
     Column("key", "text", "", "The physical key."),
     Column("down", "yes_no", "", "True for a press, false for a release."),
     Column("action", "text", "", "The action it asked for; empty where it has none."),
@@ -82,6 +86,7 @@ EPISODES = (
     Column("episode_in_block", "whole", "", "1 for the block's first."),
     Column("world", "text", "", "The world's id."),
     Column("seed", "whole", "", "The seed of the layout."),
+    Column("t_ns", "whole", "ns", "When the episode was reset: session time, since the first segment began."),
     Column("outcome", "text", "", "goal, timeout, failure, abandoned or cut_off."),
     Column("success", "yes_no", "", "Whether the outcome is goal."),
     Column("reward", "number", "", "Sum of the episode's rewards."),
@@ -111,7 +116,9 @@ _OVER_EPISODES = (
     Column("reward_mean", "number", "", "Mean reward."),
     Column("reward_sd", "number", "", "Standard deviation of the reward over episodes (n - 1)."),
     Column("reward_first", "number", "", "Reward of the first episode that counts."),
-    Column("reward_slope", "number", "1/episode", "Change of the reward over the first five episodes, an episode."),
+    Column(
+        "reward_slope", "number", "1/episode", "Change of the reward over the block's first five episodes, an episode."
+    ),
     Column("steps_mean", "number", "", "Mean steps."),
     Column(
         "excess_steps_mean", "number", "", "Mean steps over the fewest possible, of episodes that reached the goal."
@@ -132,6 +139,7 @@ PARTICIPANTS = (
     Column("started_at", "text", "UTC", "When the session began, ISO 8601."),
     Column("end_reason", "text", "", "Why the session ended."),
     Column("clean", "yes_no", "", "Whether the log was finished in the ordinary way."),
+    Column("segments", "whole", "", "How many stretches the session was played in: 1, and one for each resume."),
     Column("completed_share", "number", "", "Share of the planned episodes that were played to an end."),
     *_OVER_EPISODES,
     _LEFT_OUT,

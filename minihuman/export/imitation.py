@@ -1,38 +1,55 @@
 """Trajectories as the ``imitation`` library keeps them: Hugging Face ``datasets`` on disk, flat observations.
 
-One dataset a world, ``OUT/<world>``; ``imitation.data.serialize.load`` and ``datasets.load_from_disk`` read it.
+One dataset a world, ``OUT/<world>``; ``imitation.data.serialize.load`` and ``datasets.load_from_disk`` read it. It is
+written a few trajectories at a time, so that a large study takes no more memory than a small one.
 """
 
 import json
-from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
 import datasets
 import numpy as np
+from datasets.arrow_writer import ArrowWriter
 
-from minihuman.data.chosen import Chosen, Selection
+from minihuman.data.chosen import Chosen, ChosenEpisodes
+from minihuman.export.asked import called
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat
 from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
+_TOGETHER = 8  # trajectories written at once: of pictures, some tens of megabytes
+_NO_STEP = "has no step, and a trajectory needs one"
 
-def export(chosen: Selection, out: Path) -> Written:
-    """Write every episode as a trajectory with rewards; what else is known of a step is in its ``infos``.
+
+def export(chosen: ChosenEpisodes, out: Path) -> Written:
+    """Write every episode that has a step as a trajectory with rewards; what else is known is in its ``infos``.
 
     Raises:
         ExportError: if an episode does not replay.
     """
+    datasets.disable_progress_bars()  # our own command says how far it is
     resimulate = Resimulator()
-    rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    steps = 0
+    writers: dict[str, ArrowWriter] = {}
+    episodes = steps = 0
+    left_out: list[str] = []
     for item in chosen:
-        rows[dataset_name(item)].append(_trajectory(item, resimulate(item)))
-        steps += len(item.episode.actions)
-    for name, trajectories in rows.items():
-        _save(trajectories, out / name)
-    return Written(tuple(out / name for name in rows), sum(map(len, rows.values())), steps)
+        if not len(item.episode.actions):
+            left_out.append(f"{called(item)} {_NO_STEP}")
+            continue
+        name = dataset_name(item)
+        trajectory = _trajectory(item, resimulate(item))
+        if name not in writers:
+            features = _features(str(trajectory["obs"].dtype))
+            path = str(out / f"{name}.arrow")
+            writers[name] = ArrowWriter(features=features, path=path, writer_batch_size=_TOGETHER)
+        writers[name].write(trajectory)
+        episodes, steps = episodes + 1, steps + len(item.episode.actions)
+    for name, writer in writers.items():
+        writer.finalize()
+        _settle(out / f"{name}.arrow", out / name)
+    return Written(tuple(out / name for name in writers), episodes, steps, tuple(left_out))
 
 
 def _trajectory(item: Chosen, demonstration: Demonstration) -> dict[str, Any]:
@@ -45,24 +62,26 @@ def _trajectory(item: Chosen, demonstration: Demonstration) -> dict[str, Any]:
         "obs": np.stack(
             [flat(observation, demonstration.observation_space) for observation in demonstration.observations]
         ),
-        "acts": episode.actions,
+        "acts": demonstration.actions,
         "infos": [json.dumps(info) for info in infos],
-        "terminal": bool(episode.terminated[-1]) if len(episode.actions) else False,
+        "terminal": bool(episode.terminated[-1]),
         "rews": episode.rewards,
     }
 
 
-def _save(trajectories: list[dict[str, Any]], path: Path) -> None:
-    datasets.disable_progress_bars()  # our own command says how far it is
-    number = datasets.Value(str(trajectories[0]["obs"].dtype))
-    features = datasets.Features(
+def _features(number: str) -> datasets.Features:
+    return datasets.Features(
         {
-            "obs": datasets.List(datasets.List(number)),
+            "obs": datasets.List(datasets.List(datasets.Value(number))),
             "acts": datasets.List(datasets.Value("int64")),
             "infos": datasets.List(datasets.Value("string")),
             "terminal": datasets.Value("bool"),
             "rews": datasets.List(datasets.Value("float64")),
         }
     )
-    columns = {name: [trajectory[name] for trajectory in trajectories] for name in features}
-    datasets.Dataset.from_dict(columns, features=features).save_to_disk(str(path))
+
+
+def _settle(written: Path, path: Path) -> None:
+    """Make a folder of the file, which stays on the disk while it is copied."""
+    datasets.Dataset.from_file(str(written)).save_to_disk(str(path))
+    written.unlink()

@@ -1,9 +1,11 @@
 """LeRobot datasets, format v3.0, written with pyarrow: ``OUT/<world>/{meta,data}``. No torch, no video.
 
 A frame is an observation and the action it was answered with, so the observation after the last action has no row.
-LeRobot's timestamps are frame number over frame rate; when a step really happened is in ``time_s``.
+LeRobot's timestamps are frame number over frame rate; when a step really happened is in ``time_s``. An action is one of
+a few: it is written as a vector with a 1 at its place, which a policy can learn, and as the number that ``step`` takes.
 """
 
+import hashlib
 import io
 import json
 from pathlib import Path
@@ -16,33 +18,38 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from PIL import Image
 
-from minihuman.data.chosen import Chosen, Selection
+from minihuman.data.chosen import Chosen, ChosenEpisodes
+from minihuman.export.asked import about_of, called
 from minihuman.export.datasets_by_world import dataset_name
-from minihuman.export.observations import flat, flat_names, is_picture
+from minihuman.export.lerobot_card import card
+from minihuman.export.lerobot_features import PICTURE, columns_of, features_of
+from minihuman.export.lerobot_stats import Total
 from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
 
 FORMAT_VERSION = "v3.0"
 FPS = 10  # nominal: steps follow keys, not a clock
 CHUNK = 1000  # files a folder, the format's default
-_PICTURE, _STATE = "observation.image", "observation.state"
+FILE_BYTES = 100 * 1024 * 1024  # of episodes in one file, the format's default
 
 
-def export(chosen: Selection, out: Path) -> Written:
-    """Write every episode that has a step, one data file an episode.
+def export(chosen: ChosenEpisodes, out: Path) -> Written:
+    """Write every episode that has a step, many to a file.
 
     Raises:
         ExportError: if an episode does not replay.
     """
     resimulate = Resimulator()
     datasets: dict[str, _Dataset] = {}
+    left_out: list[str] = []
     for item in chosen:
         if not len(item.episode.actions):
+            left_out.append(f"{called(item)} has no step, and LeRobot keeps none without")
             continue
         demonstration = resimulate(item)
-        name = dataset_name(item)
+        name = _name(item, demonstration, datasets)
         if name not in datasets:
-            datasets[name] = _Dataset(out / name, demonstration)
+            datasets[name] = _Dataset(out / name, item, demonstration)
         datasets[name].add(item, demonstration)
     for dataset in datasets.values():
         dataset.finish()
@@ -50,28 +57,41 @@ def export(chosen: Selection, out: Path) -> Written:
         tuple(out / name for name in datasets),
         sum(len(dataset.rows) for dataset in datasets.values()),
         sum(dataset.frames for dataset in datasets.values()),
+        tuple(left_out),
     )
+
+
+def _name(item: Chosen, demonstration: Demonstration, datasets: "dict[str, _Dataset]") -> str:
+    """The episode's dataset; where its vectors of actions or states have other numbers than the first's, another."""
+    name = dataset_name(item)
+    features = features_of(item, demonstration)
+    if name in datasets and datasets[name].features != features:
+        return f"{name}-{hashlib.sha256(json.dumps(features).encode()).hexdigest()[:6]}"
+    return name
 
 
 class _Dataset:
     """One world's dataset while it is written."""
 
-    def __init__(self, root: Path, first: Demonstration) -> None:
+    def __init__(self, root: Path, item: Chosen, first: Demonstration) -> None:
         self.root = root
         self.frames = 0
         self.rows: list[dict[str, Any]] = []  # one an episode
+        self.features = features_of(item, first)
+        self._about = about_of(item)
+        self._world = item.episode.plan.world
         self._tasks: dict[str, int] = {}
-        self._features = _features(first)
-        self._totals: dict[str, _Total] = {}
+        self._totals = {name: Total(picture=name == PICTURE) for name in self.features}
+        self._file = 0
+        self._writer: pq.ParquetWriter | None = None
         (root / "meta").mkdir(parents=True)
 
     def add(self, item: Chosen, demonstration: Demonstration) -> None:
         """Write an episode's frames and remember its row of metadata."""
         number, length = len(self.rows), len(item.episode.actions)
-        chunk, file = divmod(number, CHUNK)
         task = item.episode.start.mission or f"reach the goal of {item.episode.plan.world}"
         task_index = self._tasks.setdefault(task, len(self._tasks))
-        columns = _columns(item, demonstration, self._features)
+        columns = columns_of(item, demonstration, self.features)
         own: dict[str, NDArray[Any]] = {
             "timestamp": (np.arange(length) / FPS).astype(np.float32),
             "frame_index": np.arange(length, dtype=np.int64),
@@ -80,12 +100,13 @@ class _Dataset:
             "task_index": np.full(length, task_index, np.int64),
         }
         columns |= own
-        path = self.root / "data" / f"chunk-{chunk:03d}" / f"file-{file:03d}.parquet"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pq.write_table(_table(columns, self._features), path, compression="snappy")
-        statistics = {name: _statistics(values, name) for name, values in columns.items()}
+        chunk, file = self._write(_table(columns, self.features))
+        statistics = {}
         for name, values in columns.items():
-            self._totals.setdefault(name, _Total()).add(_samples(values, name), len(values))
+            alone = Total(picture=name == PICTURE)
+            for total in (alone, self._totals[name]):
+                total.add(values)
+            statistics[name] = alone.statistics()
         self.rows.append(
             {
                 "episode_index": number,
@@ -107,8 +128,23 @@ class _Dataset:
         )
         self.frames += length
 
+    def _write(self, frames: pa.Table) -> tuple[int, int]:
+        """Write an episode behind the others in a file, or in the next where that is full; say in which."""
+        chunk, file = divmod(self._file, CHUNK)
+        path = self.root / f"data/chunk-{chunk:03d}/file-{file:03d}.parquet"
+        if self._writer is None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = pq.ParquetWriter(path, frames.schema, compression="snappy")
+        self._writer.write_table(frames)
+        if path.stat().st_size >= FILE_BYTES:
+            self._writer.close()
+            self._file, self._writer = self._file + 1, None
+        return chunk, file
+
     def finish(self) -> None:
         """Write what describes the whole dataset."""
+        if self._writer is not None:
+            self._writer.close()
         meta = self.root / "meta"
         episodes = meta / "episodes" / "chunk-000"
         episodes.mkdir(parents=True)
@@ -117,7 +153,7 @@ class _Dataset:
         pd.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks)).to_parquet(
             meta / "tasks.parquet"
         )
-        totals = {name: total.statistics(name) for name, total in self._totals.items()}
+        totals = {name: total.statistics() for name, total in self._totals.items()}
         (meta / "stats.json").write_text(json.dumps(totals, indent=4))
         info = {
             "codebase_version": FORMAT_VERSION,
@@ -126,71 +162,30 @@ class _Dataset:
             "total_frames": self.frames,
             "total_tasks": len(self._tasks),
             "chunks_size": CHUNK,
-            "data_files_size_in_mb": 100,
+            "data_files_size_in_mb": FILE_BYTES // 1024**2,
             "video_files_size_in_mb": 200,
             "fps": FPS,
             "splits": {"train": f"0:{len(self.rows)}"},
             "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
             "video_path": None,
-            "features": self._features,
+            "features": self.features,
         }
         (meta / "info.json").write_text(json.dumps(info, indent=4))
-
-
-def _features(first: Demonstration) -> dict[str, dict[str, Any]]:
-    if is_picture(first.observation_space):
-        shape = list(np.asarray(first.observations[0]).shape)
-        seen = {_PICTURE: {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}}
-    else:
-        names = flat_names(first.observations[0])
-        seen = {_STATE: {"dtype": "float32", "shape": [len(names)], "names": names}}
-    return {
-        **seen,
-        "action": {"dtype": "float32", "shape": [1], "names": ["action"]},
-        "next.reward": {"dtype": "float64", "shape": [1], "names": None},
-        "next.done": {"dtype": "bool", "shape": [1], "names": None},
-        "next.success": {"dtype": "bool", "shape": [1], "names": None},
-        "time_s": {"dtype": "float64", "shape": [1], "names": None},
-        "timestamp": {"dtype": "float32", "shape": [1], "names": None},
-        "frame_index": {"dtype": "int64", "shape": [1], "names": None},
-        "episode_index": {"dtype": "int64", "shape": [1], "names": None},
-        "index": {"dtype": "int64", "shape": [1], "names": None},
-        "task_index": {"dtype": "int64", "shape": [1], "names": None},
-    }
-
-
-def _columns(item: Chosen, demonstration: Demonstration, features: dict[str, Any]) -> dict[str, NDArray[Any]]:
-    """The features that come from the episode, ``n`` rows each."""
-    episode = item.episode
-    before = demonstration.observations[:-1]
-    if _PICTURE in features:
-        seen = {_PICTURE: np.stack(before)}
-    else:
-        space = demonstration.observation_space
-        seen = {_STATE: np.stack([flat(observation, space).astype(np.float32) for observation in before])}
-    done = np.zeros(len(episode.actions), bool)
-    done[-1] = True
-    return {
-        **seen,
-        "action": episode.actions.astype(np.float32).reshape(-1, 1),
-        "next.reward": episode.rewards,
-        "next.done": done,
-        "next.success": done & (episode.outcome == "goal"),
-        "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9,
-    }
+        (self.root / "README.md").write_text(card(self._about, self._world, info, list(self._tasks)))
 
 
 def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:
+    """An episode's frames. A feature of one number is a plain column: no list of one, which its readers refuse."""
     arrays = {}
     for name, values in columns.items():
         if features[name]["dtype"] == "image":
             pictures = [{"bytes": _png(picture), "path": None} for picture in values]
             arrays[name] = pa.array(pictures, pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
-        elif values.ndim == 2:
+        elif values.ndim == 2 and values.shape[1] > 1:
             flat_values = pa.array(np.ascontiguousarray(values).reshape(-1))
             arrays[name] = pa.FixedSizeListArray.from_arrays(flat_values, values.shape[1])
         else:
-            arrays[name] = pa.array(values)
+            arrays[name] = pa.array(values.reshape(-1))
     return pa.table(arrays)
 
 
@@ -198,52 +193,6 @@ def _png(picture: NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "PNG")
     return buffer.getvalue()
-
-
-def _samples(values: NDArray[Any], name: str) -> NDArray[np.float64]:
-    """Rows to take statistics over, float64[rows, channels or numbers]; pictures scaled to 0..1."""
-    if name == _PICTURE:
-        return values.reshape(-1, values.shape[-1]) / 255.0
-    return values.reshape(len(values), -1).astype(np.float64)
-
-
-def _statistics(values: NDArray[Any], name: str) -> dict[str, Any]:
-    total = _Total()
-    total.add(_samples(values, name), len(values))
-    return total.statistics(name)
-
-
-class _Total:
-    """Running minimum, maximum, mean and standard deviation."""
-
-    def __init__(self) -> None:
-        self._frames = 0
-        self._samples = 0
-        self._low: Any = np.inf
-        self._high: Any = -np.inf
-        self._sum: Any = 0.0
-        self._squares: Any = 0.0
-
-    def add(self, samples: NDArray[np.float64], frames: int) -> None:
-        """Take rows of samples in, from so many frames."""
-        self._frames += frames
-        self._samples += len(samples)
-        self._low = np.minimum(self._low, samples.min(axis=0))
-        self._high = np.maximum(self._high, samples.max(axis=0))
-        self._sum = self._sum + samples.sum(axis=0)
-        self._squares = self._squares + (samples**2).sum(axis=0)
-
-    def statistics(self, name: str) -> dict[str, Any]:
-        """As the format keeps them: a list a number, [[[value]]] a channel of a picture."""
-        mean = self._sum / self._samples
-        values = {
-            "min": self._low,
-            "max": self._high,
-            "mean": mean,
-            "std": np.sqrt(np.maximum(self._squares / self._samples - mean**2, 0.0)),
-        }
-        shape = (-1, 1, 1) if name == _PICTURE else (-1,)
-        return {key: value.reshape(shape).tolist() for key, value in values.items()} | {"count": [self._frames]}
 
 
 def _plain(value: Any) -> Any:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
+import numpy as np
+from numpy.typing import NDArray
 
 from minihuman import __version__
 from minihuman.data.chosen import Chosen
@@ -22,6 +24,11 @@ class Demonstration:
     observations: tuple[Any, ...]
     observation_space: gymnasium.Space[Any]
     action_space: gymnasium.spaces.Discrete
+
+    @property
+    def actions(self) -> NDArray[np.int64]:
+        """The ``n`` actions as the environment's ``step`` takes them: counted from where its action space starts."""
+        return self.episode.actions + int(self.action_space.start)
 
 
 class Resimulator:

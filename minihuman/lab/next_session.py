@@ -34,6 +34,8 @@ def next_session(
         OSError: if the data folder cannot be read or written.
     """
     study_dir = data / protocol.study.name
+    if session > 1:
+        _check_came_before(study_dir, participant, session)
     who, taken = take_slot(protocol, study_dir, participant=participant, group=group)
     folder = session_folder(data, protocol.study.name, who.id, session)
     for part in leftovers(folder):
@@ -43,9 +45,31 @@ def next_session(
     return _rest_of(open_log(folder))
 
 
-def _rest_of(log: SessionLog) -> SessionPlan:
+def _check_came_before(study_dir: Path, participant: str | None, session: int) -> None:
+    if participant is None:
+        raise AllocationError(f"session {session} is somebody's: say whose with --participant")
+    before = session_folder(study_dir.parent, study_dir.name, participant, session - 1)
+    if not before.is_dir() or not sessions_in(before):
+        raise AllocationError(
+            f"{participant} has not begun session {session - 1}; run it first: --participant {participant} "
+            f"--session {session - 1}"
+        )
+    left = _left(open_log(before))
+    if left:
+        raise AllocationError(
+            f"{participant} has {len(left)} episodes of session {session - 1} left to play; finish it first: "
+            f"--participant {participant} --session {session - 1}"
+        )
+
+
+def _left(log: SessionLog) -> list[int]:
+    """The episodes that are not completed."""
     completed = {played.plan.episode for played in log.episodes if played.outcome not in (None, "abandoned")}
-    left = [episode.episode for episode in log.plan.episodes if episode.episode not in completed]
+    return [episode.episode for episode in log.plan.episodes if episode.episode not in completed]
+
+
+def _rest_of(log: SessionLog) -> SessionPlan:
+    left = _left(log)
     who, session = log.plan.participant.id, log.plan.session
     if not left:
         raise AllocationError(

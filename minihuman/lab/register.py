@@ -1,6 +1,7 @@
-"""The register: which slots of the allocation list are taken. Append-only, fsynced, one line a slot.
+"""The register: who took which slot of the allocation list, and who left it. Append-only, fsynced, one line each.
 
 Two stations that share the data folder never get the same slot: a slot is taken under an exclusive lock of the file.
+Lines of other kinds, which other programs may add, are passed over.
 """
 
 import fcntl
@@ -8,13 +9,13 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import msgspec
 
 from minihuman.errors import AllocationError
 from minihuman.study.allocation import allocation, allocation_sha256
-from minihuman.study.expand import enrol, participant_index
+from minihuman.study.expand import enrol, participant_code, participant_index
 from minihuman.study.plan import Participant
 from minihuman.study.protocol import Protocol
 
@@ -32,8 +33,33 @@ class Taken(msgspec.Struct, frozen=True):
     overridden: bool  # chosen by hand with --participant or --group
 
 
+class Withdrawn(msgspec.Struct, frozen=True):
+    """A tombstone: this participant's data count nowhere, and their slot is free again."""
+
+    withdrawn: str  # the code
+    at: str  # ISO 8601 UTC
+    kept: Literal["erased", "sealed"]  # what became of the data
+
+
+class Replaced(msgspec.Struct, frozen=True):
+    """Somebody does not come back: what they did counts, and their slot is free again."""
+
+    replaced: str  # the code
+    at: str  # ISO 8601 UTC
+
+
+Line = Taken | Withdrawn | Replaced
+
+
 def read_register(study_dir: Path) -> tuple[Taken, ...]:
-    """The slots taken so far, in order of taking; none if the study has not begun."""
+    """Who is in the study, in order of taking their slots; those who withdrew are not."""
+    lines = read_lines(study_dir)
+    gone = {line.withdrawn for line in lines if isinstance(line, Withdrawn)}
+    return tuple(line for line in lines if isinstance(line, Taken) and line.participant not in gone)
+
+
+def read_lines(study_dir: Path) -> tuple[Line, ...]:
+    """All that the register says, in order of writing; nothing if the study has not begun."""
     path = study_dir / FILE_NAME
     return _lines(path.read_bytes(), path) if path.exists() else ()
 
@@ -53,37 +79,103 @@ def take_slot(
     study_dir.mkdir(parents=True, exist_ok=True)
     with _locked(study_dir / FILE_NAME) as file:
         lines = _lines(file.read(), study_dir / FILE_NAME)
-        _check_list(lines, study_dir, protocol)
-        if participant is None:
-            index = _next_free(lines, protocol)
-        else:
-            index = participant_index(participant)
-            for line in lines:
-                if line.index == index:
-                    return _again(line, group)
-        who = enrol(protocol, index, group)
-        taken = Taken(
-            allocation_sha256(slots), len(slots), index, who.id, who.group, participant is not None or group is not None
-        )
+        holders = _Holders(lines)
+        _check_list(holders.taken, study_dir, protocol)
+        if participant is not None and (line := holders.line_of(participant)) is not None:
+            return _again(line, group)
+        index = holders.next_free(protocol) if participant is None else holders.free(participant)
+        who = msgspec.structs.replace(enrol(protocol, index, group), id=participant or holders.next_code(index))
+        by_hand = participant is not None or group is not None
+        taken = Taken(allocation_sha256(slots), len(slots), index, who.id, who.group, by_hand)
         _append(file, taken)
     return who, taken
+
+
+def leave(study_dir: Path, parting: Withdrawn | Replaced) -> None:
+    """Write that somebody left the study, and make it last; said twice it is written once.
+
+    Raises:
+        AllocationError: if there is no such participant, or they withdrew before.
+    """
+    code = parting.withdrawn if isinstance(parting, Withdrawn) else parting.replaced
+    path = study_dir / FILE_NAME
+    if not path.exists():
+        raise AllocationError(f"{study_dir} is no study's folder: it has no {FILE_NAME}; name one with --study")
+    with _locked(path) as file:
+        lines = _lines(file.read(), path)
+        holders = _Holders(lines)
+        if holders.line_of(code) is None:
+            known = ", ".join(line.participant for line in read_register(study_dir)[:8]) or "nobody yet"
+            raise AllocationError(f"{code!r} has no slot in {study_dir}; there are {known}")
+        if not any(type(line) is type(parting) and code in (holders.left_by(line)) for line in lines):
+            _append(file, parting)
+
+
+class _Holders:
+    """Who holds which slot, from the register's lines."""
+
+    def __init__(self, lines: tuple[Line, ...]) -> None:
+        self.taken = tuple(line for line in lines if isinstance(line, Taken))
+        self._withdrawn = {line.withdrawn for line in lines if isinstance(line, Withdrawn)}
+        self._replaced = {line.replaced for line in lines if isinstance(line, Replaced)}
+        self._held = {
+            line.index: line for line in self.taken if line.participant not in self._withdrawn | self._replaced
+        }
+
+    @staticmethod
+    def left_by(line: Line) -> tuple[str, ...]:
+        """Whose parting a line is."""
+        match line:
+            case Withdrawn():
+                return (line.withdrawn,)
+            case Replaced():
+                return (line.replaced,)
+        return ()
+
+    def line_of(self, code: str) -> Taken | None:
+        """The slot that a participant took.
+
+        Raises:
+            AllocationError: if they withdrew.
+        """
+        if code in self._withdrawn:
+            raise AllocationError("this participant has withdrawn; leave --participant out to offer the slot again")
+        return next((line for line in self.taken if line.participant == code), None)
+
+    def free(self, code: str) -> int:
+        """The slot of a code that has none yet.
+
+        Raises:
+            AllocationError: if it is no code, or somebody else has that slot.
+        """
+        index = participant_index(code)
+        if index in self._held:
+            raise AllocationError(f"{code} and {self._held[index].participant} are the same slot; choose another code")
+        return index
+
+    def next_free(self, protocol: Protocol) -> int:
+        """The first slot that nobody holds.
+
+        Raises:
+            AllocationError: if all are held.
+        """
+        count = protocol.study.participants
+        for index in range(count):
+            if index not in self._held:
+                return index
+        raise AllocationError(
+            f"all {count} slots of study {protocol.study.name!r} are taken; raise $.study.participants in the protocol"
+        )
+
+    def next_code(self, index: int) -> str:
+        """The code of the next participant in a slot: never one that was somebody's."""
+        return participant_code(index, sum(line.index == index for line in self.taken))
 
 
 def _again(line: Taken, group: str | None) -> tuple[Participant, Taken]:
     if group is not None and group != line.group:
         raise AllocationError(f"{line.participant} is in group {line.group!r}, not {group!r}; leave --group out")
     return Participant(line.participant, line.index, line.group), line
-
-
-def _next_free(lines: tuple[Taken, ...], protocol: Protocol) -> int:
-    used = {line.index for line in lines}
-    count = protocol.study.participants
-    for index in range(count):
-        if index not in used:
-            return index
-    raise AllocationError(
-        f"all {count} slots of study {protocol.study.name!r} are taken; raise $.study.participants in the protocol"
-    )
 
 
 def _check_list(lines: tuple[Taken, ...], study_dir: Path, protocol: Protocol) -> None:
@@ -108,30 +200,35 @@ def _locked(path: Path) -> Iterator[BinaryIO]:
         yield file
 
 
-def _append(file: BinaryIO, taken: Taken) -> None:
+def _append(file: BinaryIO, line: Line) -> None:
     file.seek(0, os.SEEK_END)
     if file.tell():
         file.seek(-1, os.SEEK_END)
         if file.read(1) != b"\n":  # a crash cut the last line off: it was never acknowledged
             file.write(b"\n")
-    file.write(msgspec.json.encode(taken) + b"\n")
+    file.write(msgspec.json.encode(line) + b"\n")
     file.flush()
     os.fsync(file.fileno())
 
 
-def _lines(data: bytes, path: Path) -> tuple[Taken, ...]:
-    """Every whole line; a cut-off one was never acknowledged and is passed over.
+def _lines(data: bytes, path: Path) -> tuple[Line, ...]:
+    """Every whole line of ours; a cut-off one was never acknowledged and is passed over.
 
     Raises:
         AllocationError: if a whole line cannot be read.
     """
-    lines = []
+    lines: list[Line] = []
     for number, line in enumerate(data.split(b"\n"), 1):
         try:
-            if line:
-                lines.append(msgspec.json.decode(line, type=Taken))
+            found = msgspec.json.decode(line, type=dict[str, Any]) if line else {}
+            kind = next((kind for field, kind in _KINDS.items() if field in found), None)
+            if kind is not None:
+                lines.append(msgspec.convert(found, kind))
         except msgspec.DecodeError:
             if not line.endswith(b"}"):
                 continue
             raise AllocationError(f"{path}:{number}: cannot be read: {line[:60]!r}; restore the file") from None
     return tuple(lines)
+
+
+_KINDS: dict[str, type[Line]] = {"participant": Taken, "withdrawn": Withdrawn, "replaced": Replaced}

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from minihuman.lab.register import read_register
+from minihuman.lab.register import Replaced, Withdrawn, read_lines, read_register
 from minihuman.lab.session_table import SessionRow, sessions
 from minihuman.log.paths import PART_SUFFIX
 
@@ -23,6 +23,18 @@ def status_lines(study_dir: Path) -> Iterator[str]:
     for slot in read_register(study_dir):
         if slot.participant not in played:
             yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
+    yield from _partings(study_dir)
+
+
+def _partings(study_dir: Path) -> Iterator[str]:
+    """Who left; nobody who withdrew is named."""
+    lines = read_lines(study_dir)
+    for line in lines:
+        if isinstance(line, Replaced):
+            yield f"{line.replaced:12} does not come back; the slot is offered again"
+    withdrawn = sum(isinstance(line, Withdrawn) for line in lines)
+    if withdrawn:
+        yield f"{withdrawn} withdrew and {'is' if withdrawn == 1 else 'are'} left out"
 
 
 def _line(row: SessionRow) -> str:

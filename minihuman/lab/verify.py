@@ -11,6 +11,7 @@ from minihuman.recorded.episode import Episode, SessionLog, pose_row
 from minihuman.study.events import EpisodeStarted, Stepped
 from minihuman.study.play import Play, WorldBrokeError
 from minihuman.worlds.adapt.world import World
+from minihuman.worlds.sources import rules_digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +21,16 @@ class Verified:
     episodes: int
     steps: int
     difference: str  # the first, "episode 3 step 17: state hash ..."; "" if the log replays exactly
+
+
+def other_rules(log: SessionLog) -> str:
+    """What to know before a log is compared: that other sources of worlds than ours made it; "" if ours did.
+
+    Also "" for logs of before there were digests, and for a world of somebody else's: its sources are not ours.
+    """
+    recorded = dict.fromkeys(segment.facts["rules"] for segment in log.segments if "rules" in segment.facts)
+    recorded.pop(rules_digest(), None)
+    return f"recorded by rules {' and '.join(recorded)}, checked by rules {rules_digest()}" if recorded else ""
 
 
 def verify(log: SessionLog) -> Verified:

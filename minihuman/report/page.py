@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 
+from minihuman.data.counted import Account
 from minihuman.data.opened import Skipped
 from minihuman.report.published import SOURCE, published
 from minihuman.report.results import MEASURES, Results, group_rewards
@@ -40,12 +41,11 @@ class Page:
     """What the page is made of, besides the results."""
 
     study: str
-    version: str
     sessions: int
     players: Sequence[str]
     figures: Sequence[tuple[Path, str]]  # a PNG and its caption
     tables: Sequence[Path]
-    skipped: Sequence[Skipped]
+    account: Account
 
 
 def page(facts: Page, found: Results) -> str:
@@ -67,7 +67,7 @@ def page(facts: Page, found: Results) -> str:
         "<h2>Left out</h2>",
         _left_out(found.exclusions),
         "<h2>Logs skipped</h2>",
-        _skipped(facts.skipped),
+        _skipped(facts.account.skipped),
         "<h2>Tables</h2>",
         f"<p>{', '.join(escape(path.name) for path in facts.tables)}</p>",
     ]
@@ -106,9 +106,17 @@ def power_statement(one: Power) -> str:
 def _counted(facts: Page, found: Results) -> str:
     people, episodes = found.kept
     return escape(
-        f"Version {facts.version}; {facts.sessions} sessions read, {len(facts.skipped)} skipped; "
+        f"{_versions(facts.account)}; {facts.sessions} sessions read, {len(facts.account.skipped)} skipped; "
         f"{people} participants and {episodes} episodes count. Played by: {', '.join(facts.players) or 'nobody'}."
     )
+
+
+def _versions(account: Account) -> str:
+    """By which versions of the protocol the sessions were played."""
+    told = [f"{version} in {count} sessions" for (_, version), count in sorted(account.versions.items())]
+    if len(told) == 1:
+        return f"Protocol version {told[0]}"
+    return f"{len(told)} versions of the protocol are pooled here ({'; '.join(told)}), --version takes one"
 
 
 def _transfer(found: Results) -> str:

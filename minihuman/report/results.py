@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from minihuman.report.statistics import Comparison, MixedModel, Power, compare_groups, mixed_model, power
@@ -38,8 +39,7 @@ class Results:
 def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame) -> Results:
     """Work out the results from the three tables as they were written."""
     counted_people = participants[participants["left_out"] == ""]
-    people = ["participant", "session"]
-    counted = episodes[episodes["left_out"] == ""].merge(counted_people[people], on=people)
+    counted = episodes[episodes["left_out"] == ""]
     block = target_block(blocks[blocks["left_out"] == ""])
     rows = blocks[(blocks["left_out"] == "") & (blocks["block"] == block)]
     rows = rows.sort_values(["group", "participant", "session"])
@@ -82,9 +82,10 @@ def exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFra
     """Every row left out, with its reason: participants first, then episodes of the others."""
     people = participants.loc[participants["left_out"] != "", ["left_out", "participant", "session"]]
     people = people.assign(level="participant")
-    single = episodes.loc[
-        episodes["left_out"] != "", ["left_out", "participant", "session", "episode", "attempt"]
-    ].assign(level="episode")
+    whole = set(zip(people["left_out"], people["participant"], people["session"], strict=True))
+    theirs = zip(episodes["left_out"], episodes["participant"], episodes["session"], strict=True)
+    alone = np.array([bool(key[0]) and key not in whole for key in theirs], bool)
+    single = episodes.loc[alone, ["left_out", "participant", "session", "episode", "attempt"]].assign(level="episode")
     both = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
     return both.reindex(columns=["left_out", "level", "participant", "session", "episode", "attempt"])
 

@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import minihuman
+from minihuman.worlds.sources import rules_digest
 
 _PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
 
@@ -35,8 +36,9 @@ class SessionClock:
 
 
 def machine_facts() -> dict[str, str]:
-    """Versions, platform, processor, and the commit of a checked-out minihuman; by name."""
+    """A digest of the worlds' rules, versions, platform, processor, the commit of a checked-out minihuman; by name."""
     facts = {
+        "rules": rules_digest(),
         "python": platform.python_version(),
         "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),

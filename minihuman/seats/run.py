@@ -10,8 +10,9 @@ from types import FrameType
 
 from minihuman.errors import LogError
 from minihuman.log.record.recorder import Recorder
+from minihuman.seats.desk import Desk
 from minihuman.study.events import SessionEnded
-from minihuman.study.inputs import Input, KeyDown, Stop, Tick
+from minihuman.study.inputs import Asked, Input, KeyDown, Stop, Tick
 from minihuman.study.screens import Screen
 from minihuman.study.session import Session
 from minihuman.windows.port import Clock, Window
@@ -24,11 +25,18 @@ _NS_PER_S = 1_000_000_000
 
 
 def run_session(
-    session: Session, window: Window, recorder: Recorder, clock: Clock, *, last_screen_s: float = 60.0
+    session: Session,
+    window: Window,
+    recorder: Recorder,
+    clock: Clock,
+    *,
+    desk: Desk | None = None,
+    last_screen_s: float = 60.0,
 ) -> Path | None:
     """Run a session to its end, whatever ends it; the log is finished before this returns or raises.
 
     Args:
+        desk: where the experimenter may ask for something; None: nobody does.
         last_screen_s: how long a screen that says what failed waits for a key, seconds.
 
     Returns:
@@ -38,7 +46,7 @@ def run_session(
         LogError: if the log could not be written; what was written before is kept.
         Exception: what the window or a bug of ours raised.
     """
-    loop = _Loop(session, window, recorder, clock)
+    loop = _Loop(session, window, recorder, clock, desk)
     try:
         with _signals(loop), _short_turns():
             try:
@@ -58,13 +66,15 @@ def run_session(
 class _Loop:
     """A session between its window and its log."""
 
-    def __init__(self, session: Session, window: Window, recorder: Recorder, clock: Clock) -> None:
+    def __init__(self, session: Session, window: Window, recorder: Recorder, clock: Clock, desk: Desk | None) -> None:
         self.log_error: LogError | None = None
         self.signal_name = ""
         self._session = session
         self._window = window
         self._recorder = recorder
         self._clock = clock
+        self._desk = desk
+        self._look_ns = 0  # when to look at the desk again
         self._shown: Screen | None = None
         self._failed = False
 
@@ -114,9 +124,19 @@ class _Loop:
         inputs = self._window.wait(air_ns if tick_ns is None else min(air_ns, tick_ns))
         if self.signal_name:
             inputs.append(Stop(self._clock(), "signal", self.signal_name))
+        elif asked := self._asked():
+            inputs += asked
         elif not inputs and tick_ns is not None and self._clock() >= tick_ns:
             inputs.append(Tick(self._clock()))
         return inputs
+
+    def _asked(self) -> list[Asked]:
+        """What the experimenter asks for, looked for now and then."""
+        now_ns = self._clock()
+        if self._desk is None or now_ns < self._look_ns:
+            return []
+        self._look_ns = now_ns + SIGNAL_CHECK_NS
+        return [Asked(now_ns, one.what, one.text) for one in self._desk.asked()]
 
 
 @contextmanager

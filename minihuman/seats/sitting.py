@@ -3,7 +3,9 @@
 from pathlib import Path
 
 from minihuman.errors import WorldError
+from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.seats.desk import Desk, requests_path
 from minihuman.seats.machine import SessionClock, machine_facts
 from minihuman.seats.run import run_session
 from minihuman.study.plan import SessionPlan
@@ -23,7 +25,8 @@ def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> P
     facts = {"player": "human", **machine_facts(), **clock.facts(), **window.facts()}
     recorder = McapRecorder(data, plan, started_ns=clock.started_unix_ns)
     session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
-    path = run_session(session, window, recorder, clock)
+    desk = Desk(requests_path(SegmentPath.of_plan(data, plan).log))
+    path = run_session(session, window, recorder, clock, desk=desk)
     if session.failure is not None:
         failure = f"{type(session.failure).__name__}: {session.failure}"
         raise WorldError(f"the world failed ({failure}); everything before that is in {path}") from session.failure

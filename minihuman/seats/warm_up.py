@@ -20,8 +20,8 @@ from minihuman.errors import ProtocolError
 from minihuman.study.protocol import Block, Protocol
 from minihuman.study.rehearse import rehearse
 from minihuman.worlds.adapt.world import World
-from minihuman.worlds.compiling import at_first_compile
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.kernels import at_first_compile
 
 
 def warm_up(protocol: Protocol, source: str = "protocol") -> None:

@@ -20,7 +20,7 @@ Verdict = Literal[
     "not_playing",  # the session was not taking actions (paused, feedback, ...)
     "release",  # a key came up
 ]
-PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question"]
+PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question", "experimenter"]
 EndReason = Literal[
     "complete", "aborted", "quit", "window_closed", "signal", "disk_full", "world_error", "internal_error"
 ]

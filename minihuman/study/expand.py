@@ -10,10 +10,11 @@ from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, Se
 from minihuman.study.protocol import Block, Protocol
 
 _CODE = re.compile(r"sub-(?P<number>\d{2,6})")
+MOST_SLOTS = 100_000  # of an allocation list; codes from there on are of those who take a slot over
 
 
 def participant_index(code: str) -> int:
-    """The order of enrolment that a participant's code says: 6 for "sub-07".
+    """The slot that a participant's code says: 6 for "sub-07", and for "sub-100007", who took the slot over.
 
     Raises:
         AllocationError: if it is no such code.
@@ -21,12 +22,12 @@ def participant_index(code: str) -> int:
     match = _CODE.fullmatch(code)
     if match is None or int(match["number"]) == 0:
         raise AllocationError(f"participant {code!r} is no code; use 'sub-' and a number from 01, never a name")
-    return int(match["number"]) - 1
+    return (int(match["number"]) - 1) % MOST_SLOTS
 
 
-def participant_code(index: int) -> str:
-    """The code of a place in the order of enrolment: "sub-07" for 6."""
-    return f"sub-{index + 1:02d}"
+def participant_code(index: int, before: int = 0) -> str:
+    """The code of whoever has a slot: "sub-07" for 6, "sub-100007" for the next after one who left it."""
+    return f"sub-{before * MOST_SLOTS + index + 1:02d}"
 
 
 def enrol(protocol: Protocol, index: int, group: str | None = None) -> Participant:

@@ -56,4 +56,13 @@ class Stop:
     detail: str = ""
 
 
-Input = KeyDown | KeyUp | Tick | Shown | FocusChanged | Stop
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The experimenter asks for something, from their desk."""
+
+    t_ns: int
+    what: Literal["pause", "go_on", "abort", "note"]
+    text: str = ""  # the note, or why
+
+
+Input = KeyDown | KeyUp | Tick | Shown | FocusChanged | Asked | Stop

@@ -26,7 +26,7 @@ from minihuman.study.events import (
     Stepped,
     Verdict,
 )
-from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
+from minihuman.study.inputs import Asked, FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
 from minihuman.study.phases import TRANSITIONS, Cause, Phase
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, SessionPlan
 from minihuman.study.play import Play, WorldBrokeError, world_calls
@@ -162,6 +162,8 @@ class Session:
                 self._say_key(happened, "release")
             case FocusChanged():
                 self._focus_changed(happened.focused)
+            case Asked():
+                self._asked(happened)
             case Tick():
                 pass
 
@@ -181,6 +183,18 @@ class Session:
         if self.phase is Phase.PLAYING and self._play and self._play.real_time:
             self._suspend("focus_lost")
             self._move(Cause.PAUSE)
+
+    def _asked(self, asked: Asked) -> None:
+        """Note what the experimenter asks for, and do it where it can be done."""
+        self._say(Noted(self._now_ns, "experimenter", f"{asked.what}: {asked.text}"))
+        match asked.what:
+            case "pause" if self.phase is Phase.PLAYING:
+                self._suspend("experimenter")
+                self._move(Cause.PAUSE)
+            case "go_on" if self.phase is Phase.PAUSED:
+                self._move(Cause.RESUME)
+            case "abort":
+                self._end("aborted", asked.text)
 
     # Keys
 

@@ -5,8 +5,9 @@ import gymnasium
 from minihuman.worlds.entry import Entry
 from minihuman.worlds.first_person.catalogue import ENTRIES as FIRST_PERSON
 from minihuman.worlds.grid.catalogue import ENTRIES as GRID
+from minihuman.worlds.grid.levels.catalogue import ENTRIES as LEVELS
 
-ENTRIES: tuple[Entry, ...] = GRID + FIRST_PERSON
+ENTRIES: tuple[Entry, ...] = GRID + LEVELS + FIRST_PERSON
 
 
 def register() -> None:

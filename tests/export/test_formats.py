@@ -61,7 +61,8 @@ def test_minari_gives_back_every_observation_action_reward_and_flag(items, tmp_p
         assert np.array_equal(stored.actions, episode.actions)
         assert np.array_equal(stored.rewards, episode.rewards)
         assert np.array_equal(stored.terminations, episode.terminated)
-        assert np.array_equal(stored.truncations, episode.truncated)
+        assert np.array_equal(stored.truncations[:-1], episode.truncated[:-1])
+        assert stored.truncations[-1] == (not episode.terminated[-1])  # unfinished ones are cut off there
         assert dataset.observation_space.contains(at(stored.observations, 0))
 
 
@@ -108,10 +109,17 @@ def test_lerobot_files_have_the_structure_of_format_v3(items, tmp_path):
         file = info["data_path"].format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
         data = pd.read_parquet(root / file)
         assert set(data.columns) == set(info["features"])
+        data = data.iloc[row["dataset_from_index"] : row["dataset_to_index"]]
         assert list(data["index"]) == list(range(row["dataset_from_index"], row["dataset_to_index"]))
-        assert [value[0] for value in data["action"]] == item.episode.actions.tolist()
+        assert set(data["episode_index"]) == {row["episode_index"]}
+        assert data["action_index"].tolist() == item.episode.actions.tolist()
+        names = np.array(info["features"]["action"]["names"])
+        assert [names[value.argmax()] for value in data["action"]] == [
+            item.episode.start.action_names[action] for action in item.episode.actions
+        ]
+        assert all(value.sum() == 1 for value in data["action"])
         assert np.array_equal(data["next.reward"], item.episode.rewards)
-        assert tasks.index[data["task_index"][0]] == row["tasks"][0]
+        assert tasks.index[data["task_index"].iloc[0]] == row["tasks"][0]
         assert row["minihuman/participant"] == "sub-01"
     stats = json.loads((root / "meta/stats.json").read_text())
     assert set(stats) == set(info["features"])
@@ -154,7 +162,8 @@ def test_rerun_reads_the_lerobot_export(items, tmp_path):
             for name, column in chunks["/action"].to_record_batch().to_pydict().items()
             if name.endswith("Scalars:scalars")
         )
-        assert [value[0] for value in values] == item.episode.actions.tolist()
+        shown = np.array(list(values)).reshape(len(item.episode.actions), -1)
+        assert shown.argmax(axis=1).tolist() == item.episode.actions.tolist()  # the world's first three were asked for
         assert any(path.startswith("/observation") for path in chunks)
 
 

@@ -12,7 +12,8 @@ from minihuman.cli import logs
 from minihuman.errors import LogError
 from minihuman.log.read.open_log import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import Stepped
+from minihuman.study.events import SessionStarted, Stepped
+from minihuman.worlds.sources import rules_digest
 from tests.log.played import played_events, record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -46,6 +47,21 @@ def test_verify_says_that_a_log_replays_and_exits_0(app: typer.Typer, tmp_path: 
     log = record(tmp_path, PLAN, played_events(PLAN, steps=5))
     result = CliRunner().invoke(app, ["verify", str(log)])
     assert (result.exit_code, result.stdout) == (0, f"{log}: 2 episodes, 10 steps, all as logged\n")
+
+
+def test_verify_says_first_that_other_rules_recorded_a_log(app: typer.Typer, tmp_path: Path) -> None:
+    events = [
+        replace(event, facts=event.facts | {"rules": "0123456789abcdef"})
+        if isinstance(event, SessionStarted)
+        else event
+        for event in played_events(PLAN, steps=5)
+    ]
+    result = CliRunner().invoke(app, ["verify", str(log := record(tmp_path, PLAN, events))])
+    assert result.exit_code == 0
+    assert result.stdout.splitlines() == [
+        f"{log}: recorded by rules 0123456789abcdef, checked by rules {rules_digest()}",
+        f"{log}: 2 episodes, 10 steps, all as logged",
+    ]
 
 
 def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_path: Path) -> None:

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from minihuman.data.exclusions import Rules
-from minihuman.data.study import Reading, read_study
+from minihuman.data.measured import Measured, no_shortest
+from minihuman.data.selection import Selection
+from minihuman.data.study import Sessions
 from minihuman.data.tables import session_tables
-from minihuman.measures.shortest import UNKNOWN
 from minihuman.report.results import results
 from minihuman.report.statistics import compare_groups
 from minihuman.seats.simulate import simulate
@@ -22,7 +22,6 @@ EFFECT, OWN_SD, NOISE_SD = 0.10, 0.08, 0.05  # of reward: between groups, betwee
 REACTION_MS, REACTION_FACTOR = 400.0, 0.30
 PEOPLE, EPISODES, STEPS = 16, 4, 12
 KEYS = 3  # with an action, pressed at random: each is found after a geometric number of steps of chance 1 / 3
-RULES = Rules()
 
 
 def person(rng, index):
@@ -41,11 +40,16 @@ def person(rng, index):
     return session_of(played, participant=f"sub-{index:02}", index=index, group=group)
 
 
+def tabled(log):
+    measured = Measured.of(log, no_shortest)
+    return session_tables(Selection().judge(log, measured=measured, marks=()), measured)
+
+
 def estimates(seed):
     """One study through the tables to its results: comparisons, model, reaction time interval, found steps."""
     rng = np.random.default_rng([2026, seed])
     people = [person(rng, index) for index in range(PEOPLE)]
-    rows = [session_tables(one, tags={}, rules=RULES, shortest=lambda _: UNKNOWN) for one in people]
+    rows = [tabled(one) for one in people]
     tables = {name: pd.concat([one[name].to_pandas() for one in rows]) for name in rows[0]}
     found = results(tables["episodes"], tables["blocks"], tables["participants"])
     compared = {one.measure: one for one in found.comparisons}
@@ -110,7 +114,7 @@ def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in
     player = "human-like:mu_ms=300,sigma_ms=40,tau_ms=100,practice=0"
     people = count(2, 12)
     paths = list(simulate(decode(PROTOCOL), tmp_path, participants=people, seed=3, player=player))
-    sessions = list(read_study(tmp_path, Reading(), processes=1))
+    sessions = list(Sessions(tmp_path, processes=1).rows(with_shortest=True))
     assert len(sessions) == len(paths) == people
     times = np.concatenate([one.rows["steps"].column("reaction_ms").to_numpy() for one in sessions])
     times = times[~np.isnan(times)]

@@ -44,17 +44,30 @@ class Evaluation:
 
 
 def evaluate(
-    choose: Choose, world_id: str, options: dict[str, Any], eyesight: Eyesight, *, episodes: int, seed: int
+    choose: Choose,
+    world_id: str,
+    options: dict[str, Any],
+    eyesight: Eyesight,
+    *,
+    episodes: int,
+    seed: int,
+    most_steps: int | None = None,
 ) -> Evaluation:
-    """Play held-out episodes; their seeds come from ``seed`` and are the same for every policy."""
-    world: Any = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
+    """Play held-out episodes; their seeds come from ``seed`` and are the same for every policy.
+
+    An episode ends when the world says so, or after ``most_steps``; one or the other has to.
+    """
+    env: Any = gymnasium.make(world_id, disable_env_checker=True, **options)  # with its own step limit
+    world = env.unwrapped
+    first_action = int(env.action_space.start)
     returns, steps, successes = [], [], 0
     for episode in range(episodes):
-        raw, _ = world.reset(seed=held_out_seed(seed, episode))
-        total, length, ended = 0.0, 0, False
+        raw, _ = env.reset(seed=held_out_seed(seed, episode))
+        total, length, ended, terminated, reward = 0.0, 0, False, False, 0.0
         while not ended:
-            raw, reward, terminated, truncated, _ = world.step(choose(eyesight.see(world, raw)))
-            total, length, ended = total + float(reward), length + 1, terminated or truncated
+            raw, reward, terminated, truncated, _ = env.step(first_action + choose(eyesight.see(world, raw)))
+            total, length = total + float(reward), length + 1
+            ended = terminated or truncated or length == most_steps
         returns.append(total)
         steps.append(length)
         successes += terminated and reward > 0

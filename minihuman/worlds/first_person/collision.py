@@ -3,11 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from minihuman.worlds.kernels import kernel
 
-@njit(cache=True, nogil=True)
+
+@kernel()
 def touches_wall(walls: NDArray[np.float64], x: float, z: float, radius: float) -> bool:
     """Does a circle reach a wall? ``walls`` is (n, 4): x0, z0, x1, z1; all metres. Just touching does not count."""
     for index in range(walls.shape[0]):

@@ -84,7 +84,10 @@ class Box(Entity):
 
 
 class Mesh(Entity):
-    """A thing drawn from a mesh scaled to a height in metres; the mesh decides how wide it is."""
+    """A thing drawn from a mesh scaled to a height in metres; the mesh decides how wide it is.
+
+    A mesh of a world's own folder is known by name only; it is measured when the thing is placed.
+    """
 
     looks = ("mesh",)
 
@@ -92,12 +95,17 @@ class Mesh(Entity):
         super().__init__()
         if height <= 0:
             raise WorldError(f"the mesh {mesh!r} cannot be {height} m high; its height is above 0")
-        half_width, own_height, half_depth = mesh_extents(mesh)
         self.mesh = mesh
         self.name = mesh.replace("_", " ")
         self.static = static
         self.height = height
-        self.radius = math.sqrt(half_width * half_width + half_depth * half_depth) * (height / own_height)
+        self.radius = math.nan
+        if (extents := mesh_extents(mesh)) is not None:
+            self.measure(*extents)
+
+    def measure(self, half_width: Length, own_height: Length, half_depth: Length) -> None:
+        """Make it as wide as its mesh says, given the mesh's size in its own units."""
+        self.radius = math.sqrt(half_width * half_width + half_depth * half_depth) * (self.height / own_height)
 
 
 class ColouredMesh(Mesh):

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import gymnasium
@@ -10,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.compiling import announce
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.agent import Agent
@@ -21,7 +21,7 @@ from minihuman.worlds.first_person.compile_apart import PIECES
 from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.map import floor_map
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
-from minihuman.worlds.first_person.picture import Glimpse, Pictures, glimpse
+from minihuman.worlds.first_person.picture import Pictures
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
 from minihuman.worlds.pose import Map, Pose
@@ -38,7 +38,7 @@ _NOT_STATE = frozenset(
         "render_mode",
         "view",
     }
-    | {"window_px", "spec", "_pictures", "_before"}
+    | {"window_px", "spec", "_pictures"}
 )
 
 EntityT = TypeVar("EntityT", bound=Entity)
@@ -71,11 +71,13 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         view: what ``render`` draws: the "agent"'s eyes or the world from the "top".
         parameters: step length, turn, camera and light, with their ranges; or the values of some, which then are fixed.
         domain_rand: draw the parameters from their ranges.
-        assets: a folder with ``textures/NAME.png`` and ``meshes/NAME.obj`` to draw with; None for our own.
+        assets: a folder with ``textures/NAME.png``, ``meshes/NAME.obj`` and ``meshes/NAME.glb`` to draw with beside our
+            own; None for the class's ``assets``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
     compile_apart = PIECES
+    assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
     def __init__(
@@ -91,9 +93,8 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         view: str = "agent",
         parameters: Parameters | Mapping[str, float] = DEFAULTS,
         domain_rand: bool = False,
-        assets: str | None = None,
+        assets: str | Path | None = None,
     ) -> None:
-        announce()
         if min(obs_width, obs_height) < 1:
             raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
         if view not in ("agent", "top"):
@@ -113,8 +114,9 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.window_px = (window_width, window_height)
         self.step_count = 0
         self._stage: Stage | None = None
-        self._before: Glimpse | None = None  # how the last step began; None after a reset or restore
-        self._pictures = Pictures((obs_width, obs_height), assets)
+        self._pictures = Pictures(
+            (obs_width, obs_height), str(assets or self.assets) if assets or self.assets else None
+        )
 
     # What a world says of itself.
 
@@ -208,6 +210,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         Raises:
             WorldError: if no free place is found.
         """
+        self._pictures.measure(entity)
         if pos is None:
             self.stage.place(entity, room=room, dir=dir, x=(min_x, max_x), z=(min_z, max_z))
         else:
@@ -273,7 +276,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """A reset without its observation."""
         super().reset(seed=seed)
         self.step_count = 0
-        self._before = None
         self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
         self.build()
         _ = self._stage.floor  # closes the plan, or says that it has no room
@@ -286,7 +288,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.check(action)
         stage = self.stage
         name = self.action_names[action]
-        self._before = glimpse(stage)
         self.step_count += 1
         rules.act(stage, self.motions.get(name, name))
         reward, terminated = self.judge(name)
@@ -321,13 +322,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """The agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
         return self._pictures.draw(self.stage, view=view, size_px=size_px, palette=palette)
 
-    def glide(
-        self, fraction: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
-    ) -> NDArray[np.uint8]:
-        """The agent's view on the way of the last step, 0 where it began to 1 where it ended. It changes no state."""
-        between = None if self._before is None else (self._before, fraction)
-        return self._pictures.draw(self.stage, view="partial", size_px=size_px, palette=palette, between=between)
-
     def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
         """How far away what the agent sees is, metres along its view, float32[H, W]."""
         return self._pictures.depth(self.stage, size_px=size_px)
@@ -355,7 +349,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         for name in self._state().keys() - saved.state.keys():
             delattr(self, name)
         vars(self).update(copy.deepcopy(saved.state))
-        self._before = None
 
     def _not_reset(self) -> WorldError:
         return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")

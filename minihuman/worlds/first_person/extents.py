@@ -6,8 +6,6 @@ how many textures there are to draw one from, and so which moves collide and whi
 
 import numpy as np
 
-from minihuman.errors import WorldError
-
 # Half the width (x), the height (y), half the depth (z).
 _EXTENTS: dict[str, tuple[float, float, float]] = {
     "ball": (1.284565, 2.564372, 1.285002),
@@ -33,17 +31,12 @@ _SEVERAL |= {"water": 3, "wood": 2}
 _CHARACTER_VARIANTS = 9
 
 
-def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32]:
-    """Half the width, the height and half the depth of a mesh, in single precision as its file is read.
-
-    Raises:
-        WorldError: if no mesh is called so.
-    """
+def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32] | None:
+    """Half the width, the height and half the depth of a mesh of ours, in single precision; None for another's."""
     stem = next((name for name in _COLOURED if mesh.startswith(f"{name}_") and mesh != "keycard"), mesh)
-    try:
-        x, y, z = _EXTENTS[stem]
-    except KeyError:
-        raise WorldError(f"no mesh is called {mesh!r}; there are {', '.join(_EXTENTS)}") from None
+    if stem not in _EXTENTS:
+        return None
+    x, y, z = _EXTENTS[stem]
     return np.float32(x), np.float32(y), np.float32(z)
 
 

@@ -79,8 +79,8 @@ def variant(texture: str, number: int) -> str:
     return f"{texture}_{number + 1}"
 
 
-def look(thing: Entity, palette: Palette, *, own: bool) -> Look:
-    """What a thing looks like; only our own assets have balls and keys in the colours of every palette.
+def look(thing: Entity, palette: Palette, library: Library) -> Look:
+    """What a thing looks like; only our own balls and keys come in the colours of every palette.
 
     Raises:
         WorldError: if it is of a kind that cannot be drawn.
@@ -88,7 +88,7 @@ def look(thing: Entity, palette: Palette, *, own: bool) -> Look:
     match thing:
         case Box():
             return BoxLook(thing.size, thing.rgb if palette == "classic" else rgb(thing.colour_name, palette))
-        case ColouredMesh() if own and palette != "classic":
+        case ColouredMesh() if palette != "classic" and not library.brings(thing.mesh):
             return MeshLook(f"{thing.kind}_white", thing.height, rgb(thing.colour_name, palette))
         case Mesh():
             return MeshLook(thing.mesh, thing.height)

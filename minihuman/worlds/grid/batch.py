@@ -3,6 +3,7 @@
 Each world of a batch is the world it would be alone: same layouts, draws, observations, rewards and ends.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -15,24 +16,27 @@ from numpy.typing import ArrayLike, NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.batch_seeds import Seeds, seeds_of
 from minihuman.worlds.grid.art.pictures import draw
-from minihuman.worlds.grid.compiled import kernel
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     DIRECTION,
     FAILED,
-    MISSION,
     NEW,
     OVER,
     PHASE,
     PLAYING,
+    TASK,
     Row,
     State,
     clear,
 )
+from minihuman.worlds.grid.core.tasks import INSTRUCTED
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.grid.instructions.verify import hand_over
+from minihuman.worlds.grid.recipe import Recipe
+from minihuman.worlds.kernels import kernel
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
@@ -52,7 +56,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     def __init__(
         self,
-        family: str,
+        family: str | Callable[..., Recipe],
         *,
         num_envs: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -189,14 +193,14 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         recipe = self._world.recipe
         worlds = np.flatnonzero(over).tolist()
         for i in worlds:
-            recipe.layout(self._rows[i], self._words[i], *recipe.numbers)
+            recipe.lay_out(self._rows[i], self._words[i])
         failed = begin_many(self._rows, over, seen, images, directions)
         if failed >= 0:
             raise WorldError(f"world {failed} of {self._world} found no free place for something it lays out")
-        if self._world.mission_space.choices:
+        if self._world.mission_space.varies:
             missions = list(self._missions)
             for i in worlds:
-                missions[i] = self._world.mission_space.sentence(self._rows[i, MISSION:FAILED].tolist())
+                missions[i] = self._world.mission_space.of(self._rows[i])
             self._missions = tuple(missions)
 
     def _final(
@@ -272,4 +276,6 @@ def begin_many(
         if seen[i]:
             see(rows[i], images[i])
             directions[i] = rows[i, DIRECTION]
+        if over[i] and rows[i, TASK] == INSTRUCTED:
+            hand_over(rows[i])
     return -1

@@ -26,6 +26,7 @@ from minihuman.worlds.grid.core.state import (
     PHASE,
     PLAYING,
     SEE_THROUGH,
+    TASK,
     WIDTH,
     Row,
     State,
@@ -33,8 +34,12 @@ from minihuman.worlds.grid.core.state import (
     clear,
     row_length,
 )
+from minihuman.worlds.grid.core.tasks import INSTRUCTED
 from minihuman.worlds.grid.core.view import see, see_size
 from minihuman.worlds.grid.floor_plan import floor_plan
+from minihuman.worlds.grid.instructions.block import instructed_length
+from minihuman.worlds.grid.instructions.space import InstructionSpace
+from minihuman.worlds.grid.instructions.verify import hand_over
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.text import to_text
 from minihuman.worlds.hashing import hash64
@@ -80,7 +85,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         width: int,
         height: int,
         max_steps: int,
-        mission: str | MissionSpace = "",
+        mission: str | MissionSpace | InstructionSpace = "",
         see_through_walls: bool = False,
         agent_view_size: int = 7,
         actions: int = 7,
@@ -95,7 +100,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
                 f"render_mode is {render_mode!r}; a grid world renders as {', '.join(self.metadata['render_modes'])}"
             )
         self.action_names = ACTION_NAMES[:actions]
-        self.mission_space = mission if isinstance(mission, MissionSpace) else MissionSpace(mission)
+        self.mission_space = MissionSpace(mission) if isinstance(mission, str) else mission
         self.mission = self.mission_space.first()
         self.action_space = spaces.Discrete(actions)  # type: ignore[assignment]  # its numbers are NumPy's
         self.image_shape = (see_size(agent_view_size), agent_view_size, 3)
@@ -109,7 +114,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self.render_mode = render_mode
         self.tile_size = tile_size
         self.palette: Palette = palette
-        self._row = np.zeros(row_length(width, height), np.int32)
+        instructed = isinstance(self.mission_space, InstructionSpace)
+        self._row = np.zeros((instructed_length if instructed else row_length)(width, height), np.int32)
         self._row[[WIDTH, HEIGHT, MAX_STEPS, SEE_THROUGH, ACTIONS]] = (
             width,
             height,
@@ -172,7 +178,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         if self._row[X] < 0:
             raise WorldError(f"{self} placed no agent; a layout places one")
         self._row[PHASE] = PLAYING
-        return self.observation(), {}
+        observation = self.observation()
+        if self._row[TASK] == INSTRUCTED:
+            hand_over(self._row)
+        return observation, {}
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""

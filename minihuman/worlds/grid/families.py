@@ -230,6 +230,11 @@ def recipe(family: str, **options: Any) -> Recipe:
     Raises:
         WorldError: if there is no such family, or it takes no such option.
     """
+    if family.startswith("level:"):
+        from minihuman.worlds.grid.levels.table import LEVELS  # compiled: only where a level is made
+
+        if family in LEVELS:
+            return LEVELS[family](**options)
     if family not in FAMILIES:
         raise WorldError(f"{family!r} is no family of grid worlds; there are {', '.join(FAMILIES)}")
     try:

@@ -8,6 +8,7 @@ import numpy as np
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import COLOURS, KINDS
+from minihuman.worlds.grid.core.state import FAILED, MISSION, Row
 from minihuman.worlds.sentences import Sentences
 
 
@@ -37,6 +38,15 @@ class MissionSpace(Sentences):
         longest = template.format(*(max(words.values(), key=len) for words in self.choices))
         wordiest = template.format(*(max(words.values(), key=lambda text: len(text.split())) for words in self.choices))
         super().__init__(" ".join(texts).split(), max_length=len(longest), most_words=len(wordiest.split()), seed=seed)
+
+    @property
+    def varies(self) -> bool:
+        """Whether there is more than one sentence."""
+        return bool(self.choices)
+
+    def of(self, row: Row) -> str:
+        """The sentence of a state."""
+        return self.sentence(row[MISSION:FAILED].tolist())
 
     def sentence(self, numbers: Sequence[int]) -> str:
         """The sentence with these choices; numbers beyond the template's places are not looked at."""

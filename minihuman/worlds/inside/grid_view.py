@@ -51,7 +51,6 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         spaces = dict(grid.observation_space.spaces)  # type: ignore[attr-defined]
         spaces["image"] = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
         self.observation_space = gymnasium.spaces.Dict(spaces)
-        self._before: Pose | None = None  # where the last step began; None after a reset or restore
         self._drawn = _Drawn()
 
     @property
@@ -70,14 +69,11 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         """Lay out a new episode, the grid's own for that seed."""
         super().reset(seed=seed)
         observation, info = self.grid.reset(seed=seed, options=options)
-        self._before = None
         return self._seen(observation), info
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act as in the grid."""
-        before = self.grid.pose()
         observation, reward, terminated, truncated, info = self.grid.step(action)
-        self._before = before
         return self._seen(observation), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -103,7 +99,6 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
     def restore(self, saved: Any) -> None:
         """Go back to a saved state of the grid, however it was seen."""
         self.grid.restore(saved)
-        self._before = None
 
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
@@ -112,18 +107,6 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         if view == "full":
             return self.grid.picture(view=view, size_px=size_px, palette=palette)
         return self._draw(self.grid.pose(), size_px, palette)
-
-    def glide(
-        self, fraction: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
-    ) -> NDArray[np.uint8]:
-        """The picture on the way of the last step, 0 where it began to 1 where it ended. It changes no state."""
-        now = self.grid.pose()
-        before = self._before or now
-        if fraction >= 1.0:
-            return self._draw(now, size_px, palette)
-        turn = (now.yaw_rad - before.yaw_rad + math.pi) % (2 * math.pi) - math.pi  # the short way
-        x, z = before.x + fraction * (now.x - before.x), before.z + fraction * (now.z - before.z)
-        return self._draw(Pose(x, 0.0, z, before.yaw_rad + fraction * turn), size_px, palette)
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"_drawn": _Drawn()}

@@ -101,32 +101,9 @@ def test_drawing_changes_no_state():
     before = env.state_hash()
     env.picture(size_px=(32, 24))
     env.picture(view="full", size_px=(32, 24), palette="colour-safe")
-    env.glide(0.5, size_px=(32, 24))
     env.depth(size_px=(32, 24))
     env.visible_entities()
     assert env.state_hash() == before
-
-
-def test_a_glide_leads_from_the_last_picture_to_this_one():
-    env = make("RoomObjects")
-    env.reset(seed=2)
-    first = env.picture(size_px=(40, 30))
-    env.step(0)
-    assert np.array_equal(env.glide(0.0, size_px=(40, 30)), first)
-    assert np.array_equal(env.glide(1.0, size_px=(40, 30)), env.picture(size_px=(40, 30)))
-    halfway = env.glide(0.5, size_px=(40, 30))
-    assert not np.array_equal(halfway, first)
-    assert not np.array_equal(halfway, env.picture(size_px=(40, 30)))
-
-
-def test_a_glide_moves_what_is_carried_along():
-    env = make("PutNext")
-    env.reset(seed=0)
-    env.agent.carrying = env.red_box
-    env.step(0)
-    first = env.picture(size_px=(40, 30))
-    env.step(0)
-    assert np.array_equal(env.glide(0.0, size_px=(40, 30)), first)
 
 
 def test_the_map_has_the_walls_and_the_things_but_not_the_agent():

@@ -7,8 +7,8 @@ come edge by edge, and from start to end of each. Lengths are metres.
 
 import numpy as np
 
-from minihuman.worlds.first_person.render.compiled import kernel
 from minihuman.worlds.first_person.render.tables import F64, I32, I64, Faces
+from minihuman.worlds.kernels import kernel
 
 FLOOR, WALL, CEILING = 0, 1, 2  # what of a room is covered
 
@@ -19,7 +19,7 @@ def wall_pieces(first_edge: I64, edges: F64, heights: F64, portals: F64) -> F64:
     return pieces[: _cut(first_edge, edges, heights, portals, pieces)].copy()
 
 
-@kernel()
+@kernel(lean=True)
 def _cut(first_edge: I64, edges: F64, heights: F64, portals: F64, pieces: F64) -> int:
     """Into ``pieces``, all 0 before; how many there are."""
     count, portal = 0, 0
@@ -52,7 +52,7 @@ def corners_of(edges: F64, parts: F64) -> F64:
     return corners
 
 
-@kernel()
+@kernel(lean=True)
 def _turn(edges: F64, parts: F64, corners: F64) -> None:
     for part in range(len(parts)):
         edge = int(parts[part, 0])
@@ -84,7 +84,7 @@ def room_faces(
     return Faces(start, position, places, normals, np.ones((len(at), 3)), texture[:-1].copy(), plane), first_face
 
 
-@kernel()
+@kernel(lean=True)
 def _fill(
     first_edge: I64,
     edges: F64,

@@ -1,7 +1,8 @@
 """Assets: the textures and meshes a scene names, whoever drew them; kept once, as the kernels read them."""
 
 import abc
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,17 @@ class Mesh:
     colours: F64  # (n, 3)
     textures: tuple[str | None, ...]  # (n,)
     light_scales: bool = False  # lit the brighter the smaller it is drawn, as OpenGL lights a scaled mesh
+    images: Mapping[str, Texture] = field(default_factory=dict)  # textures that are in the mesh's own file, by name
+
+    @property
+    def half_width(self) -> float:
+        """How far it reaches along x, in its own units."""
+        return float(np.abs(self.corners[:, :, 0]).max())
+
+    @property
+    def half_depth(self) -> float:
+        """How far it reaches along z, in its own units."""
+        return float(np.abs(self.corners[:, :, 2]).max())
 
     @property
     def height(self) -> float:
@@ -66,6 +78,10 @@ class Assets(abc.ABC):
             WorldError: if there is none, or it makes no sense.
         """
 
+    def brings(self, mesh: str) -> bool:
+        """Whether a mesh of this name is somebody else's than ours: only ours come in the colours of every palette."""
+        return False
+
 
 class Library:
     """What has been asked of an asset set so far, in the kernels' tables.
@@ -87,10 +103,7 @@ class Library:
     def texture_row(self, name: str) -> int:
         """The row of a texture in ``textures``, loading it if need be."""
         if name not in self._texture_rows:
-            texture = self._assets.texture(name)
-            self.textures = _append(self.textures, texture.pixels)
-            self._texture_rows[name] = len(self._sizes_m)
-            self._sizes_m.append(texture.size_m)
+            self._keep(name, self._assets.texture(name))
         return self._texture_rows[name]
 
     def texture_size_m(self, name: str) -> tuple[float, float]:
@@ -117,7 +130,24 @@ class Library:
         around = points[:, 0] ** 2 + points[:, 2] ** 2
         return float(np.sqrt(around.max())), float(np.sqrt((around + points[:, 1] ** 2).max()))
 
+    def mesh_extents(self, name: str) -> tuple[float, float, float]:
+        """Half the width, the height and half the depth of a mesh, in its own units."""
+        self.mesh_faces(name)
+        mesh = self._meshes[name]
+        return mesh.half_width, mesh.height, mesh.half_depth
+
+    def brings(self, mesh: str) -> bool:
+        """Whether a mesh is somebody else's than ours."""
+        return self._assets.brings(mesh)
+
+    def _keep(self, name: str, texture: Texture) -> None:
+        self.textures = _append(self.textures, texture.pixels)
+        self._texture_rows[name] = len(self._sizes_m)
+        self._sizes_m.append(texture.size_m)
+
     def _add(self, name: str, mesh: Mesh) -> None:
+        for image, texture in mesh.images.items():
+            self._keep(image, texture)
         rows = np.array([-1 if key is None else self.texture_row(key) for key in mesh.textures], np.int32)
         first = len(self.faces.texture)
         self.faces = join(self.faces, mesh_table(mesh, rows))

@@ -1,10 +1,8 @@
 """Which face covers each sample: rooms in sight, then the things in them; and how far away that is."""
 
 import numpy as np
-from numba import int64
 from numpy.typing import NDArray
 
-from minihuman.worlds.first_person.render.compiled import kernel, part
 from minihuman.worlds.first_person.render.project import (
     CENTRE_X,
     CENTRE_Y,
@@ -30,9 +28,10 @@ from minihuman.worlds.first_person.render.project import (
 from minihuman.worlds.first_person.render.raster import SAMPLE_X
 from minihuman.worlds.first_person.render.tables import F64, I64, Drawn, Faces, Rooms, Things
 from minihuman.worlds.first_person.render.visit import VISITS_A_ROOM, Sight, visit
+from minihuman.worlds.kernels import int64, kernel, part
 
 
-@part()
+@part(lean=True, into_caller=True)
 def window_of(
     x: float,
     z: float,
@@ -60,7 +59,7 @@ def window_of(
     return bool(out[0] < out[2] and out[1] < out[3])
 
 
-@part()
+@part(lean=True, into_caller=True)
 def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) -> bool:
     """Is all within ``reach`` of a place sure to be outside a window or behind the camera?"""
     x, y, z = x - view[EYE], y - view[EYE + 1], z - view[EYE + 2]
@@ -81,7 +80,7 @@ def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) 
     return False
 
 
-@part()
+@part(lean=True, into_caller=True)
 def place_thing(things: Things, thing: int, places: F64, placement: F64) -> None:
     """Write down where a thing is and how it lies."""
     for k in range(3):
@@ -92,7 +91,7 @@ def place_thing(things: Things, thing: int, places: F64, placement: F64) -> None
     placement[NORMAL_SCALE] = things.normal_scale[thing]
 
 
-@kernel(number=int64)
+@kernel(lean=True, number=int64)
 def cover(
     faces: Faces,
     rooms: Rooms,
@@ -174,7 +173,7 @@ def draw(
     cover(faces, rooms, library, things, places, view, light, drawn, claimed, sight, window, placement)
 
 
-@kernel()
+@kernel(lean=True)
 def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
     """How far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
     for y in range(out.shape[0]):

@@ -1,11 +1,10 @@
 """From a face in space to a face on the picture: light, perspective, cuts at the near plane, and how it varies."""
 
 import numpy as np
-from numba import int64
 
-from minihuman.worlds.first_person.render.compiled import part
 from minihuman.worlds.first_person.render.raster import claim, outline
 from minihuman.worlds.first_person.render.tables import F64, Drawn, Faces
+from minihuman.worlds.kernels import int64, part
 
 # The columns of a view's array: what the kernels know of a camera.
 EYE, RIGHT, UP, FORWARD = 0, 3, 6, 9  # three numbers each
@@ -21,7 +20,7 @@ OWN_EYE, OWN_LIGHT = 12, 16  # the eye, and 1.0 where it is a place and not a di
 PLACEMENT_SIZE = 19
 
 
-@part()
+@part(lean=True, into_caller=True)
 def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: float) -> int:
     """Keep the part of polygon ``source`` where a*x + b*y + c*z + d >= 0; how many corners it has.
 
@@ -56,7 +55,7 @@ def cut(corners: F64, source: int, count: int, a: float, b: float, c: float, d: 
     return kept
 
 
-@part()
+@part(lean=True, into_caller=True)
 def turn_to(view: F64, light: F64, placement: F64) -> None:
     """Work out where a thing's eye and light are, in the thing's own coordinates, from where it is and how it lies."""
     co, si = placement[COS], placement[SIN]
@@ -75,7 +74,7 @@ def turn_to(view: F64, light: F64, placement: F64) -> None:
     placement[OWN_LIGHT + 2] = si * light[0] + co * light[2]
 
 
-@part(current=int64)
+@part(lean=True, into_caller=True, current=int64)
 def draw_face(
     faces: Faces, face: int, view: F64, placement: F64, light: F64, window: F64, drawn: Drawn, number: int
 ) -> int:
@@ -157,7 +156,7 @@ def draw_face(
     return int(claim(drawn, number, first, last))
 
 
-@part()
+@part(lean=True, into_caller=True)
 def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int) -> bool:
     """Work out how nearness, texture and light vary over the picture; False where the face is seen edge-on.
 

@@ -7,14 +7,14 @@ exact in a double. Two faces that share an edge therefore never both cover a sam
 import numpy as np
 from numpy import uint64 as index  # which cannot count from the end
 
-from minihuman.worlds.first_person.render.compiled import part
 from minihuman.worlds.first_person.render.tables import F64, Drawn
+from minihuman.worlds.kernels import part
 
 SAMPLE_X = np.array([160.0, 32.0, 224.0, 96.0])  # of the four sample rows of a pixel, in 1/256 pixel from its left
 ROW_STEP = 64.0  # between sample rows, in 1/256 pixel; the first is half a step down
 
 
-@part()
+@part(lean=True, into_caller=True)
 def outline(drawn: Drawn, corner_count: int, window: F64) -> tuple[int, int]:
     """Where the samples inside a face's corners and the window begin and end in each sample row.
 
@@ -60,7 +60,7 @@ def outline(drawn: Drawn, corner_count: int, window: F64) -> tuple[int, int]:
     return first, last
 
 
-@part()
+@part(lean=True, into_caller=True)
 def claim(drawn: Drawn, face: int, first: int, last: int) -> int:
     """Claim for ``face`` the samples of its outline that nothing nearer owns; how many it got."""
     owner, planes, left, right = drawn.owner, drawn.planes, drawn.left, drawn.right

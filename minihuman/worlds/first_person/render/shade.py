@@ -1,12 +1,10 @@
 """From covered samples to colours: each face in a pixel is shaded once, and counts by the samples it covers."""
 
 import numpy as np
-from numba import int64
 from numpy import uint32 as u32
 from numpy import uint64 as index
 from numpy.typing import NDArray
 
-from minihuman.worlds.first_person.render.compiled import kernel, part
 from minihuman.worlds.first_person.render.tables import F64, I32, I64, Textures
 from minihuman.worlds.first_person.render.texture import (
     GREEN,
@@ -18,6 +16,7 @@ from minihuman.worlds.first_person.render.texture import (
     blend,
     fetch,
 )
+from minihuman.worlds.kernels import int64, kernel, part
 
 TAKEN = -2  # a sample whose face has been shaded
 WHITE = 65280.0
@@ -28,7 +27,7 @@ FACE, START, COUNT, SLOT, WEIGHT = 0, 1, 2, 3, 4  # slot -1 for a face without a
 MOST_STRETCHES = STRIP + 8
 
 
-@part()
+@part(lean=True, into_caller=True)
 def texture_place(
     px: float, inverse_x: float, inverse_c: float, u_x: float, u_c: float, v_x: float, v_c: float, least: float
 ) -> tuple[float, float]:
@@ -37,7 +36,7 @@ def texture_place(
     return (u_x * px + u_c) * w, (v_x * px + v_c) * w
 
 
-@part()
+@part(lean=True, into_caller=True)
 def prepare(
     planes: F64,
     face: int,
@@ -82,7 +81,7 @@ def prepare(
     ask(strip, slot, scratch, bits, start - first, count, sizes, texture, last)
 
 
-@part()
+@part(lean=True, into_caller=True)
 def lit(planes: F64, face: int, px: float, py: float, w: float, channel: int) -> float:
     """How bright a face is at a place in a channel, 0 to 1, over 256; ``w`` is its distance there."""
     k = 12 + 3 * channel
@@ -90,7 +89,7 @@ def lit(planes: F64, face: int, px: float, py: float, w: float, channel: int) ->
     return float(min(max(light, 0.0), 1.0) / 256.0)
 
 
-@part()
+@part(lean=True, into_caller=True)
 def brightness(planes: F64, even: bool, face: int, px: float, py: float, least: float) -> tuple[float, float, float]:
     """How bright a face is at a place, red, green and blue, 0 to 1, over 256."""
     if even:
@@ -99,7 +98,7 @@ def brightness(planes: F64, even: bool, face: int, px: float, py: float, least: 
     return lit(planes, face, px, py, w, 0), lit(planes, face, px, py, w, 1), lit(planes, face, px, py, w, 2)
 
 
-@part()
+@part(lean=True, into_caller=True)
 def looked_up(strip: U32, slot: int) -> tuple[float, float, float]:
     """What a lookup found, red, green and blue, 0 to 65280; white where there was none."""
     if slot < 0:
@@ -109,7 +108,7 @@ def looked_up(strip: U32, slot: int) -> tuple[float, float, float]:
     return float(np.int32(two & LOW)), float(np.int32(green)), float(np.int32(two >> HIGH))
 
 
-@part()
+@part(lean=True, into_caller=True)
 def paint(
     stretches: I64,
     stretch_count: int,
@@ -167,7 +166,7 @@ def paint(
                 line[at, 2] = np.uint8(blue * b + 0.5)
 
 
-@kernel(slots=int64, stretch_count=int64, done=int64)
+@kernel(lean=True, slots=int64, stretch_count=int64, done=int64)
 def colour(
     owner: I32,
     planes: F64,

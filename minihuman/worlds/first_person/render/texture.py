@@ -9,8 +9,8 @@ from numpy import uint32 as u32
 from numpy import uint64 as index
 from numpy.typing import NDArray
 
-from minihuman.worlds.first_person.render.compiled import part
 from minihuman.worlds.first_person.render.tables import F64, I64
+from minihuman.worlds.kernels import part
 
 U32 = NDArray[np.uint32]
 
@@ -31,7 +31,7 @@ _LANES, _HALVES = u32(0x00FF00FF), u32(0x00800080)
 _EXPONENT, _BIAS = 52, 1023  # a double's bits from 52 up are its power of two, plus 1023
 
 
-@part()
+@part(lean=True, into_caller=True)
 def size_for(bits: int, last: int) -> tuple[int, int]:
     """Which size of a texture will do where it moves by a step from pixel to pixel, and how much the next one counts.
 
@@ -43,7 +43,7 @@ def size_for(bits: int, last: int) -> tuple[int, int]:
     return min(max(power, 0), last), part if 0 <= power < last else 0
 
 
-@part()
+@part(lean=True, into_caller=True)
 def aim(strip: U32, slot: int, u: float, v: float, offset: int, width: int, height: int) -> None:
     """Say which texels the lookup in a slot is about: a place (0 to 1 right and up) on one size of a texture."""
     # half a texel less, for texels are known at their middles; one more, for the ring around them
@@ -56,7 +56,7 @@ def aim(strip: U32, slot: int, u: float, v: float, offset: int, width: int, heig
     strip[index(_UP + slot)] = u32(y & _255)
 
 
-@part()
+@part(lean=True, into_caller=True)
 def ask(
     strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, sizes: I64, texture: int, last: int
 ) -> None:
@@ -87,7 +87,7 @@ def ask(
         done = end
 
 
-@part()
+@part(lean=True, into_caller=True)
 def fetch(strip: U32, texels: U32, count: int) -> None:
     """Copy the texels that ``count`` lookups are about into the strip."""
     for i in range(count):
@@ -100,19 +100,19 @@ def fetch(strip: U32, texels: U32, count: int) -> None:
             strip[index(to + 3 * STRIP)] = texels[at + row + index(1)]
 
 
-@part()
+@part(lean=True, into_caller=True)
 def mix(a: u32, b: u32, part: u32) -> u32:
     """The one where ``part`` is 0, the other where it is 256; one or two channels, 16 bits each."""
     return u32(u32(a * u32(_256 - part)) + u32(b * part))
 
 
-@part()
+@part(lean=True, into_caller=True)
 def rounded(two: u32) -> u32:
     """Two channels of 16 bits, back to 8 bits each."""
     return u32(u32(u32(two + _HALVES) >> _8) & _LANES)
 
 
-@part()
+@part(lean=True, into_caller=True)
 def bilinear(a: u32, b: u32, c: u32, d: u32, right: u32, up: u32) -> u32:
     """Two channels, 8 bits each 16 bits apart, of four texels in a square."""
     low = mix(u32(a & _LANES), u32(b & _LANES), right)
@@ -120,7 +120,7 @@ def bilinear(a: u32, b: u32, c: u32, d: u32, right: u32, up: u32) -> u32:
     return u32(mix(rounded(low), rounded(high), up))
 
 
-@part()
+@part(lean=True, into_caller=True)
 def blend(strip: U32, count: int) -> None:
     """Turn what was fetched into colours."""
     for i in range(count):

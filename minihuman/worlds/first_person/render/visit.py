@@ -3,9 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64
 
-from minihuman.worlds.first_person.render.compiled import part
 from minihuman.worlds.first_person.render.project import (
     CENTRE_X,
     CENTRE_Y,
@@ -19,6 +17,7 @@ from minihuman.worlds.first_person.render.project import (
     cut,
 )
 from minihuman.worlds.first_person.render.tables import F64, I32, Rooms
+from minihuman.worlds.kernels import int64, part
 
 DOORSTEP_M = 0.06  # a camera this close to an opening may see through all of it
 VISITS_A_ROOM = 16
@@ -34,7 +33,7 @@ class Sight(NamedTuple):
     pending_windows: F64  # (VISITS_A_ROOM * rooms, 4) by which each is visited
 
 
-@part()
+@part(lean=True, into_caller=True)
 def contains(rooms: Rooms, room: int, x: float, z: float) -> bool:
     """Is the place inside the room or within a millionth of a metre of it?"""
     for e in range(rooms.first_edge[room], rooms.first_edge[room + 1]):
@@ -43,7 +42,7 @@ def contains(rooms: Rooms, room: int, x: float, z: float) -> bool:
     return True
 
 
-@part(count=int64, whole=int64)
+@part(lean=True, into_caller=True, count=int64, whole=int64)
 def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, result: F64) -> bool:
     """The part of a window through which an opening is seen, into ``result``; False if none is."""
     hole = rooms.opening[opening]
@@ -83,7 +82,7 @@ def through(rooms: Rooms, opening: int, view: F64, corners: F64, window: F64, re
     return bool(result[0] < result[2] and result[1] < result[3])
 
 
-@part()
+@part(lean=True, into_caller=True)
 def visit(rooms: Rooms, view: F64, corners: F64, picture: F64, sight: Sight) -> tuple[int, bool]:
     """List the rooms to draw, nearest first, and the window of each.
 

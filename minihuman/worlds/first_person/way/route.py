@@ -5,12 +5,13 @@ A* over places and headings. What guides it is how far every place is from the g
 
 import heapq
 import math
+from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.collision import touches_wall
+from minihuman.worlds.kernels import kernel
 
 TURN_LEFT, TURN_RIGHT, FORWARD = 0, 1, 2  # what the route is made of
 _MOST_STOPS = 2_000_000  # a search that has seen so many has no way
@@ -23,7 +24,7 @@ _NEIGHBOURS = (  # columns right, rows down, distance
 )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def clearance_map(
     walls: NDArray[np.float64],
     discs: NDArray[np.float64],
@@ -68,7 +69,7 @@ def clearance_map(
     return free
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _in_zone(zones: NDArray[np.float64], x: float, z: float) -> bool:
     for zone in range(zones.shape[0]):
         inside = True
@@ -81,7 +82,7 @@ def _in_zone(zones: NDArray[np.float64], x: float, z: float) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_cells: float) -> NDArray[np.float64]:
     """How far each cell is from the goal's, in cells; 0 within ``goal_cells`` of it, infinite where there is no way."""
     columns, rows = free.shape
@@ -106,7 +107,7 @@ def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_
     return distance
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def search(
     walls: NDArray[np.float64],
     discs: NDArray[np.float64],
@@ -168,7 +169,7 @@ def search(
     return np.empty(0, np.int8)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _blocked(walls: NDArray[np.float64], discs: NDArray[np.float64], x: float, z: float, radius: float) -> bool:
     for index in range(discs.shape[0]):
         if math.hypot(discs[index, 0] - x, discs[index, 1] - z) < discs[index, 2]:
@@ -176,7 +177,7 @@ def _blocked(walls: NDArray[np.float64], discs: NDArray[np.float64], x: float, z
     return touches_wall(walls, x, z, radius)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _still_to_go(
     distance: NDArray[np.float64], column: int, row: int, yaw: float, cell: float, step: float, turn: float
 ) -> float:
@@ -198,8 +199,8 @@ def _still_to_go(
     return float(found * cell / step + max(off - turn, 0.0) / turn)
 
 
-@njit(cache=True, nogil=True)
-def _grown(values):  # type: ignore[no-untyped-def]
+@kernel()
+def _grown(values: NDArray[Any]) -> NDArray[Any]:
     larger = np.empty(2 * len(values), values.dtype)
     larger[: len(values)] = values
     return larger

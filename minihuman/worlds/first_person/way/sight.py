@@ -3,11 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from minihuman.worlds.kernels import kernel
 
-@njit(cache=True, nogil=True)
+
+@kernel()
 def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> float:
     """The length of the shortest line from the first node to the second that crosses no barrier; infinite if none.
 
@@ -31,7 +32,7 @@ def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> f
                 reached[node] = reached[here] + length
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which points lie on a barrier, not at its ends."""
     found = np.zeros(points.shape[0], np.bool_)
@@ -47,7 +48,7 @@ def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _sees(barriers: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     for index in range(barriers.shape[0]):
         c, d = barriers[index, :2], barriers[index, 2:]
@@ -56,7 +57,7 @@ def _sees(barriers: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.f
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _side(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> float:
     """Above 0 left of the line, below 0 right of it, and 0 where rounding could not tell."""
     turn = (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])

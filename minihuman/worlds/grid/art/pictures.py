@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.worlds.contract import Palette, View
 from minihuman.worlds.grid.art.tiles import agent, in_hand, tile, unseen
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import (
     BALL,
     BOX,
@@ -26,6 +24,7 @@ from minihuman.worlds.grid.core.cells import (
 )
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y
 from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.kernels import inlined, kernel, part
 
 LOOKS = 512  # kind, colour and state make nine bits
 LIT = 0.13  # how much lighter a cell is that the agent sees
@@ -174,7 +173,7 @@ def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Wo
             words[row * height + v, column * width + word] = tiles[lit, tile, v, word]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def put_agent(
     row: Row,
     agents: Pixels,

@@ -3,11 +3,7 @@
 The numbers of kinds, colours and states are Minigrid's, so an observation reads the same here and there.
 """
 
-from numba import njit
-
-from minihuman.worlds.compiling import announce
-
-announce()  # here, because modules after this one compile functions of one signature as they are imported
+from minihuman.worlds.kernels import inlined
 
 KINDS = ("unseen", "empty", "wall", "floor", "door", "key", "ball", "box", "goal", "lava", "agent")
 UNSEEN, EMPTY, WALL, FLOOR, DOOR, KEY, BALL, BOX, GOAL, LAVA, AGENT = range(len(KINDS))
@@ -25,50 +21,50 @@ GREEN_GOAL = GOAL | GREEN << 4
 RED_LAVA = LAVA | RED << 4
 
 
-@njit(cache=True, inline="always")
+@inlined
 def pack(kind: int, colour: int, state: int, identity: int) -> int:
     """The cell's number; ``identity`` is 0 for scenery."""
     return kind | colour << 4 | state << 7 | identity << 9
 
 
-@njit(cache=True, inline="always")
+@inlined
 def kind_of(code: int) -> int:
     """The kind, an index into KINDS."""
     return code & 15
 
 
-@njit(cache=True, inline="always")
+@inlined
 def colour_of(code: int) -> int:
     """The colour, an index into COLOURS."""
     return code >> 4 & 7
 
 
-@njit(cache=True, inline="always")
+@inlined
 def state_of(code: int) -> int:
     """A door's state, an index into DOOR_STATES; 0 for everything else."""
     return code >> 7 & 3
 
 
-@njit(cache=True, inline="always")
+@inlined
 def identity_of(code: int) -> int:
     """The object's number within its world, 1 for the first made; 0 for scenery."""
     return code >> 9
 
 
-@njit(cache=True, inline="always")
+@inlined
 def in_state(code: int, state: int) -> int:
     """The same object in another state."""
     return code & ~(3 << 7) | state << 7
 
 
-@njit(cache=True, inline="always")
+@inlined
 def lets_pass(code: int) -> bool:
     """Whether the agent can stand here."""
     kind = code & 15
     return kind == EMPTY or kind == FLOOR or kind == GOAL or kind == LAVA or (kind == DOOR and code >> 7 & 3 == OPEN)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def can_be_carried(code: int) -> bool:
     """Whether the agent can pick this up."""
     kind = code & 15

@@ -8,16 +8,16 @@ plain Python reading of this file is exact too.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.compiled import kernel, part
+from minihuman.worlds.kernels import inlined, kernel, part
 
 Words = NDArray[np.uint64]  # (6,)
 
 _LOW = np.uint64(0xFFFFFFFF)
 _32 = np.uint64(32)
+_11 = np.uint64(11)
 _0 = np.uint64(0)
 _1 = np.uint64(1)
 _58 = np.uint64(58)
@@ -82,7 +82,7 @@ def next64(words: Words) -> np.uint64:
     return mixed >> turn | mixed << ((_64 - turn) & _63)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def next32(words: Words) -> np.uint64:
     """The stream's next 32 bits; the other half of the 64 is kept for the next call."""
     if words[4] != _0:
@@ -105,6 +105,12 @@ def integer(words: Words, low: int, high: int) -> int:
         left = scaled & _LOW
         if left >= span or left >= (_LOW - span + _1) % span:
             return low + int(scaled >> _32)
+
+
+@part()
+def unit(words: Words) -> int:
+    """The numerator of what ``Generator.random`` draws, in 2**-53: 0 to 2**53 - 1. It leaves a kept half alone."""
+    return int(next64(words) >> _11)
 
 
 @kernel()

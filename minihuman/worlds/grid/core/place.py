@@ -3,12 +3,10 @@
 Every draw is made in the order Minigrid makes it, so the same seed gives the same layout.
 """
 
-from numba import njit
-
-from minihuman.worlds.grid.compiled import kernel
 from minihuman.worlds.grid.core.cells import EMPTY, GREY_WALL
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.state import DIRECTION, FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, put
+from minihuman.worlds.kernels import inlined, kernel
 
 FOR_EVER = 1 << 30  # tries; a layout that needs more has no free place at all
 
@@ -36,13 +34,13 @@ def wall_rect(row: Row, x: int, y: int, width: int, height: int) -> None:
     down(row, x + width - 1, y, height, GREY_WALL)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def outer_walls(row: Row) -> None:
     """Walls around the whole grid."""
     wall_rect(row, 0, 0, row[WIDTH], row[HEIGHT])
 
 
-@njit(cache=True, inline="always")
+@inlined
 def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
     """Whether any cell of the rectangle is free: without one, drawing places would never end."""
     for i in range(max(x, 0), min(max(x, 0) + width, row[WIDTH])):
@@ -75,13 +73,13 @@ def place(row: Row, words: Words, code: int, x: int, y: int, width: int, height:
     return i, j
 
 
-@njit(cache=True, inline="always")
+@inlined
 def place_anywhere(row: Row, words: Words, code: int) -> tuple[int, int]:
     """Lay a code into a drawn free cell of the whole grid."""
     return place(row, words, code, 0, 0, row[WIDTH], row[HEIGHT])
 
 
-@njit(cache=True, inline="always")
+@inlined
 def stand(row: Row, x: int, y: int, direction: int) -> None:
     """Put the agent into a cell, looking in a direction."""
     row[X], row[Y], row[DIRECTION] = x, y, direction
@@ -95,7 +93,7 @@ def place_agent(row: Row, words: Words, x: int, y: int, width: int, height: int)
     stand(row, i, j, integer(words, 0, 4))
 
 
-@njit(cache=True, inline="always")
+@inlined
 def place_agent_anywhere(row: Row, words: Words) -> None:
     """Put the agent into a drawn free cell of the whole grid, looking in a drawn direction."""
     place_agent(row, words, 0, 0, row[WIDTH], row[HEIGHT])

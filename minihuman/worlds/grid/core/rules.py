@@ -1,10 +1,8 @@
 """What an action does: the seven actions of Minigrid on one row of state."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import (
     BOX,
     CLOSED,
@@ -50,6 +48,7 @@ from minihuman.worlds.grid.core.tasks import (
     DROP,
     FORWARD,
     IN_ORDER,
+    INSTRUCTED,
     LEFT,
     MATCH,
     PICKUP,
@@ -63,6 +62,9 @@ from minihuman.worlds.grid.core.tasks import (
     prize,
 )
 from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.grid.instructions.block import SATISFIED, WAITING
+from minihuman.worlds.grid.instructions.verify import verify
+from minihuman.worlds.kernels import inlined, kernel, part
 
 ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 
@@ -101,7 +103,12 @@ def act(row: Row, action: int, words: Words) -> tuple[int, float]:
         collides = action == FORWARD and faces_obstacle(row)
         move_obstacles(row, words)
     reward, ended = apply(row, action)
-    reward, ended = judge(row, action, held_before, first_was_open, reward, ended)
+    if task == INSTRUCTED:
+        outcome = verify(row, action)
+        ended = outcome != WAITING
+        reward = prize(row) if outcome == SATISFIED else 0.0
+    else:
+        reward, ended = judge(row, action, held_before, first_was_open, reward, ended)
     if collides:
         reward, ended = -1.0, True
     status = TERMINATED if ended else 0
@@ -143,7 +150,7 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
     return 0.0, False
 
 
-@njit(cache=True, inline="always")
+@inlined
 def toggle(row: Row, x: int, y: int, code: int) -> None:
     """Open or close a door, unlock it with the key of its colour, or open a box, which leaves its contents."""
     if kind_of(code) == DOOR:

@@ -8,7 +8,6 @@ overestimates, so the first success found is a shortest one.
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import (
     DOOR,
     EMPTY,
@@ -43,6 +42,7 @@ from minihuman.worlds.grid.core.state import (
     where_is,
 )
 from minihuman.worlds.grid.core.tasks import DONE, DROP, FORWARD, LEFT, PICKUP, PUT_NEAR, RIGHT, STAND_BY, TOGGLE, front
+from minihuman.worlds.kernels import kernel, part
 
 FAR = 1 << 20  # more actions than any plan has
 FOUND, NONE, FULL = 0, 1, 2  # how a search ends: a plan, no plan exists, too many nodes

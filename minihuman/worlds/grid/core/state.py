@@ -7,11 +7,10 @@ lies in, and the code of what it contains. Kernels work on rows; `State` reads o
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel
 from minihuman.worlds.grid.core.cells import EMPTY, GREY_WALL, identity_of, pack
+from minihuman.worlds.kernels import inlined, kernel
 
 Row = NDArray[np.int32]
 
@@ -39,18 +38,18 @@ def row_length(width: int, height: int) -> int:
     return HEADER + 3 * width * height
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _place_of(row: Row, identity: int) -> int:
     return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
 
 
-@njit(cache=True, inline="always")
+@inlined
 def where_is(row: Row, identity: int) -> int:
     """The cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
     return row[_place_of(row, identity)]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def contents_index(row: Row, identity: int) -> int:
     """Where in the row the code of an object's contents is; 0 there means nothing inside."""
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
@@ -177,7 +176,8 @@ class State:
     @property
     def contents(self) -> NDArray[np.int32]:
         """Code of what each object contains, by identity - 1; 0 for nothing."""
-        return self.row[HEADER + 2 * self.width * self.height :]
+        cells = self.width * self.height
+        return self.row[HEADER + 2 * cells : HEADER + 3 * cells]
 
     def find(self, identity: int) -> tuple[int, int] | None:
         """Where an object lies; None while it is carried, inside a box, or gone."""

@@ -3,9 +3,6 @@
 A task is a number in the state and up to six numbers it is about (``TARGET``), so one kernel judges every world.
 """
 
-from numba import njit
-
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, GOAL, OPEN, colour_of, identity_of, kind_of, state_of
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.state import (
@@ -25,6 +22,7 @@ from minihuman.worlds.grid.core.state import (
     move,
     where_is,
 )
+from minihuman.worlds.kernels import inlined, kernel, part
 
 LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
 
@@ -38,7 +36,8 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
     IN_ORDER,  # open the door at TARGET, TARGET+1, then the one at TARGET+2, TARGET+3
     OPEN_DOOR,  # open the door at TARGET, TARGET+1
     DODGE,  # objects 1 to TARGET move by themselves; walking into one, or a wall, costs 1 and ends the episode
-) = range(9)
+    INSTRUCTED,  # what the instruction after the cells says; worlds without one have no such block
+) = range(10)
 
 
 @kernel("float64(int32[::1])")
@@ -102,7 +101,7 @@ def judge(
     return reward, ended
 
 
-@njit(cache=True, inline="always")
+@inlined
 def faces_obstacle(row: Row) -> bool:
     """Whether something other than a goal is in front of the agent."""
     x, y = front(row)

@@ -1,13 +1,12 @@
 """What the agent sees: the cells in front of it, turned so that it looks up, without what walls and doors hide."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import AGENT, DOOR, GREY_WALL, OPEN, RED, WALL, colour_of, kind_of, state_of
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
+from minihuman.worlds.kernels import inlined, kernel, part
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
 USUAL_VIEW = 7
@@ -99,7 +98,7 @@ def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
     image[i, j, 2] = state_of(code)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def leave_dark(image: NDArray[np.uint8], rows: int) -> None:
     """Make the upper rows of a view unseen."""
     for i in range(image.shape[0]):
@@ -107,14 +106,14 @@ def leave_dark(image: NDArray[np.uint8], rows: int) -> None:
             image[i, j, 0] = image[i, j, 1] = image[i, j, 2] = 0
 
 
-@njit(cache=True, inline="always")
+@inlined
 def spread_right(seen: int, clear: int) -> int:
     """The clear cells of a row that are seen once sight has spread along it to higher bits."""
     giving = seen & clear
     return (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
 
 
-@njit(cache=True, inline="always")
+@inlined
 def spread_left(seen: int, clear: int, size: int) -> int:
     """The clear cells of a row that are seen once sight has spread along it to lower bits."""
     giving = seen & clear

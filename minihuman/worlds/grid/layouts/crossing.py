@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import EMPTY, GREEN_GOAL
 from minihuman.worlds.grid.core.chance import Words, integer, shuffle
 from minihuman.worlds.grid.core.place import across, down, outer_walls, stand
 from minihuman.worlds.grid.core.state import HEIGHT, WIDTH, Row, put
+from minihuman.worlds.kernels import kernel, part
 
 UPRIGHT, LEVEL = 0, 1  # directions of a river
 

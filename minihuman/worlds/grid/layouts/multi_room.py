@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import CLOSED, DOOR, GREEN_GOAL, SORTED_COLOURS
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.place import place, place_agent, wall_rect
 from minihuman.worlds.grid.core.state import HEIGHT, WIDTH, Row, make, put
+from minihuman.worlds.kernels import kernel, part
 
 RIGHT, BOTTOM, LEFT, TOP = range(4)  # walls of a room
 SMALLEST = 4  # columns and rows, walls included

@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import BALL, BOX, CLOSED, DOOR, GREEN, GREY_WALL, KEY, SORTED_COLOURS
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.place import (
@@ -19,6 +18,7 @@ from minihuman.worlds.grid.core.place import (
 )
 from minihuman.worlds.grid.core.state import FAILED, HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
 from minihuman.worlds.grid.core.tasks import FETCH, MATCH, PUT_NEAR, STAND_BY
+from minihuman.worlds.kernels import kernel, part
 
 KINDS_DRAWN = (KEY, BALL, BOX)
 

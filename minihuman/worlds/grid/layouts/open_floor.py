@@ -1,11 +1,11 @@
 """Worlds of one open room: Empty, DistShift, LavaGap, DynamicObstacles."""
 
-from minihuman.worlds.grid.compiled import kernel
 from minihuman.worlds.grid.core.cells import BALL, BLUE, EMPTY, GREEN_GOAL, RED_LAVA
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.place import across, down, draw_place, outer_walls, place_agent_anywhere, stand
 from minihuman.worlds.grid.core.state import HEIGHT, TARGET, TASK, WIDTH, Row, make, put
 from minihuman.worlds.grid.core.tasks import DODGE
+from minihuman.worlds.kernels import kernel
 
 
 @kernel()

@@ -5,16 +5,15 @@ each wall whether it has a way through, and whether a locked door was put to the
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import CLOSED, DOOR, EMPTY, LOCKED, WALL, kind_of
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.place import place_agent, stand, wall_rect
 from minihuman.worlds.grid.core.state import FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at, make, put
 from minihuman.worlds.grid.core.tasks import front
 from minihuman.worlds.grid.layouts.objects import draw_colour
+from minihuman.worlds.kernels import inlined, kernel, part
 
 Plan = NDArray[np.int64]  # (rooms, 13)
 
@@ -49,14 +48,14 @@ def rooms(row: Row, words: Words, columns: int, lines: int, size: int) -> Plan:
     return plan
 
 
-@njit(cache=True, inline="always")
+@inlined
 def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
     """Note the place of the door between two rooms, in both."""
     plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall] = x, y
     plan[other, DOOR_X + wall + 2], plan[other, DOOR_Y + wall + 2] = x, y
 
 
-@njit(cache=True, inline="always")
+@inlined
 def behind(room: int, wall: int, columns: int) -> int:
     """The room on the other side of a wall."""
     step = 1 if wall % 2 == 0 else columns

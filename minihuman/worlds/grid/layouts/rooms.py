@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import (
     BLUE,
     CLOSED,
@@ -31,6 +30,7 @@ from minihuman.worlds.grid.core.place import (
 from minihuman.worlds.grid.core.state import HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
 from minihuman.worlds.grid.core.tasks import IN_ORDER
 from minihuman.worlds.grid.layouts.objects import draw_colour, draw_kind
+from minihuman.worlds.kernels import kernel, part
 
 
 @kernel()

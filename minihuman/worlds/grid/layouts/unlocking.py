@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.compiled import kernel, part
 from minihuman.worlds.grid.core.cells import BALL, BLUE, BOX, GREEN, GREY, KEY, SORTED_COLOURS, identity_of
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.state import MISSION, TARGET, TASK, Row, contents_index, make, put
@@ -22,6 +21,7 @@ from minihuman.worlds.grid.layouts.room_grid import (
     remove_wall,
     rooms,
 )
+from minihuman.worlds.kernels import kernel, part
 
 SIZE = 6  # of the rooms of all these worlds but KeyCorridor
 

@@ -1,0 +1,69 @@
+"""Commands for the experimenter's desk: watch, withdraw, replace."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Code = Annotated[str, typer.Argument(metavar="CODE", help="The participant's code, such as sub-07.")]
+StudyFolder = Annotated[Path, typer.Option("--study", help="The study's folder, such as sessions/fourrooms-transfer.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command()(watch)
+    app.command()(withdraw)
+    app.command()(replace)
+
+
+def watch(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study's folder.")],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page; 0 takes a free one.")] = 0,
+) -> None:
+    """Show every running session on a page of this machine: picture, keys, reaction times, notes, pause, abort.
+
+    It reads the live logs and can be ended and started again at any time; the sessions do not notice.
+
+    Example: minihuman watch sessions/fourrooms-transfer
+    """
+    import os
+
+    from minihuman.seats.watch.server import WatchServer
+
+    server = WatchServer(study, port)
+    os.nice(10)  # the participants come first
+    print(f"open {server.url}   (Ctrl-C ends it; the sessions go on)", flush=True)
+    try:
+        server.serve()
+    except KeyboardInterrupt:
+        print()
+
+
+def withdraw(
+    code: Code,
+    study: StudyFolder,
+    erase: Annotated[bool, typer.Option("--erase", help="Delete all that there is of them.")] = False,
+    seal: Annotated[Path | None, typer.Option(help="Move it into this ZIP archive, outside of the study.")] = None,
+) -> None:
+    """Take a participant out of a study: their data count nowhere any more, and their slot is offered again.
+
+    Example: minihuman withdraw sub-07 --study sessions/fourrooms-transfer --erase
+    """
+    from minihuman.errors import AllocationError
+    from minihuman.lab.withdraw import withdraw as take_out
+
+    if erase == (seal is not None):
+        raise AllocationError("say what becomes of the data: --erase, or --seal ARCHIVE.zip")
+    print(take_out(study, code, seal=seal).line())
+    print("Their slot is offered to the next. Make again what was made with their data: reports, figures, exports.")
+
+
+def replace(code: Code, study: StudyFolder) -> None:
+    """Offer the slot of somebody who does not come back to the next participant; what they did stays, and counts.
+
+    Example: minihuman replace sub-07 --study sessions/fourrooms-transfer
+    """
+    from minihuman.lab.withdraw import replace as offer
+
+    offer(study, code)
+    print(f"the next `minihuman run` offers {code}'s slot")

@@ -1,0 +1,319 @@
+"""The verbs of levels on a house: equal rooms in a row of state. Every draw is made in Minigrid's order.
+
+Giving up is part of the stream: a thing that finds no place after 1001 tries, or rooms that cannot be joined in 5001,
+mark the row FAILED, and the level draws its next round. What could never succeed marks it HOPELESS.
+"""
+
+import numpy as np
+
+from minihuman.worlds.grid.core.cells import (
+    BALL,
+    BOX,
+    DOOR,
+    EMPTY,
+    KEY,
+    SORTED_COLOURS,
+    WALL,
+    colour_of,
+    in_state,
+    kind_of,
+)
+from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
+from minihuman.worlds.grid.core.chance import Words, integer, unit
+from minihuman.worlds.grid.core.place import stand
+from minihuman.worlds.grid.core.state import (
+    FAILED,
+    HEADER,
+    HEIGHT,
+    NOWHERE,
+    OBJECTS,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    cell_at,
+    make,
+    put,
+    where_is,
+)
+from minihuman.worlds.grid.core.tasks import front
+from minihuman.worlds.grid.layouts.objects import draw_colour, draw_kind
+from minihuman.worlds.grid.layouts.room_grid import (
+    AGENT_TRIES,
+    CONNECT_TRIES,
+    DOOR_X,
+    DOOR_Y,
+    LOCKED_ROOM,
+    NO_DOOR,
+    PLACE_TRIES,
+    WAY,
+    Plan,
+    add_door,
+    add_object,
+    behind,
+    reachable,
+)
+from minihuman.worlds.kernels import inlined, part
+
+HOPELESS = 2  # in FAILED: no round will ever do
+DRAWN = -1  # of a room, wall, kind, colour or lock: draw it
+
+
+@inlined
+def code_of(row: Row, identity: int) -> int:
+    """The code of an object that lies in a cell."""
+    cell = where_is(row, identity)
+    return row[HEADER + cell] if cell != NOWHERE else EMPTY
+
+
+@part()
+def draw_room(words: Words, columns: int, lines: int) -> int:
+    """Draw a column, then a line."""
+    i = integer(words, 0, columns)
+    return integer(words, 0, lines) * columns + i
+
+
+@part()
+def new_door(row: Row, words: Words, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: int) -> int:
+    """Put a door into a wall of a room: its identity."""
+    if wall == DRAWN:
+        possible = False
+        for k in range(4):
+            possible |= plan[room, DOOR_X + k] != NO_DOOR and plan[room, WAY + k] == 0
+        if not possible:
+            row[FAILED] = HOPELESS
+            return 0
+        wall = integer(words, 0, 4)
+        while plan[room, DOOR_X + wall] == NO_DOOR or plan[room, WAY + wall] != 0:
+            wall = integer(words, 0, 4)
+    if colour == DRAWN:
+        colour = draw_colour(words)
+    if locked == DRAWN:
+        locked = 1 - integer(words, 0, 2)
+    if plan[room, DOOR_X + wall] == NO_DOOR or plan[room, WAY + wall] != 0:
+        row[FAILED] = HOPELESS
+        return 0
+    add_door(row, plan, columns, room, wall, colour, locked != 0)
+    return row[OBJECTS]
+
+
+@part()
+def new_object(row: Row, words: Words, columns: int, size: int, room: int, kind: int, colour: int) -> int:
+    """Put a key, ball or box into a drawn cell of a room, not beside the agent: its identity."""
+    if kind == DRAWN:
+        kind = draw_kind(words, 3)
+    if colour == DRAWN:
+        colour = draw_colour(words)
+    add_object(row, words, columns, size, room, make(row, kind, colour, 0))
+    return row[OBJECTS]
+
+
+@part()
+def new_objects(
+    row: Row, words: Words, plan: Plan, columns: int, size: int, room: int, count: int, unlike: bool
+) -> None:
+    """Put so many drawn objects into a room, or each into a drawn one; ``unlike`` all that lies there already."""
+    lines = len(plan) // columns
+    left = count
+    tries = 0
+    while left > 0 and row[FAILED] == 0:
+        colour, kind = draw_colour(words), draw_kind(words, 3)
+        tries += 1
+        if unlike and is_there(row, kind, colour):
+            if tries > AGENT_TRIES:
+                row[FAILED] = HOPELESS
+            continue
+        new_object(row, words, columns, size, draw_room(words, columns, lines) if room == DRAWN else room, kind, colour)
+        left -= 1
+
+
+@part()
+def is_there(row: Row, kind: int, colour: int) -> bool:
+    """Whether an object of that kind and colour lies somewhere."""
+    for identity in range(1, row[OBJECTS] + 1):
+        code = code_of(row, identity)
+        if kind_of(code) == kind and colour_of(code) == colour:
+            return True
+    return False
+
+
+@part()
+def put_agent_in(row: Row, words: Words, plan: Plan, columns: int, size: int, room: int, barred: int) -> None:
+    """Put the agent into a room or a drawn one, facing nothing but a wall; into another room than the barred one."""
+    lines = len(plan) // columns
+    for _ in range(AGENT_TRIES):
+        drawn = draw_room(words, columns, lines) if room == DRAWN else room
+        stand_in(row, words, columns, size, drawn)
+        if row[FAILED] != 0 or drawn != barred:
+            return
+    row[FAILED] = HOPELESS
+
+
+@part()
+def stand_in(row: Row, words: Words, columns: int, size: int, room: int) -> None:
+    """Draw the agent's cell and direction in a room until it faces nothing or a wall."""
+    left, top = room % columns * (size - 1), room // columns * (size - 1)
+    for _ in range(AGENT_TRIES):
+        row[X] = row[Y] = -1
+        tries = 0
+        x, y = integer(words, left, left + size), integer(words, top, top + size)
+        while row[HEADER + x * row[HEIGHT] + y] != EMPTY:
+            tries += 1
+            if tries == PLACE_TRIES:
+                row[FAILED] = 1
+                return
+            x, y = integer(words, left, left + size), integer(words, top, top + size)
+        stand(row, x, y, integer(words, 0, 4))
+        ahead_x, ahead_y = front(row)
+        kind = kind_of(cell_at(row, ahead_x, ahead_y))
+        if kind == EMPTY or kind == WALL:
+            return
+    row[FAILED] = HOPELESS
+
+
+@part()
+def join_rooms(row: Row, words: Words, plan: Plan, columns: int, size: int, without: int) -> None:
+    """Add closed doors at drawn walls until all rooms are joined to the agent's, none in the colour ``without``."""
+    lines = len(plan) // columns
+    start = row[Y] // (size - 1) * columns + row[X] // (size - 1)
+    joined = reachable(plan, columns, start)
+    for _ in range(CONNECT_TRIES):
+        if joined == len(plan):
+            return
+        room = draw_room(words, columns, lines)
+        wall = integer(words, 0, 4)
+        if plan[room, DOOR_X + wall] == NO_DOOR or plan[room, WAY + wall]:
+            continue
+        if plan[room, LOCKED_ROOM] or plan[behind(room, wall, columns), LOCKED_ROOM]:
+            continue
+        if without == DRAWN:
+            colour = draw_colour(words)
+        else:
+            k = integer(words, 0, 5)
+            for passed in range(6):
+                if SORTED_COLOURS[passed] == without and passed <= k:
+                    k += 1
+            colour = SORTED_COLOURS[k]
+        add_door(row, plan, columns, room, wall, colour, False)
+        joined = reachable(plan, columns, start)
+    row[FAILED] = 1
+
+
+@part()
+def all_in_reach(row: Row) -> bool:
+    """Whether the agent can get to everything with all doors open and nothing moved."""
+    width, height = row[WIDTH], row[HEIGHT]
+    cells = width * height
+    seen = np.zeros(cells, np.bool_)
+    stack = np.empty(cells, np.int64)
+    stack[0] = row[X] * height + row[Y]
+    seen[stack[0]] = True
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        cell = stack[waiting]
+        kind = kind_of(row[HEADER + cell])
+        if kind != EMPTY and kind != DOOR:
+            continue
+        x, y = cell // height, cell % height
+        for k in range(4):
+            i, j = x + (1 - k) * (1 - k % 2), y + (2 - k) * (k % 2)
+            other = i * height + j
+            if i >= 0 and j >= 0 and i < width and j < height and not seen[other]:
+                seen[other] = True
+                stack[waiting] = other
+                waiting += 1
+    for cell in range(cells):
+        kind = kind_of(row[HEADER + cell])
+        if kind != EMPTY and kind != WALL and not seen[cell]:
+            return False
+    return True
+
+
+@part()
+def draw_door_of(row: Row, words: Words, plan: Plan, columns: int) -> int:
+    """Draw one of all doors, each counted once for either of its rooms: its identity."""
+    lines = len(plan) // columns
+    drawn, count = -1, 0
+    for again in range(2):
+        if again:
+            if count == 0:
+                row[FAILED] = HOPELESS
+                return 0
+            drawn, count = integer(words, 0, count), 0
+        for i in range(columns):
+            for j in range(lines):
+                for wall in range(4):
+                    room = j * columns + i
+                    if plan[room, WAY + wall]:
+                        code = cell_at(row, plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall])
+                        if kind_of(code) == DOOR:
+                            if count == drawn:
+                                return code >> 9
+                            count += 1
+    return 0
+
+
+@part()
+def open_doors(row: Row) -> None:
+    """Open every door."""
+    for identity in range(1, row[OBJECTS] + 1):
+        cell = where_is(row, identity)
+        if cell != NOWHERE and kind_of(row[HEADER + cell]) == DOOR:
+            row[HEADER + cell] = in_state(row[HEADER + cell], STANDS_OPEN)
+
+
+@part()
+def recolour(row: Row, first: int, last: int, colour: int) -> None:
+    """Give objects another colour."""
+    for identity in range(first, last + 1):
+        cell = where_is(row, identity)
+        if cell != NOWHERE:
+            row[HEADER + cell] = row[HEADER + cell] & ~(7 << 4) | colour << 4
+
+
+@part()
+def lock_a_room(row: Row, words: Words, plan: Plan, columns: int, size: int) -> int:
+    """Put a locked door to a drawn room, and its key into another: the room."""
+    lines = len(plan) // columns
+    if len(plan) == 1:
+        row[FAILED] = HOPELESS
+        return -1
+    room = draw_room(words, columns, lines)
+    wall = integer(words, 0, 4)
+    while plan[room, DOOR_X + wall] == NO_DOOR:
+        room = draw_room(words, columns, lines)
+        wall = integer(words, 0, 4)
+    colour = draw_colour(words)
+    add_door(row, plan, columns, room, wall, colour, True)
+    other = draw_room(words, columns, lines)
+    while other == room:
+        other = draw_room(words, columns, lines)
+    new_object(row, words, columns, size, other, KEY, colour)
+    return room
+
+
+@part()
+def block_door(row: Row, words: Words, door: int) -> int:
+    """Put a ball of a drawn colour left of a door: its identity."""
+    colour = draw_colour(words)
+    cell = where_is(row, door)
+    x, y = cell // row[HEIGHT] - 1, cell % row[HEIGHT]
+    put(row, x, y, make(row, BALL, colour, 0))
+    return row[OBJECTS]
+
+
+@part()
+def boxed_key(row: Row, words: Words, columns: int, size: int, room: int, colour: int) -> int:
+    """Put a box of a drawn colour with a key in it into a room: the box's identity."""
+    key = make(row, KEY, colour, 0)
+    box = make(row, BOX, draw_colour(words), 0)
+    row[HEADER + 2 * row[WIDTH] * row[HEIGHT] + (box >> 9) - 1] = key
+    add_object(row, words, columns, size, room, box)
+    return row[OBJECTS]
+
+
+@inlined
+def chance_below(words: Words, threshold: int) -> bool:
+    """Draw a number in [0, 1) and say whether it is below ``threshold`` / 2**53."""
+    return unit(words) < threshold

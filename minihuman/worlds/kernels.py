@@ -1,0 +1,239 @@
+"""The one door to Numba: how kernels are compiled, where their machine code is kept, who hears that it takes time.
+
+Kept code is found again by all that it was made of: see `Kept`. Nothing is fused or reordered, so what a kernel
+computes is the same on every machine; with NUMBA_DISABLE_JIT=1 it runs as the plain Python it is written in.
+"""
+
+import hashlib
+import logging
+import os
+import pickle
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import llvmlite
+import numba
+import numpy as np
+from numba import int64 as int64  # for kernels whose variables' first values say too little
+from numba.core import event
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
+from numba.misc.appdirs import AppDirs
+
+from minihuman.worlds.sources import module_digest
+
+LOG = logging.getLogger("minihuman")
+LINE = "compiling the worlds for this machine; this takes some seconds, and only the first time"
+MOST_KEPT_BYTES = 512 * 1024**2  # when there is more, what was not used for longest is deleted, down to half of it
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# A division by zero is infinite, as in NumPy: nothing is made to raise it. C calls no kernel.
+_KERNEL: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+
+
+def kernel(signature: str | None = None, *, lean: bool = False, **variables: Any) -> Callable[[F], F]:
+    """Compile what Python calls; with a signature now, and for nothing else than it.
+
+    Args:
+        signature: Numba's words for arguments and result; without one, what it is first called with.
+        lean: It makes no arrays, so it need not count who holds those it is given: small ones are much faster.
+        variables: Numba's types of variables whose first value says too little.
+    """
+    return _compiled(signature, {"_nrt": False} if lean else {}, variables)
+
+
+def part(
+    signature: str | None = None, *, lean: bool = False, into_caller: bool = False, **variables: Any
+) -> Callable[[F], F]:
+    """Compile what only kernels call, without a way in from Python, which would have to be compiled too.
+
+    Python must not call a part: there is nothing there, and the process ends. What a layout written in Python may
+    call is a kernel. ``into_caller`` copies the machine code to where it is called, in every case.
+    """
+    options = {"no_cpython_wrapper": True, "forceinline": into_caller} | ({"_nrt": False} if lean else {})
+    return _compiled(signature, options, variables)
+
+
+def inlined(function: F) -> F:
+    """Compile what is a line or two, as if it were written out in each kernel that calls it."""
+    return _compiled(None, {"inline": "always"}, {})(function)
+
+
+def _compiled(signature: str | None, options: dict[str, Any], variables: dict[str, Any]) -> Callable[[F], F]:
+    options = _KERNEL | options
+
+    def compiled(function: F) -> F:
+        dispatcher = numba.njit(locals=variables, **options)(function)
+        if not hasattr(dispatcher, "py_func"):
+            return function  # NUMBA_DISABLE_JIT
+        _announce()
+        dispatcher._cache = Kept(function, repr((sorted(options.items()), sorted(variables.items(), key=str))))
+        if signature is not None:
+            dispatcher.compile(signature)
+            dispatcher.disable_compile()
+        return cast(F, dispatcher)
+
+    return compiled
+
+
+class Kept(_Cache):
+    """One function's machine code on disk, a file for each signature, found by all that the code is made of.
+
+    That is: the sources of the function's module and of every module it imports, here and further on; how it is
+    compiled, for which types; Python, Numba, LLVM and NumPy; the processor. So neither an edit nor an upgrade nor
+    another machine on the same disk ever finds what is not its own, and nothing needs to be deleted by hand. Numba's
+    own cache looks at the function's file alone, and so goes on with what is compiled into it from others.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: str) -> None:
+        if function.__closure__:
+            raise TypeError(f"{function.__qualname__} is made inside another function; a kernel stands in a module")
+        self._name = f"{function.__module__}.{function.__qualname__}"
+        self._digest = module_digest(function.__module__)
+        self._made_of = f"{self._name} {function.__code__.co_firstlineno} {self._digest} {options}"
+
+    @property
+    def cache_path(self) -> str:
+        """The folder new code goes to; "" where there is none that can be written to."""
+        return str(folder() or "")
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The code for a signature; None where none is kept, or the file is damaged."""
+        where = folder()
+        if where is None or self._digest is None:
+            return None
+        target_context.refresh()  # or what the code refers to may not be there yet
+        path = where / self._file(sig, target_context.codegen())
+        try:
+            data = path.read_bytes()
+        except OSError:
+            return None
+        with suppress(OSError):  # somebody else's file, perhaps
+            os.utime(path)
+        if hashlib.sha256(data[32:]).digest() != data[:32]:
+            return None
+        return CompileResult._rebuild(target_context, *pickle.loads(data[32:]))
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep new code, unless it holds addresses of this process or the disk does not take it."""
+        where = folder()
+        if where is None or self._digest is None or data.library.has_dynamic_globals:
+            return
+        code = dumps(data._reduce())
+        try:
+            _make_room(where)
+            with tempfile.NamedTemporaryFile(dir=where, suffix=".new", delete=False) as file:
+                file.write(hashlib.sha256(code).digest() + code)
+            os.replace(file.name, where / self._file(sig, data.codegen))
+        except OSError as error:
+            LOG.debug("compiled code of %s is not kept: %s", self._name, error)
+
+    def enable(self) -> None:
+        """It always is."""
+
+    def disable(self) -> None:
+        """It never is."""
+
+    def flush(self) -> None:
+        """Nothing kept is ever stale."""
+
+    def _file(self, sig: Any, codegen: Any) -> str:
+        arguments, result = normalize_signature(sig)
+        signature = [_spelt(each) for each in (*arguments, result)]
+        made_of = f"{self._made_of} {signature} {codegen.magic_tuple()} {_versions()}"
+        return f"{self._name.rpartition('.')[2]}-{hashlib.sha256(made_of.encode()).hexdigest()[:24]}.code"
+
+
+def _spelt(numba_type: Any) -> str:
+    """A type by name; of a named tuple its fields too, which Numba leaves out."""
+    inner = [_spelt(each) for each in getattr(numba_type, "types", ())]
+    return f"{numba_type} {getattr(numba_type, 'fields', '')} {inner}" if inner else str(numba_type)
+
+
+def _versions() -> str:
+    return f"{sys.implementation.cache_tag} {numba.__version__} {llvmlite.__version__} {np.__version__}"
+
+
+@cache
+def folder() -> Path | None:
+    """Where compiled code is kept: NUMBA_CACHE_DIR where that is set, or the user's cache, or beside the worlds.
+
+    None where none of them can be written to; then every process compiles anew.
+    """
+    users = Path(AppDirs("minihuman", appauthor=False).user_cache_dir)
+    told, beside = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parent / "__pycache__"
+    for place in [Path(told) / "minihuman"] if told else [users, beside]:
+        where = place / "kernels"
+        try:
+            where.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=where).close()
+        except OSError:
+            continue
+        return where
+    return None
+
+
+@cache
+def _make_room(where: Path) -> None:
+    """Delete what was not used for longest, if there is much; once a process, before it adds to it."""
+    found = []
+    for path in where.iterdir():
+        with suppress(OSError):  # another process may be doing the same
+            found.append((path.stat().st_mtime, path.stat().st_size, path))
+    left = sum(size for _, size, _ in found)
+    if left <= MOST_KEPT_BYTES:
+        return
+    for _, size, path in sorted(found):
+        with suppress(OSError):
+            path.unlink()
+        left -= size
+        if left <= MOST_KEPT_BYTES / 2:
+            return
+
+
+class _Announcement(event.Listener):
+    """Says `LINE` when the first kernel of ours is compiled in this process; code that was kept says nothing."""
+
+    def __init__(self) -> None:
+        self._said = False
+
+    def on_start(self, event: event.Event) -> None:
+        if not self._said and isinstance(getattr(event.data["dispatcher"], "_cache", None), Kept):
+            self._said = True
+            LOG.warning(LINE)  # a warning is what Python shows on stderr where nobody set up logging
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+@cache
+def _announce() -> None:
+    event.register("numba:compile", _Announcement())
+
+
+class _First(event.Listener):
+    def __init__(self, act: Callable[[], None]) -> None:
+        self._act: Callable[[], None] | None = act
+
+    def on_start(self, event: event.Event) -> None:
+        act, self._act = self._act, None
+        if act is not None:
+            act()
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+@contextmanager
+def at_first_compile(act: Callable[[], None]) -> Iterator[None]:
+    """Call ``act`` when the first function is compiled meanwhile, before that; kept code calls nothing."""
+    with event.install_listener("numba:compile", _First(act)):
+        yield

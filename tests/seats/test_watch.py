@@ -1,0 +1,183 @@
+"""The experimenter's page, as they meet it: a session in a real window, and `minihuman watch` beside it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from minihuman.lab.protocol_file import read_protocol
+from minihuman.lab.verify import verify
+from minihuman.log.read.open_log import open_log
+from minihuman.seats.desk import Desk, Request, ask, requests_path
+from minihuman.study.events import Noted
+from minihuman.study.expand import enrol, expand
+from minihuman.study.inputs import Asked, Tick
+from minihuman.study.session import Session
+from minihuman.windows.blocking import TITLE
+from tests.seats.test_played_session import DEMO, start, typist_and_display  # noqa: F401
+from tests.study.sessions import corridor_plan
+from tests.xserver import Typist
+
+PATIENCE_S = 60
+
+
+class Page:
+    """The page's own requests, from a program of its own."""
+
+    def __init__(self, study: Path) -> None:
+        command = [sys.executable, "-m", "minihuman", "watch", str(study)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        self.url = self.process.stdout.readline().split()[1]
+
+    def get(self, path: str) -> bytes:
+        with urllib.request.urlopen(self.url + path, timeout=10) as answer:
+            return answer.read()
+
+    def state(self) -> dict[str, Any]:
+        return json.loads(self.get("state"))
+
+    def session(self) -> tuple[str, dict[str, Any]]:
+        ((name, facts),) = self.state()["sessions"].items()
+        return name, facts
+
+    def ask(self, what: str, text: str = "") -> None:
+        name, _ = self.session()
+        body = json.dumps({"what": what, "text": text}).encode()
+        urllib.request.urlopen(f"{self.url}ask?session={name}", data=body, timeout=10).close()
+
+    def until(self, is_so: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while True:
+            state = self.state()["sessions"]
+            if state and is_so(next(iter(state.values()))):
+                return next(iter(state.values()))
+            assert time.monotonic() < deadline_s, f"the page still says {state}"
+            time.sleep(0.2)
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+
+@pytest.fixture
+def pages() -> Iterator[list[Page]]:
+    opened: list[Page] = []
+    yield opened
+    for page in opened:
+        page.kill()
+
+
+@pytest.mark.program
+def test_the_page_shows_a_session_takes_notes_pauses_dies_comes_back_and_aborts(
+    typist_and_display: tuple[Typist, str],  # noqa: F811
+    tmp_path: Path,
+    pages: list[Page],
+) -> None:
+    typist, display = typist_and_display
+    demo = read_protocol(DEMO)
+    plan = expand(demo, enrol(demo, 0))
+    station = start("pygame", display, tmp_path)
+    typist.focus(TITLE)
+    typist.tap(*plan.key_pool, "enter")
+    time.sleep(1)
+    typist.tap("enter")
+    study = tmp_path / demo.study.name
+    pages.append(Page(study))
+    page = pages[-1]
+    told = page.until(lambda one: one["phase"] == "playing")
+    assert (told["participant"], told["episode"], told["steps"]) == ("sub-01", 1, 0)
+    name, _ = page.session()
+    first = np.asarray(Image.open(BytesIO(page.get(f"picture?session={name}"))))
+    assert first.std() > 10
+
+    keys = {action: key for key, action in plan.episodes[0].key_map.keys.items()}
+    for _ in range(3):
+        typist.tap(keys["left"])
+        time.sleep(0.1)
+    told = page.until(lambda one: one["steps"] == 3)
+    assert [press["key"] for press in told["keys"]][-3:] == [keys["left"]] * 3
+    assert len(told["times_ms"]) == 3
+    assert not np.array_equal(np.asarray(Image.open(BytesIO(page.get(f"picture?session={name}")))), first)
+
+    page.ask("note", "the phone rang")
+    page.ask("pause")
+    told = page.until(lambda one: one["paused"] == "experimenter")
+    assert [note["text"] for note in told["notes"] if note["kind"] == "experimenter"] == [
+        "note: the phone rang",
+        "pause: ",
+    ]
+    page.kill()
+    time.sleep(0.5)
+    assert station.poll() is None
+    pages.append(Page(study))
+    page = pages[-1]
+    assert page.until(lambda one: one["paused"])["steps"] == 3
+    page.ask("go_on")
+    page.until(lambda one: not one["paused"] and one["phase"] == "playing")
+    typist.tap(keys["left"])
+    page.until(lambda one: one["steps"] == 4)
+    page.ask("abort", "fire alarm")
+    _, complained = station.communicate(timeout=PATIENCE_S)
+    assert station.returncode == 0, complained
+    log = open_log(next(study.rglob("*.mcap")))
+    assert log.end_reason == "aborted"
+    notes = [note.text for note in log.notes if isinstance(note, Noted) and note.kind == "experimenter"]
+    assert notes == ["note: the phone rang", "pause: ", "go_on: ", "abort: fire alarm"]
+    assert verify(log).difference == ""
+    assert page.state()["sessions"] == {}
+
+
+@pytest.mark.program
+def test_the_page_is_for_this_machine_and_whoever_knows_its_address(tmp_path: Path, pages: list[Page]) -> None:
+    pages.append(Page(tmp_path))
+    page = pages[-1]
+    assert page.url.startswith("http://127.0.0.1:")
+    assert b"minihuman: watch" in page.get("")
+    root = page.url.split("/", 3)
+    for wrong in (f"{root[0]}//{root[2]}/", f"{root[0]}//{root[2]}/state", page.url + "elsewhere"):
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(wrong, timeout=10)
+
+
+def test_what_was_asked_before_the_session_began_is_not_done_again(tmp_path: Path) -> None:
+    log = tmp_path / "sub-01_ses-01.mcap"
+    ask(log, Request("abort", "yesterday"))
+    desk = Desk(requests_path(log))
+    assert desk.asked() == []
+    ask(log, Request("note", "today"))
+    with requests_path(log).open("ab") as file:
+        file.write(b'{"what": "no such wish"}\n{"what": "no')
+    assert [one.text for one in desk.asked()] == ["today"]
+    with requests_path(log).open("ab") as file:
+        file.write(b'te", "text": "and whole"}\n')
+    assert [one.text for one in desk.asked()] == ["and whole"]
+
+
+def test_a_pause_where_nothing_is_played_is_only_noted() -> None:
+    from minihuman.worlds.adapt.world import World
+
+    session = Session(corridor_plan(episodes=1, max_steps=9), World, {})
+    session.receive(Tick(0))
+    phase = session.phase
+    events = session.receive(Asked(5, "pause"))
+    assert [event.text for event in events if isinstance(event, Noted)] == ["pause: "]
+    assert session.phase is phase
+    session.close()
+
+
+def test_a_session_that_nobody_asks_anything_has_no_such_file(tmp_path: Path) -> None:
+    assert Desk(requests_path(tmp_path / "none.mcap")).asked() == []
+    assert os.listdir(tmp_path) == []
