@@ -52,7 +52,7 @@ def verify(
 
 
 def recover(
-    logs: Annotated[list[Path], typer.Argument(help="Cut-off (*.mcap.part) or damaged logs, or folders of cut-off ones.")],
+    logs: Annotated[list[Path], typer.Argument(help="Cut-off or damaged logs, or folders of cut-off ones.")],
 ) -> None:
     """Finish cut-off logs and rewrite damaged ones; says what was kept of each. Exit 1 if one was damaged.
 
@@ -63,9 +63,12 @@ def recover(
 
     codes = [0]
     for became in recover_all(logs):
-        failed = isinstance(became, MinihumanError)
-        print(f"minihuman: {became}" if failed else became.line(), file=sys.stderr if failed else sys.stdout, flush=True)
-        codes.append(became.exit_code if failed else int(became.damaged))
+        if isinstance(became, MinihumanError):
+            print(f"minihuman: {became}", file=sys.stderr, flush=True)
+            codes.append(became.exit_code)
+        else:
+            print(became.line(), flush=True)
+            codes.append(int(became.damaged))
     if len(codes) == 1:
         print("no cut-off logs")
     raise typer.Exit(max(codes))

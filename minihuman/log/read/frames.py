@@ -104,7 +104,7 @@ def _is_whole(view: mmap.mmap, begin: int) -> bool:
             name: str = metadata_of(content).name
             return name.startswith("minihuman.")
         case Opcode.DATA_END:
-            return length == _DATA_END.size - HEAD.size and end < len(view)
+            return bool(length == _DATA_END.size - HEAD.size and end < len(view))
     return False
 
 

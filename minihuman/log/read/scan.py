@@ -29,7 +29,7 @@ from minihuman.log import segment_head
 from minihuman.log.read.chunk import HEAD, LogMessage, Messages, Records, cut
 from minihuman.log.read.frames import LARGEST_BYTES, attachment_of, chunk_of, metadata_of, next_whole, stream, times_of
 from minihuman.log.segment_head import SegmentHead
-from minihuman.log.topics import BY_NAME, MISSING_METADATA, PLAN, SEGMENT_METADATA
+from minihuman.log.topics import BY_NAME, END_METADATA, MISSING_METADATA, PLAN, SEGMENT_METADATA
 
 _CRC = struct.Struct("<I")
 _FOOTER = struct.Struct("<QQI")  # where the summary starts, where its offsets start, its checksum
@@ -179,6 +179,11 @@ class Scan:
     def _note(self, reason: str) -> None:
         self.gaps.append(Gap(self._at, self._at, reason))
 
+    def _complete(self, segment: int, last_message: str) -> None:
+        """Note the messages that are missing at a segment's end."""
+        if segment == self._segment and 0 < self._sequence < _number(last_message):
+            self.missing.append(Missing(segment, self._sequence + 1, _number(last_message)))
+
     def _next(self, file: BinaryIO, at: int, size: int) -> tuple[Messages | Metadata | Attachment | None, int]:
         """Read the record at a byte: what it holds, and where the next one starts."""
         self._at = at
@@ -206,6 +211,8 @@ class Scan:
             metadata = metadata_of(content)
             if metadata.name == SEGMENT_METADATA:
                 self._segment, self._sequence = _number(metadata.metadata.get("segment", "")), 0
+            elif metadata.name == END_METADATA:
+                self._complete(_number(metadata.metadata.get("segment", "")), metadata.metadata.get("last_message", ""))
             elif metadata.name == MISSING_METADATA:
                 self.declared.add(Missing(**{name: _number(value) for name, value in metadata.metadata.items()}))
             return metadata, end

@@ -32,6 +32,7 @@ class Copy:
         self.counts: Counter[str] = Counter()  # messages a topic, of the last file copied
         self.total: Counter[str] = Counter()  # of all files
         self.end_reason = ""  # of the last file copied; "" if it holds none
+        self.last_sequence = 0  # of the last file copied
         self._writer = writer
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._channels: dict[tuple[str, int], int] = {}
@@ -44,7 +45,7 @@ class Copy:
     def all_of(self, scan: Scan, *, draw: bool = False) -> None:
         """Copy every record that the scan finds; add what viewers draw, unless the file has it already."""
         self.counts.clear()
-        self.end_reason = ""
+        self.end_reason, self.last_sequence = "", 0
         self._started_ns = None
         for record in scan:
             match record:
@@ -97,6 +98,8 @@ class Copy:
             return
         if topic == topics.PLAN:
             self._start(message, schema)
+        if topic in topics.BY_NAME and topic not in _FOR_VIEWERS:
+            self.last_sequence = message.sequence
         self._write_head()
         self._for_viewers(message)
         self._add(message, schema)

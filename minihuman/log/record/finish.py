@@ -168,11 +168,11 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, p
             "reason": end_reason,
             "clean": clean and not damage,
             "steps": copy.counts[topics.STEP],
+            "last_message": copy.last_sequence if promised is None else promised.messages,
             "stopped": damage,
         }
         if promised is not None:
             facts |= {
-                "messages_written": promised.messages,
                 "late_writes": promised.late_writes,
                 "longest_wait_ms": round(1e3 * promised.longest_wait_s),
             }

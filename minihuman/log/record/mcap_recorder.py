@@ -115,7 +115,7 @@ class McapRecorder(Recorder):
             os.close(self._fd)
 
     def _whole(self, finished: Finished) -> Finished:
-        if not finished.stopped:
+        if not finished.stopped or not self._live.messages:  # nothing was written, so nothing is lost
             return finished
         raise LossError(
             f"{finished.path}: kept {finished.steps} of {self._live.steps} steps, {finished.messages} of "
