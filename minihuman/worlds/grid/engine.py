@@ -15,7 +15,9 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.compile_apart import PIECES
+from minihuman.worlds.grid.core.cells import kind_of
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
+from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, step
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
@@ -40,6 +42,7 @@ from minihuman.worlds.grid.floor_plan import floor_plan
 from minihuman.worlds.grid.instructions.block import instructed_length
 from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.instructions.verify import hand_over
+from minihuman.worlds.grid.kinds import Kind, check_kinds
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.text import to_text
 from minihuman.worlds.hashing import hash64
@@ -77,6 +80,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
     compile_apart = PIECES
+    kinds: ClassVar[tuple[Kind, ...]] = ()  # things of its own, at most five kinds
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 
     def __init__(
@@ -120,7 +124,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
             width,
             height,
             check_max_steps(max_steps),
-            see_through_walls,
+            bool(see_through_walls) | check_kinds(self.kinds),
             actions,
         )
         self._words: Words = np.zeros(6, np.uint64)
@@ -227,7 +231,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         if self.render_mode == "ansi":
             return self.text()
         row = self._in_world().row
-        return draw(row, view="full", view_size=self.image_shape[0], tile_px=self.tile_size, palette=self.palette)
+        size = self.image_shape[0]
+        return draw(row, view="full", view_size=size, tile_px=self.tile_size, palette=self.palette, kinds=self.kinds)
 
     def pose(self) -> Pose:
         """The agent's cell (column, 0, row) and direction."""
@@ -237,7 +242,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
 
     def map(self) -> Map:
         """The floor plan with doors, objects and goal where they are now."""
-        return floor_plan(self._in_world(), self.palette)
+        return floor_plan(self._in_world(), self.palette, self.kinds)
 
     def state_hash(self) -> int:
         """A uint64 over layout, agent, task, mission and random stream."""
@@ -273,11 +278,23 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
         # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
-        return draw(self._in_world().row, view=view, view_size=size, tile_px=tile_px, palette=palette, by_bytes=True)
+        return draw(
+            self._in_world().row,
+            view=view,
+            view_size=size,
+            tile_px=tile_px,
+            palette=palette,
+            kinds=self.kinds,
+            by_bytes=True,
+        )
+
+    def is_kind(self, code: int, kind: Kind) -> bool:
+        """Whether a cell's code, or that of what is carried, is of a kind of this world's own."""
+        return kind_of(int(code)) >= OWN and self.kinds[kind_of(int(code)) - OWN] == kind
 
     def text(self) -> str:
         """A diagram of the grid in characters; ``text.py`` says which."""
-        return to_text(self._in_world())
+        return to_text(self._in_world(), self.kinds)
 
     def __str__(self) -> str:
         return type(self).__name__ if self.spec is None else self.spec.id

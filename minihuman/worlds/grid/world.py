@@ -34,7 +34,7 @@ class GridWorld(GridEngine, abc.ABC):
         return reward, terminated
 
     def _lay_out(self) -> None:
-        grid = Layout(self._row, self.np_random, self.mission_space.first())
+        grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)
         self.mission = grid.mission
 

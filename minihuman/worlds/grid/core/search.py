@@ -20,6 +20,7 @@ from minihuman.worlds.grid.core.cells import (
     kind_of,
     state_of,
 )
+from minihuman.worlds.grid.core.own import passes
 from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.state import (
     CARRYING,
@@ -82,12 +83,12 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
             else:
                 from_x -= (1 - direction) * (1 - direction % 2)
                 from_y -= (2 - direction) * (direction % 2)
-                if not stands_or_ends(row[HEADER + x * height + y], through):
+                if not stands_or_ends(row, row[HEADER + x * height + y], through):
                     continue
             if from_x < 0 or from_y < 0 or from_x >= width or from_y >= height:
                 continue
             other = (from_x * height + from_y) * 4 + before
-            if steps[other] == FAR and stands(row[HEADER + from_x * height + from_y], through):
+            if steps[other] == FAR and stands(row, row[HEADER + from_x * height + from_y], through):
                 steps[other] = steps[pose] + 1
                 queue[tail] = other
                 tail += 1
@@ -95,18 +96,18 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
 
 
 @part()
-def stands(code: int, through: bool) -> bool:
+def stands(row: Row, code: int, through: bool) -> bool:
     """Whether an agent that has not yet succeeded can be in this cell."""
     kind = kind_of(code)
     if kind == WALL or kind == LAVA or kind == GOAL:
         return False
-    return through or kind <= 3 or (kind == DOOR and state_of(code) == OPEN)
+    return through or passes(row, code)
 
 
 @part()
-def stands_or_ends(code: int, through: bool) -> bool:
+def stands_or_ends(row: Row, code: int, through: bool) -> bool:
     """Whether a step into this cell is possible and no failure."""
-    return kind_of(code) == GOAL or stands(code, through)
+    return kind_of(code) == GOAL or stands(row, code, through)
 
 
 @kernel()
