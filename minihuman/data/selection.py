@@ -72,9 +72,7 @@ class Selection:
                 reason or broken_rule(rules, "episode", row) for reason, row in zip(reasons, measured.rows, strict=True)
             ]
             counting = [place for place, reason in enumerate(reasons) if not reason]
-            of_session = (
-                broken_rule(rules, "participant", measured.over(counting) | about_session(log)) if counting else ""
-            )
+            of_session = broken_rule(rules, "participant", measured.over(counting) | about_session(log))
         asked = [self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
         return Counted(log, tuple(theirs), tuple(asked), tuple(reasons), of_session)
 

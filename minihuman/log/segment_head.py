@@ -22,11 +22,7 @@ class SegmentHead:
 
     def __init__(self, records: Records) -> None:
         self.records = records
-        self.metadata: dict[str, Metadata] = {}  # by name, those that were not seen elsewhere
-        for opcode, content in records.others:
-            if opcode == Opcode.METADATA:
-                metadata = metadata_of(content)
-                self.metadata[metadata.name] = metadata
+        self.metadata = [metadata_of(content) for opcode, content in records.others if opcode == Opcode.METADATA]
 
     @classmethod
     def of(cls, data: bytes) -> "SegmentHead":

@@ -50,10 +50,11 @@ class Reading:
                 case Messages():
                     if not start:
                         raise LogError(f"{self.path} is not a minihuman log: nothing in it says which version it has")
+                    self._decode = reader_for(start, self.path)
                     self.starts += [start] * record.count(PLAN)
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
-                    self._decode, start = reader_for(record.metadata, self.path), record.metadata
+                    start = record.metadata
                 case Metadata() if record.name == END_METADATA:
                     self.ends.append(record.metadata)
         self.damage, self.missing = scan.damage, scan.missing

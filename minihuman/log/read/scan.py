@@ -81,6 +81,7 @@ class Scan:
         self._segment = 0
         self._sequence = 0  # of our last message; others' logs may not count, ours count from 1 in each segment
         self._between: list[int] = []  # of unknown topics since then: a newer version's, if our next one counts them
+        self._seen: dict[str, Metadata] = {}  # the latest of each name
         self._copy: SegmentHead | None = None  # of the start of the segment that is being read
 
     @property
@@ -101,7 +102,7 @@ class Scan:
         """Read chunk by chunk; where the start of a segment is damaged, its second copy is read."""
         for record in self._found():
             yield from self._restored(record)
-            yield self._as_in_copy(record) if isinstance(record, Metadata) else record
+            yield record
         yield from self._restored(None)
 
     def _found(self) -> Iterator[Messages | Metadata | Attachment]:
@@ -159,22 +160,18 @@ class Scan:
                     self._copy = SegmentHead.of(record.data)
                     for declared in self._copy.records.others:
                         self._declared(*declared)
+                    for metadata in self._copy.metadata:
+                        if self._seen.get(metadata.name) != metadata:
+                            self._note(f"metadata {metadata.name} is not what its copy says")
+                            yield metadata
+            case Metadata():
+                self._seen[record.name] = record
             case Messages() | None if self._copy is not None:
                 copy, self._copy = self._copy, None
-                for metadata in copy.metadata.values():
-                    self._note(f"metadata {metadata.name} is gone; it was read from its copy")
-                    yield metadata
                 if record is None or not record.count(PLAN):
                     found = copy.records.heads["sequence"].tolist()
                     self.missing = [left for gap in self.missing for left in gap.without(found)]
                     yield Messages(copy.records, self.channels)
-
-    def _as_in_copy(self, record: Metadata) -> Metadata:
-        """A metadata record of a segment's start as its copy has it, which has a checksum."""
-        copied = None if self._copy is None else self._copy.metadata.pop(record.name, None)
-        if copied not in (None, record):
-            self._note(f"metadata {record.name} is not what its copy says")
-        return copied or record
 
     def _note(self, reason: str) -> None:
         self.gaps.append(Gap(self._at, self._at, reason))

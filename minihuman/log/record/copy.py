@@ -14,11 +14,12 @@ from minihuman.log.decode import decode
 from minihuman.log.encode import for_viewers
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.scan import Missing, Scan
-from minihuman.study.events import SessionEnded
+from minihuman.study.events import EpisodeEnded, Event, SessionEnded, SessionStarted
 
 NOT_COUNTED = 0  # the sequence of a message that only repeats another for viewers
 EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
+_TOLD = frozenset({topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # what the end's metadata says comes of these
 _HEAD = (topics.SEGMENT_METADATA, topics.FACTS_METADATA)
 
 
@@ -33,12 +34,18 @@ class Copy:
         self.total: Counter[str] = Counter()  # of all files
         self.end_reason = ""  # of the last file copied; "" if it holds none
         self.last_sequence = 0  # of the last file copied
+        self.planned = 0  # episodes of the session
+        self.completed: set[int] = set()  # of them, in all files copied: with an outcome other than abandoned
+        self.lasted_ns = 0  # from the last file's first message to its last
+        self._first_ns = 0
         self._writer = writer
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._channels: dict[tuple[str, int], int] = {}
         self._attachments: set[tuple[str, bytes]] = set()
-        self._head: list[Metadata] = []  # of the segment whose plan is next
+        self._head: dict[str, Metadata] = {}  # of the segment whose plan is next
+        self._attached: list[Attachment] = []  # to it
         self._held: list[tuple[LogMessage, Schema | None]] = []  # for viewers, before that plan
+        self._draw = False
         self._started_ns: int | None = None  # None: nothing is to be added for viewers
         self._chunk_bytes = 0
 
@@ -46,17 +53,18 @@ class Copy:
         """Copy every record that the scan finds; add what viewers draw, unless the file has it already."""
         self.counts.clear()
         self.end_reason, self.last_sequence = "", 0
-        self._started_ns = None
+        self.lasted_ns = self._first_ns = 0
+        self._started_ns, self._draw = None, draw
         for record in scan:
             match record:
                 case LogMessage():
                     self._message(record, scan.schemas.get(record.channel.schema_id))
                 case Metadata() if record.name in _HEAD:
-                    if draw and record.name == topics.SEGMENT_METADATA:
-                        self._started_ns = int(record.metadata["started_unix_ns"])
-                    self._head.append(record)
+                    self._head[record.name] = record
                 case Metadata():
                     self.metadata(record.name, record.metadata)
+                case Attachment() if record.name != segment_head.NAME and self._head:
+                    self._attached.append(record)
                 case Attachment() if record.name != segment_head.NAME:
                     self._attachment(record)
         self._write_head()
@@ -105,14 +113,26 @@ class Copy:
         self._add(message, schema)
         if topic == topics.PLAN or (topic == topics.EPISODE_END and self._chunk_bytes > EPISODE_BYTES):
             self._flush()
-        if topic == topics.SESSION_END:
-            with suppress(Exception):  # as above
-                ended = decode(topic, message.data)
-                self.end_reason = ended.reason if isinstance(ended, SessionEnded) else ""
+        self._first_ns = self._first_ns or message.log_time
+        self.lasted_ns = max(self.lasted_ns, message.log_time - self._first_ns)
+        if topic in _TOLD:
+            with suppress(Exception):  # as in _for_viewers
+                self._tell(decode(topic, message.data))
+
+    def _tell(self, event: Event | None) -> None:
+        match event:
+            case SessionStarted(plan=plan):
+                self.planned = len(plan.episodes)
+            case EpisodeEnded(outcome=outcome, episode=episode) if outcome != "abandoned":
+                self.completed.add(episode)
+            case SessionEnded(reason=reason):
+                self.end_reason = reason
 
     def _start(self, message: LogMessage, schema: Schema | None) -> None:
-        """Put the second copy of a segment's start before it."""
+        """Put the second copy of a segment's start behind its metadata."""
         self._flush()
+        if self._draw and topics.SEGMENT_METADATA in self._head:
+            self._started_ns = int(self._head[topics.SEGMENT_METADATA].metadata["started_unix_ns"])
         number = self._channel(message.channel, schema)
         topic, encoding = message.channel.topic, message.channel.message_encoding
         schemas, channels = [], [Channel(number, topic, encoding, message.channel.metadata, schema_id=0)]
@@ -120,16 +140,19 @@ class Copy:
             channels[0].schema_id = self._schemas[schema.name, schema.data]
             schemas.append(Schema(channels[0].schema_id, schema.data, schema.encoding, schema.name))
         plan = Message(number, message.log_time, message.data, message.publish_time, message.sequence)
-        copied = segment_head.packed(self._head, schemas, channels, plan)
-        self._writer.add_attachment(
-            message.log_time, message.log_time, segment_head.NAME, segment_head.MEDIA_TYPE, copied
-        )
+        copied = segment_head.packed(self._head.values(), schemas, channels, plan)
+        self._write_head(copied, message.log_time)
 
-    def _write_head(self) -> None:
-        head, self._head = self._head, []
+    def _write_head(self, copied: bytes = b"", log_time: int = 0) -> None:
+        head, self._head = self._head, {}
+        attached, self._attached = self._attached, []
         held, self._held = self._held, []
-        for record in head:
+        for record in head.values():
             self.metadata(record.name, record.metadata)
+        if copied:
+            self._writer.add_attachment(log_time, log_time, segment_head.NAME, segment_head.MEDIA_TYPE, copied)
+        for attachment in attached:
+            self._attachment(attachment)
         for message, schema in held:
             self._add(message, schema)
 

@@ -81,13 +81,13 @@ class LiveLog:
         """The bytes of a segment's start: the plan has a chunk of its own, and a copy before it."""
         writer, started_ns = self._writer, self._started_ns
         writer.start(profile=PROFILE, library=LIBRARY)
-        begin = self._flushed()
         head = [
             Metadata(SEGMENT_METADATA, _segment_facts(event.plan, started_ns)),
             Metadata(FACTS_METADATA, event.facts),
         ]
         for record in head:
             writer.add_metadata(record.name, record.metadata)
+        begin = self._flushed()
         for name, media_type, content in _attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
         schemas: dict[str, Schema] = {}
