@@ -8,7 +8,6 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from operator import itemgetter
 from typing import Any, get_args
 
 import numpy as np
@@ -29,6 +28,7 @@ from minihuman.recorded.episode import CUT_OFF, Episode, pose_row
 from minihuman.recorded.segment import Note, PartEvent, Pauses, Segment, in_session, parts_in_session
 from minihuman.study import events as ev
 
+_BREAK = ""  # the topic that stands for messages that are missing
 _AXES = ("x", "y", "z", "yaw_rad")
 _THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
 _TIMES = frozenset(
@@ -136,8 +136,12 @@ class Gathering:
                         others += ((number, topic, data) for number, data in zip(numbers, payloads, strict=True))
             if self._size > size:
                 self._chunks.append(chunk.data)
-            for place, topic, data in sorted(others, key=itemgetter(0)):
-                self._take(place, reading.event(topic, data))
+            others += ((self._count + place, _BREAK, b"") for place in chunk.breaks)
+            for place, topic, data in sorted(others, key=lambda other: (other[0], other[1] != _BREAK)):
+                if topic == _BREAK:
+                    self._close(place)  # what is behind a gap may be another episode's
+                else:
+                    self._take(place, reading.event(topic, data))
             self._count += len(chunk)
 
     @property
@@ -272,6 +276,8 @@ class Gathering:
         return Observations(span.start.plan.episode, its[: steps + 1]) if len(its) > steps else None
 
     def _take(self, place: int, event: ev.Event | None) -> None:
+        if not self._parts and not isinstance(event, ev.SessionStarted):
+            return  # the plan is lost, and nothing says what this belongs to
         match event:
             case ev.SessionStarted():
                 self._close(place)
