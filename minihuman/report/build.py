@@ -91,7 +91,7 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
 
 def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[Path, str]]:
     """Learning curves of the compared block, by group."""
-    counted = episodes[(episodes["left_out"] == "") & (episodes["block"] == found.block)]
+    counted = episodes[episodes["left_out"].isna() & (episodes["block"] == found.block)]
     for measure, label, limits in _CURVES:
         curves = learning_curves(counted, measure)
         if curves:

@@ -38,10 +38,10 @@ class Results:
 
 def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame) -> Results:
     """Work out the results from the three tables as they were written."""
-    counted_people = participants[participants["left_out"] == ""]
-    counted = episodes[episodes["left_out"] == ""]
-    block = target_block(blocks[blocks["left_out"] == ""])
-    rows = blocks[(blocks["left_out"] == "") & (blocks["block"] == block)]
+    counted_people = participants[participants["left_out"].isna()]
+    counted = episodes[episodes["left_out"].isna()]
+    block = target_block(blocks[blocks["left_out"].isna()])
+    rows = blocks[(blocks["left_out"].isna()) & (blocks["block"] == block)]
     rows = rows.sort_values(["group", "participant", "session"])
     subjects = rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]]
     each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
@@ -80,11 +80,11 @@ def group_rewards(each: pd.DataFrame) -> pd.DataFrame:
 
 def exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
     """Every row left out, with its reason: participants first, then episodes of the others."""
-    people = participants.loc[participants["left_out"] != "", ["left_out", "participant", "session"]]
+    people = participants.loc[participants["left_out"].notna(), ["left_out", "participant", "session"]]
     people = people.assign(level="participant")
     whole = set(zip(people["left_out"], people["participant"], people["session"], strict=True))
     theirs = zip(episodes["left_out"], episodes["participant"], episodes["session"], strict=True)
-    alone = np.array([bool(key[0]) and key not in whole for key in theirs], bool)
+    alone = np.array([pd.notna(key[0]) and key not in whole for key in theirs], bool)
     single = episodes.loc[alone, ["left_out", "participant", "session", "episode", "attempt"]].assign(level="episode")
     both = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
     return both.reindex(columns=["left_out", "level", "participant", "session", "episode", "attempt"])

@@ -56,7 +56,7 @@ def estimates(seed):
     medians = tables["participants"]["reaction_median_ms"]
     interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
     keys = tables["keys"]
-    return compared, found.model, interval, keys.loc[keys["action"] != "", "found_steps"].to_numpy(float)
+    return compared, found.model, interval, keys.loc[keys["action"].notna(), "found_steps"].to_numpy(float)
 
 
 @pytest.mark.long
