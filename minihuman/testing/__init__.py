@@ -11,7 +11,7 @@ Each raises `ContractError`, which names the promise that is not kept; ours all 
 from minihuman.testing.exporter import check_exporter
 from minihuman.testing.kept import ContractError
 from minihuman.testing.player import check_player
-from minihuman.testing.window import Desk, check_window
+from minihuman.testing.window import TypedWindow, check_window
 from minihuman.testing.world import check_world
 
-__all__ = ["ContractError", "Desk", "check_exporter", "check_player", "check_window", "check_world"]
+__all__ = ["ContractError", "TypedWindow", "check_exporter", "check_player", "check_window", "check_world"]

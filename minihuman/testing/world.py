@@ -1,4 +1,4 @@
-"""What every world promises a session: the same seeds give the same play, what is saved comes back, what is drawn is seen."""
+"""What every world promises a session: equal seeds, equal play; what is saved comes back; what is drawn is seen."""
 
 import pickle
 from collections.abc import Callable, Iterator
@@ -57,12 +57,13 @@ def check_world(
 
 def _says_what_it_is(world: World) -> None:
     names = world.action_names
-    promise(len(names) == int(world.action_space.n), f"{world.id}: {len(names)} names for {world.action_space.n} actions")
+    promise(
+        len(names) == int(world.action_space.n), f"{world.id}: {len(names)} action names, not {world.action_space.n}"
+    )
     promise(len(set(names)) == len(names), f"{world.id}: two actions share a name: {', '.join(names)}")
     observed = world.reset(0)
-    promise(
-        world.observation in world.observation_space, f"{world.id}: the first observation is not in the observation space"
-    )
+    inside = world.observation in world.observation_space
+    promise(inside, f"{world.id}: the first observation is not in the observation space")
     promise(isinstance(observed.mission, str), f"{world.id}: its mission is no text")
     if world.pose() is not None:
         pose, plan = world.pose(), world.map()
@@ -102,23 +103,23 @@ def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: li
 
 def _comes_back(world: World, seed: int, actions: list[int]) -> None:
     """Whatever an episode changes is saved and restored: what the log calls the state is the state."""
-    half = actions[: len(actions) // 2]
-    ended = any(step[1] or step[2] for step in _play(world, seed, half))
-    saved, before = world.save(), world.state_hash()
-    own = _own_attributes(world)
-    if not ended:
-        first = list(_go_on(world, actions[len(half) :]))
-        world.restore(saved)
-        promise(world.state_hash() == before, f"{world.id}: restored, it has another state hash")
-        changed = [name for name, value in _own_attributes(world).items() if value != own.get(name, value)]
-        promise(
-            not changed,
-            f"{world.id}: {', '.join(changed)} changes in an episode and does not come back; "
-            "name it in the world's kept = (...), or keep it where save() finds it",
-        )
-        _same(f"{world.id}: restored", first, list(_go_on(world, actions[len(half) :])))
-        world.restore(pickle.loads(pickle.dumps(saved)))
-        promise(world.state_hash() == before, f"{world.id}: restored twice, or from a pickle, it has another state hash")
+    lasts = len(_play(world, seed, actions)) - 1
+    half = actions[: max(1, lasts // 2)]
+    if any(step[1] or step[2] for step in _play(world, seed, half)):
+        return  # over with its first step: there is no middle to come back to
+    saved, before, own = world.save(), world.state_hash(), _own_attributes(world)
+    first = list(_go_on(world, actions[len(half) :]))
+    world.restore(saved)
+    promise(world.state_hash() == before, f"{world.id}: restored, it has another state hash")
+    changed = [name for name, value in _own_attributes(world).items() if value != own.get(name, value)]
+    promise(
+        not changed,
+        f"{world.id}: {', '.join(changed)} changes in an episode and does not come back; "
+        "name it in the world's kept = (...), or keep it where save() finds it",
+    )
+    _same(f"{world.id}: restored", first, list(_go_on(world, actions[len(half) :])))
+    world.restore(pickle.loads(pickle.dumps(saved)))
+    promise(world.state_hash() == before, f"{world.id}: restored from a pickle, it has another state hash")
 
 
 def _own_attributes(world: World) -> dict[str, bytes]:
@@ -149,12 +150,12 @@ def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
     before = world.state_hash()
     for view in ("partial", "full"):
         for palette in ("classic", "colour-safe"):
-            picture = world.frame(view, SIZE_PX, palette)  # type: ignore[arg-type]
+            picture = world.frame(view, SIZE_PX, palette)
             promise(
                 isinstance(picture, np.ndarray) and picture.dtype == np.uint8 and picture.shape[2:] == (3,),
                 f"{world.id}: its picture is no uint8[H, W, 3]",
             )
-            again = world.frame(view, SIZE_PX, palette)  # type: ignore[arg-type]
+            again = world.frame(view, SIZE_PX, palette)
             promise(np.array_equal(picture, again), f"{world.id}: drawn twice, it looks different")
     promise(world.state_hash() == before, f"{world.id}: drawing it changes its state")
     shown = world.env
@@ -181,7 +182,7 @@ def _ends(world: World, seed: int) -> None:
     try:
         world.step(0)
     except WorldError:
-        promise(world.state_hash() == before, f"{world.id}: a step after the end is refused and still changes the state")
+        promise(world.state_hash() == before, f"{world.id}: a step after the end is refused, and changes the state")
     else:
         raise ContractError(f"{world.id}: a step after the end is played; raise a WorldError that asks for a reset")
 
@@ -199,7 +200,7 @@ def _registered(make: str | Callable[..., gymnasium.Env[Any, Any]]) -> Iterator[
     if isinstance(make, str):
         yield make
         return
-    gymnasium.register(_CHECKED, entry_point=make, order_enforce=False, disable_env_checker=True)  # type: ignore[arg-type]
+    gymnasium.register(_CHECKED, entry_point=make, order_enforce=False, disable_env_checker=True)
     try:
         yield _CHECKED
     finally:
