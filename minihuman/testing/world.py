@@ -104,11 +104,15 @@ def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: li
 def _comes_back(world: World, seed: int, actions: list[int]) -> None:
     """Whatever an episode changes is saved and restored: what the log calls the state is the state."""
     lasts = len(_play(world, seed, actions)) - 1
-    half = actions[: max(1, lasts // 2)]
-    if any(step[1] or step[2] for step in _play(world, seed, half)):
+    for at in sorted({max(1, lasts * quarter // 4) for quarter in (1, 2, 3)}):
+        _comes_back_from(world, seed, actions[:at], actions[at:])
+
+
+def _comes_back_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
+    if any(step[1] or step[2] for step in _play(world, seed, before_it)):
         return  # over with its first step: there is no middle to come back to
     saved, before, own = world.save(), world.state_hash(), _own_attributes(world)
-    first = list(_go_on(world, actions[len(half) :]))
+    first = list(_go_on(world, after_it))
     world.restore(saved)
     promise(world.state_hash() == before, f"{world.id}: restored, it has another state hash")
     changed = [name for name, value in _own_attributes(world).items() if value != own.get(name, value)]
@@ -117,7 +121,7 @@ def _comes_back(world: World, seed: int, actions: list[int]) -> None:
         f"{world.id}: {', '.join(changed)} changes in an episode and does not come back; "
         "name it in the world's kept = (...), or keep it where save() finds it",
     )
-    _same(f"{world.id}: restored", first, list(_go_on(world, actions[len(half) :])))
+    _same(f"{world.id}: restored", first, list(_go_on(world, after_it)))
     world.restore(pickle.loads(pickle.dumps(saved)))
     promise(world.state_hash() == before, f"{world.id}: restored from a pickle, it has another state hash")
 
