@@ -56,7 +56,9 @@ def test_a_form_is_there_in_every_language(name, language):
         assert len(item.options) == len(other.options)
         assert item.codes == other.codes
         assert language == "en" or item.ask != other.ask
-    text = its.title + "".join(item.ask + item.low + item.high + item.unit + "".join(item.options) for item in its.items)
+    text = its.title + "".join(
+        item.ask + item.low + item.high + item.unit + "".join(item.options) for item in its.items
+    )
     assert faces_for(language).missing(text) == ""
 
 
