@@ -118,7 +118,8 @@ def test_orders_of_ones_own_are_drawn_for_each_participant():
 def test_a_group_has_texts_of_its_own_and_may_leave_a_part_out():
     rest = (
         '[[groups]]\nname = "x"\nparts = ["t", "u"]\n[[groups]]\nname = "y"\nparts = ["t", "u"]\ninstead = { u = "" }\n'
-        '[[pages]]\nname = "t"\ntext = "for all"\n[pages.for_group.y]\ntext = "for y"\n[[pages]]\nname = "u"\ntext = "u"\n'
+        '[[pages]]\nname = "t"\ntext = "for all"\n[pages.for_group.y]\ntext = "for y"\n'
+        '[[pages]]\nname = "u"\ntext = "u"\n'
     )
     study = protocol(rest)
     plans = {plan.participant.group: plan for plan in (expand(study, enrol(study, index)) for index in range(8))}

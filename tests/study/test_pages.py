@@ -151,7 +151,10 @@ def test_a_page_shows_the_world_with_words_at_its_things():
 [[pages]]
 name = "how"
 text = "Find the goal."
-example = { world = "minihuman/MiniGrid-Empty-8x8-v0", seed = 1, marks = { agent = "this is you", "green goal" = "goal" } }
+[pages.example]
+world = "minihuman/MiniGrid-Empty-8x8-v0"
+seed = 1
+marks = { agent = "this is you", "green goal" = "goal" }
 """
     screen = Desk(plan_of(rest, ["how"])).session.screen
     assert [mark.label for mark in screen.marks] == ["this is you", "goal"]
