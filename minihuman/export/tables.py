@@ -10,6 +10,7 @@ from minihuman.data.chosen import ChosenEpisodes
 from minihuman.data.columns import NEED_WORLD
 from minihuman.data.writing import Kind, TableWriter
 from minihuman.export.port import Written
+from minihuman.study.plan import SessionPlan
 
 
 def export_csv(chosen: ChosenEpisodes, out: Path) -> Written:
@@ -23,17 +24,28 @@ def export_parquet(chosen: ChosenEpisodes, out: Path) -> Written:
 
 
 def _export(chosen: ChosenEpisodes, out: Path, kind: Kind) -> Written:
-    """Rows that do not count are here too, with the reason in ``left_out``."""
+    return export_tables(chosen, out, kind)[0]
+
+
+def export_tables(chosen: ChosenEpisodes, out: Path, kind: Kind) -> tuple[Written, SessionPlan | None]:
+    """Write every table; rows that do not count are there too, with the reason in ``left_out``.
+
+    Gives what was written, and the plan of the first session, which says what the study is; None where there is none.
+
+    Raises:
+        LogError: if the source does not exist, or is a single log that cannot be read.
+    """
     episodes = steps = marked = sessions = 0
+    first: SessionPlan | None = None
     with TableWriter(out, kinds=(kind,), without=NEED_WORLD) as writer:
         for session in chosen.rows():
             writer.write(session.rows)
             sessions += 1
+            first = first or session.plan
             rows = session.rows.parts["episodes"].columns
             for reason, count in zip(rows.get("left_out", ()), rows.get("steps", ()), strict=True):
                 marked += bool(reason)
                 episodes += not reason
                 steps += 0 if reason else count
-    return Written(
-        (*writer.paths, writer.dictionary, writer.package), episodes, steps, marked=marked, sessions=sessions
-    )
+    paths = (*writer.paths, writer.dictionary, writer.package)
+    return Written(paths, episodes, steps, marked=marked, sessions=sessions), first
