@@ -19,7 +19,7 @@ from minihuman.data.selection import NOT_FINISHED, Selection
 from minihuman.data.tables import session_tables
 from minihuman.data.writing import write_tables
 from minihuman.errors import ReportError
-from minihuman.measures.shortest import Shortest
+from minihuman.worlds.contract import Bounds
 from tests.builders import session, session_of
 from tests.counts import count
 
@@ -44,8 +44,8 @@ max_steps = 10
 """
 
 
-def twenty(_plan) -> Shortest:
-    return Shortest(20, 25)
+def twenty(_plan) -> Bounds:
+    return Bounds(20, 25)
 
 
 def tabled(log, *, marks=(), selection=EVERY):

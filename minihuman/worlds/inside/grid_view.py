@@ -1,6 +1,7 @@
 """A grid world seen from inside: the same state, rules, actions and rewards, another picture."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.contract import Bounds, NativeWorld, Palette, View
 from minihuman.worlds.first_person.compile_apart import colours, faces
 from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render
@@ -92,6 +93,22 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
     def state_hash(self) -> int:
         """The grid's."""
         return self.grid.state_hash()
+
+    def scene_hash(self) -> int:
+        """The grid's."""
+        return self.grid.scene_hash()
+
+    def advance(self, action: int) -> tuple[float, bool, bool]:
+        """The grid's step without an observation."""
+        return self.grid.advance(action)
+
+    def way(self) -> Sequence[int] | None:
+        """The grid's."""
+        return self.grid.way()
+
+    def bounds(self) -> Bounds:
+        """The grid's."""
+        return self.grid.bounds()
 
     def save(self) -> Any:
         """The grid's exact state."""

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 LOOKS = 512  # kind, colour and state make nine bits
 LIT = 0.13  # how much lighter a cell is that the agent sees
+RUN = 16  # words of a tile's line that are copied at once
 CARRIED = 0.56  # the size of a carried object's picture, in tiles
 Pixels = NDArray[np.uint8]
 Words = NDArray[np.uint64] | Pixels  # pixels in runs of eight bytes, where a tile's line is whole runs, or byte by byte
@@ -177,9 +178,14 @@ def draw_cells(
 def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
     """Copy a tile into a picture, to a column and row of cells."""
     height, width = tiles.shape[2], tiles.shape[3]
+    whole = width - width % RUN
     for v in range(height):
-        for word in range(width):
-            words[row * height + v, column * width + word] = tiles[lit, tile, v, word]
+        line, start = row * height + v, column * width
+        for run in range(0, whole, RUN):
+            for word in range(RUN):  # a number of turns that is known becomes one move or two
+                words[line, start + run + word] = tiles[lit, tile, v, run + word]
+        for word in range(whole, width):
+            words[line, start + word] = tiles[lit, tile, v, word]
 
 
 @inlined
