@@ -11,6 +11,7 @@ import numpy as np
 from minihuman.data.rows import key_in_tables
 from minihuman.recorded.episode import Episode
 from minihuman.recorded.segment import Segment
+from minihuman.study.events import Paused
 
 _S = 1e-9
 COLUMNS = {
@@ -64,7 +65,7 @@ def events_of(segment: Segment, episodes: Sequence[Episode], counting: frozenset
 
 
 def _pauses(segment: Segment) -> Iterator[_Row]:
-    reasons = {note.t_ns: getattr(note, "reason", "") for note in segment.notes}
+    reasons = {note.t_ns: note.reason for note in segment.notes if isinstance(note, Paused)}
     for begin_ns, end_ns in segment.pauses:
         yield _row("pause", begin_ns, segment, duration=(end_ns - begin_ns) * _S, detail=reasons.get(begin_ns, ""))
 
