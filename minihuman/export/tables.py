@@ -6,10 +6,13 @@ the report. ``dictionary.json`` and ``datapackage.json`` beside the tables descr
 
 from pathlib import Path
 
+import pyarrow.compute as pc
+
 from minihuman.data.chosen import ChosenEpisodes
 from minihuman.data.columns import NEED_WORLD
-from minihuman.data.writing import Kind, TableWriter
+from minihuman.data.writing import Kind, write_tables
 from minihuman.export.port import Written
+from minihuman.log.read.open_log import open_log
 from minihuman.study.plan import SessionPlan
 
 
@@ -35,17 +38,13 @@ def export_tables(chosen: ChosenEpisodes, out: Path, kind: Kind) -> tuple[Writte
     Raises:
         LogError: if the source does not exist, or is a single log that cannot be read.
     """
-    episodes = steps = marked = sessions = 0
-    first: SessionPlan | None = None
-    with TableWriter(out, kinds=(kind,), without=NEED_WORLD) as writer:
-        for session in chosen.rows():
-            writer.write(session.rows)
-            sessions += 1
-            first = first or session.plan
-            rows = session.rows.parts["episodes"].columns
-            for reason, count in zip(rows.get("left_out", ()), rows.get("steps", ()), strict=True):
-                marked += bool(reason)
-                episodes += not reason
-                steps += 0 if reason else count
-    paths = (*writer.paths, writer.dictionary, writer.package)
-    return Written(paths, episodes, steps, marked=marked, sessions=sessions), first
+    with chosen.store() as store:
+        paths = write_tables(store.tables, out, kinds=(kind,), without=NEED_WORLD)
+        held = store.tables.table("episodes", ["left_out", "steps"])
+        sessions = store.tables.count("participants")
+        first = next((Path(kept.path) for kept in store.kept if not kept.problem), None)
+    counts = pc.is_null(held["left_out"])
+    steps = pc.sum(held.filter(counts)["steps"]).as_py() or 0
+    episodes = pc.sum(counts).as_py() or 0
+    written = Written(paths, episodes, steps, marked=held.num_rows - episodes, sessions=sessions)
+    return written, open_log(first).plan if first else None

@@ -10,9 +10,9 @@ from minihuman.data.chosen import ChosenEpisodes
 from minihuman.data.columns import NEED_WORLD
 from minihuman.data.counted import Counted
 from minihuman.data.marks import marks_path
-from minihuman.data.measured import Measured, no_shortest
-from minihuman.data.tables import session_tables
-from minihuman.data.writing import TableWriter
+from minihuman.data.store import Store
+from minihuman.data.study import Sessions
+from minihuman.data.writing import write_tables
 from minihuman.errors import ExportError
 from minihuman.export.asked import about_of_plan
 from minihuman.export.bids.dataset import describe, describe_derivatives, task_facts, write_participants
@@ -36,14 +36,14 @@ def export(chosen: ChosenEpisodes, out: Path) -> Written:
             says of its participants is not what the protocol asks for.
     """
     dataset: _Dataset | None = None
-    with TableWriter(out / _DERIVATIVES / "tables", kinds=("csv",), without=NEED_WORLD) as tables:
-        for counted in chosen.counted():
-            dataset = dataset or _Dataset(out, counted)
-            dataset.add(counted)
-            measured = Measured.of(counted.log, no_shortest)
-            tables.write(session_tables(counted, measured))
+    for counted in chosen.counted():
+        dataset = dataset or _Dataset(out, counted)
+        dataset.add(counted)
     if dataset is None:
         return Written((), 0, 0)
+    again = Sessions(chosen.sessions.source, chosen.sessions.selection)  # the account of the first pass is the card's
+    with Store(again, with_shortest=False) as store:
+        write_tables(store.tables, out / _DERIVATIVES / "tables", kinds=("csv",), without=NEED_WORLD)
     paths = dataset.finish(chosen.sessions.source)
     return Written((*paths, out / _DERIVATIVES), dataset.episodes, dataset.steps, sessions=dataset.sessions)
 
