@@ -14,12 +14,14 @@ from minihuman.log.decode import decode
 from minihuman.log.encode import for_viewers
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.scan import Missing, Scan
-from minihuman.study.events import EpisodeEnded, Event, SessionEnded, SessionStarted
+from minihuman.study.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
 
 NOT_COUNTED = 0  # the sequence of a message that only repeats another for viewers
 EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
-_TOLD = frozenset({topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # what the end's metadata says comes of these
+_TOLD = frozenset(
+    {topics.SKIP, topics.PLAN, topics.EPISODE_END, topics.SESSION_END}
+)  # what the end's metadata says comes of these
 _HEAD = (topics.SEGMENT_METADATA, topics.FACTS_METADATA)
 
 
@@ -35,6 +37,7 @@ class Copy:
         self.end_reason = ""  # of the last file copied; "" if it holds none
         self.last_sequence = 0  # of the last file copied
         self.planned = 0  # episodes of the session
+        self.skipped = 0  # of them, in all files copied: a criterion was met, or the time was up
         self.completed: set[int] = set()  # of them, in all files copied: with an outcome other than abandoned
         self.lasted_ns = 0  # from the last file's first message to its last
         self._first_ns = 0
@@ -123,6 +126,8 @@ class Copy:
         match event:
             case SessionStarted(plan=plan):
                 self.planned = len(plan.episodes)
+            case EpisodesSkipped(count=count):
+                self.skipped += count
             case EpisodeEnded(outcome=outcome, episode=episode) if outcome != "abandoned":
                 self.completed.add(episode)
             case SessionEnded(reason=reason):

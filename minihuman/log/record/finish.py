@@ -170,7 +170,7 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, p
             "steps": copy.counts[topics.STEP],
             "last_message": copy.last_sequence if promised is None else promised.messages,
             "stopped": damage,
-            "planned": copy.planned,
+            "planned": copy.planned - copy.skipped,
             "completed": len(copy.completed),
             "lasted_ns": copy.lasted_ns,
         }
