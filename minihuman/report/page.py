@@ -14,7 +14,9 @@ from minihuman.data.counted import Account
 from minihuman.data.opened import Skipped
 from minihuman.report.published import SOURCE, published
 from minihuman.report.results import MEASURES, Results, group_rewards
-from minihuman.report.statistics import Comparison, MixedModel, Power
+from minihuman.statistics.compare import Comparison
+from minihuman.statistics.growth import LEAST_EPISODES, Growth
+from minihuman.statistics.power import Power
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -58,7 +60,7 @@ def page(facts: Page, found: Results) -> str:
         f'<div class="beside">{_subjects(found)}{_published()}</div>',
         "<h2>Groups compared</h2>",
         _comparisons(found.comparisons, found.block),
-        _model(found.model),
+        _growth(found.growth),
         *(f"<p>{escape(power_statement(one))}</p>" for one in found.powers),
         "<h2>Measures by group</h2>",
         _measures(found),
@@ -153,33 +155,33 @@ def _comparisons(found: Sequence[Comparison], block: str) -> str:
             MEASURES[one.measure], f"{one.first} \N{MINUS SIGN} {one.second}",
             _number(one.means[0]), _number(one.means[1]),
             _number(one.difference), _range(one.interval),
-            _p(one.p), _p(one.p_holm), _number(one.g, 2),
+            f"{one.n[0]}, {one.n[1]}", _p(one.p), _p(one.p_holm), _p(one.smallest_p), _number(one.g, 2), one.reason,
         )
         for one in found
     ]  # fmt: skip
-    heads = ("measure", "groups", "first", "second", "difference", "95 % interval", "p", "p (Holm)", "g")
+    heads = (
+        *("measure", "groups", "first", "second", "difference", "95 % interval"),
+        *("n", "p", "p (Holm)", "smallest p", "g", "not compared because"),
+    )
     caption = (
-        f"Block {block}, one value a participant. p: two-sided permutation test of the means; interval: Welch's t; "
-        "g: Hedges'."
+        f"Block {block}, one value a participant. p: two-sided permutation test of Welch's t; interval: Welch's t; "
+        "smallest p: what groups of these sizes can come to; g: Hedges'."
     )
     return _table(caption, heads, rows, words=2) if rows else "<p>Nothing to compare.</p>"
 
 
-def _model(model: MixedModel | None) -> str:
-    if model is None:
-        needed = "two groups of two participants or more, two episodes, and rewards that differ enough"
-        return f"<p>A mixed model needs {needed}.</p>"
+def _growth(found: Growth | None) -> str:
+    if found is None:
+        return f"<p>Needs two participants of a group with {LEAST_EPISODES} episodes or more.</p>"
     rows = [
-        (term, _number(estimate), _range(interval), _p(p))
-        for term, estimate, interval, p in zip(model.terms, model.estimates, model.intervals, model.p, strict=True)
+        (term.name, str(term.people), _number(term.estimate), _range(term.interval), _p(term.p)) for term in found.terms
     ]
-    note = f" {model.note}" if model.note else ""
     caption = (
-        f"Mixed model of {model.measure}: group and episode in the block, a random intercept a participant, "
-        f"t with between-within degrees of freedom "
-        f"({model.participants} participants, {model.episodes} episodes).{note}"
+        f"{found.measure.capitalize()} over the block's episodes: a line for each participant, then the participants' "
+        f"lines compared (t, Welch's between groups). What is compared is compared with {found.reference}."
     )
-    return _table(caption, ("term", "estimate", "95 % interval", "p"), rows)
+    left_out = f" Not in it: {'; '.join(found.left_out)}." if found.left_out else ""
+    return _table(caption + left_out, ("term", "participants", "estimate", "95 % interval", "p"), rows)
 
 
 def _measures(found: Results) -> str:

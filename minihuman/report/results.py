@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from minihuman.report.statistics import Comparison, MixedModel, Power, compare_groups, mixed_model, power
+from minihuman.statistics.compare import Comparison, compare_groups
+from minihuman.statistics.growth import Growth, growth
+from minihuman.statistics.power import Power, power
 
 MEASURES = {  # columns of the block table that groups are compared on, and what they are called
     "reward_mean": "reward",
@@ -30,7 +32,7 @@ class Results:
     groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
     measures: pd.DataFrame  # measure, group, n, mean, sd
     comparisons: tuple[Comparison, ...]
-    model: MixedModel | None
+    growth: Growth | None  # of the reward over the block's episodes
     powers: tuple[Power, ...]  # one for each pair of groups, in the order of the comparisons of reward
     exclusions: pd.DataFrame  # left_out, level, participant, session, episode, attempt
     kept: tuple[int, int]  # participants and episodes that count
@@ -52,7 +54,7 @@ def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataF
         groups=group_rewards(each),
         measures=_measures(each),
         comparisons=comparisons,
-        model=mixed_model(counted[counted["block"] == block], "reward"),
+        growth=growth(counted[counted["block"] == block], "reward", order=_most_prepared_first(blocks)),
         powers=tuple(power(one.n) for one in comparisons if one.measure == "reward_mean"),
         exclusions=exclusions(episodes, participants),
         kept=(len(counted_people), len(counted)),

@@ -77,7 +77,11 @@ def test_the_page_holds_everything_and_fetches_nothing(built):
     assert text.count("<img") == text.count("data:image/png;base64,") == 4
     assert not re.search(r"""(src|href)=["'](?!data:)""", text)
     assert "<script" not in text
-    for words in ("Transfer effect: in block room, direct minus grid_first", "Power: with 2 and 2", "Mixed model"):
+    for words in (
+        "Transfer effect: in block room, direct minus grid_first",
+        "Power: with 2 and 2",
+        "Needs two participants of a group",
+    ):
         assert words in text
     for mean in ("0.93", "0.74", "0.866"):
         assert mean in text
