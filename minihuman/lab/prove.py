@@ -28,7 +28,7 @@ from minihuman.study.events import EpisodeEnded, Event, SessionEnded, SessionSta
 from minihuman.study.expand import enrol, expand, participant_index
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import decode as decode_protocol
-from minihuman.study.session import MakeWorld
+from minihuman.study.stage import MakeWorld
 from minihuman.study.well_formed import complaints
 
 _KNOWN = (
@@ -38,7 +38,7 @@ _KNOWN = (
     topics.MISSING_METADATA,
     topics.REPAIRED_METADATA,
 )
-_ONCE_PER_PLAN = ("first_episode", "segment")  # what a resumed session changes in its plan
+_ONCE_PER_PLAN = ("first_episode", "segment", "standing")  # what a resumed session changes in its plan
 
 
 @dataclass(slots=True)

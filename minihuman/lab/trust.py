@@ -5,7 +5,7 @@ from collections.abc import Collection
 from typing import Any
 
 from minihuman.errors import WorldError
-from minihuman.study.session import MakeWorld
+from minihuman.study.stage import MakeWorld
 from minihuman.worlds.adapt.world import World
 
 KNOWN = frozenset({"minihuman", "gymnasium", "minigrid", "miniworld", "ale_py"})

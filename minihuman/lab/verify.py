@@ -11,7 +11,7 @@ from minihuman.lab.trust import trusting
 from minihuman.recorded.episode import Episode, SessionLog, pose_row
 from minihuman.study.events import EpisodeStarted, Stepped
 from minihuman.study.play import Play, WorldBrokeError
-from minihuman.study.session import MakeWorld
+from minihuman.study.stage import MakeWorld
 from minihuman.worlds.adapt.world import World
 from minihuman.worlds.sources import rules_digest
 

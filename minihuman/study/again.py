@@ -14,21 +14,49 @@ from typing import Any, get_args, get_type_hints
 
 from minihuman.errors import MinihumanError
 from minihuman.study.events import (
+    Answered,
     EpisodeEnded,
     Event,
     FrameShown,
     KeyPressed,
     Noted,
+    PageShown,
+    PointerUsed,
     Sampled,
     SessionEnded,
     SessionStarted,
+    TextTyped,
 )
-from minihuman.study.inputs import Asked, FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
-from minihuman.study.session import MakeWorld, Session
+from minihuman.study.inputs import (
+    Asked,
+    FocusChanged,
+    Input,
+    KeyDown,
+    KeyUp,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    Shown,
+    Stop,
+    Tick,
+    Typed,
+)
+from minihuman.study.phases import Phase
+from minihuman.study.session import Session
+from minihuman.study.stage import MakeWorld
 
 RULES = 1  # goes up when the machine gives other events for the same inputs; a log says by which it was made
 _STOPS: tuple[Any, ...] = get_args(get_type_hints(Stop)["reason"])
+_FROM_OUTSIDE = ("window_closed", "signal", "disk_full", "internal_error")  # nothing that happens inside says these
 _ASKED: tuple[Any, ...] = get_args(get_type_hints(Asked)["what"])
+_POINTERS: dict[str, type[PointerPressed | PointerMoved | PointerReleased]] = {
+    "pressed": PointerPressed,
+    "moved": PointerMoved,
+    "released": PointerReleased,
+}
+_OVER_PARTS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
+_AHEAD = 2_000  # events that are looked through for an answer
+_LAST_EVENTS = 8  # at most, that an end has
 
 
 def differences(events: Sequence[Event], make_world: MakeWorld) -> Iterator[str]:
@@ -39,7 +67,9 @@ def differences(events: Sequence[Event], make_world: MakeWorld) -> Iterator[str]
     Raises:
         WorldError: if a world of the plan cannot be made here.
     """
-    told = deque((number, event) for number, event in enumerate(events, 1) if not isinstance(event, Sampled))
+    told: deque[tuple[int, Event]] = deque(
+        (number, event) for number, event in enumerate(events, 1) if not isinstance(event, Sampled)
+    )
     if not told or not isinstance(told[0][1], SessionStarted):
         yield "event 1: a segment starts with its plan"
         return
@@ -51,11 +81,11 @@ def differences(events: Sequence[Event], make_world: MakeWorld) -> Iterator[str]
         return
     with closing(session):
         expected: deque[Event] = deque()
+        has_questions = any(isinstance(event, Answered) for event in events)
         while told:
             if not expected:
-                coming: list[Event] = [event for _, event in islice(told, 3)]
-                for happened in _inputs(coming, session):
-                    expected += session.receive(happened)
+                coming = [event for _, event in islice(told, _AHEAD if has_questions else _LAST_EVENTS)]
+                expected += _fed(session, coming)
             number, event = told.popleft()
             if not expected:
                 yield f"event {number}, {_name(event)}: nothing leads to it"
@@ -68,29 +98,61 @@ def differences(events: Sequence[Event], make_world: MakeWorld) -> Iterator[str]
             yield f"after event {number}: {_name(expected[0])} is missing"
 
 
-def _inputs(coming: list[Event], session: Session) -> Iterator[Input]:
-    """What must have reached the machine for the first of these events to come next."""
+def _fed(session: Session, coming: list[Event]) -> list[Event]:
+    """What the machine says to the input that must have come next."""
     event = coming[0]
-    yield Tick(event.t_ns)  # whatever was due by then
+    _see_question(session, coming)
+    happened = _input(event)
+    if happened is not None:
+        if happened.t_ns < event.t_ns:  # it came late, behind something that left no event
+            session.receive(Shown(event.t_ns, 0, 0) if session.phase in _OVER_PARTS else Tick(event.t_ns))
+        return session.receive(happened)
+    stop = _stop(coming)
+    if stop is not None and stop.reason in _FROM_OUTSIDE:
+        return session.receive(stop)
+    return session.receive(Tick(event.t_ns)) or (session.receive(stop) if stop else [])
+
+
+def _input(event: Event) -> Input | None:
+    """The input that an event tells of; None for one that tells of none."""
     match event:
         case KeyPressed(down=True):
-            yield KeyDown(event.t_ns - event.waited_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
+            return KeyDown(event.t_ns - event.waited_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
         case KeyPressed():
-            yield KeyUp(event.t_ns - event.waited_ns, event.key, event.symbol)
-        case FrameShown():
-            yield Shown(event.t_ns, event.submit_ns, event.flip_ns)
+            return KeyUp(event.t_ns - event.waited_ns, event.key, event.symbol)
+        case FrameShown() | PageShown():
+            return Shown(event.t_ns, event.submit_ns, event.flip_ns)
+        case TextTyped():
+            return Typed(event.t_ns, event.text)
+        case PointerUsed():
+            return _POINTERS[event.what](event.t_ns, event.x, event.y, event.target, event.along)
         case Noted(kind="focus"):
-            yield FocusChanged(event.t_ns, event.text == "found")
+            return FocusChanged(event.t_ns, event.text == "found")
         case Noted(kind="experimenter"):
             what, _, text = event.text.partition(": ")
-            for known in _ASKED:
-                if known == what:
-                    yield Asked(event.t_ns, known, text)
-        case EpisodeEnded() | SessionEnded():
-            ended = next((found for found in coming if isinstance(found, SessionEnded)), None)
-            said: Any = "complete" if ended is None else ended.reason
-            if said in (*_STOPS, "complete"):  # the others come of keys
-                yield Stop(event.t_ns, said if said in _STOPS else "window_closed", ended.detail if ended else "")
+            return next((Asked(event.t_ns, known, text) for known in _ASKED if known == what), None)
+    return None
+
+
+def _see_question(session: Session, coming: list[Event]) -> None:
+    """Let a question be seen when its answer says that it was: that it reached the display is no event of its own."""
+    if isinstance(coming[0], SessionStarted):
+        return
+    answered = next((event for event in coming if isinstance(event, Answered)), None)
+    if answered is not None and answered.shown_ns and session.part.number == answered.part:
+        seen_ns = answered.shown_ns
+        session.receive(Shown(min(seen_ns, coming[0].t_ns), seen_ns, seen_ns))
+
+
+def _stop(coming: list[Event]) -> Stop | None:
+    """What ended the session from outside, if its end is what comes now."""
+    at_once = [event for event in coming[:_LAST_EVENTS] if event.t_ns == coming[0].t_ns]
+    ended = next((event for event in at_once if isinstance(event, SessionEnded)), None)
+    if ended is None:
+        cut_off = len(at_once) == len(coming) and isinstance(coming[0], EpisodeEnded)
+        return Stop(coming[0].t_ns, "window_closed") if cut_off else None
+    reason: Any = ended.reason if ended.reason in _STOPS else "window_closed"
+    return Stop(ended.t_ns, reason, ended.detail) if ended.reason in (*_STOPS, "complete") else None
 
 
 def _difference(event: Event, again: Event) -> str:
