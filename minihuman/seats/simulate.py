@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from minihuman.lab.next_session import next_session
+from minihuman.lab.seal import note_end
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.players.choose import make_player
 from minihuman.players.port import Player
@@ -56,6 +57,7 @@ def _play(plan: SessionPlan, player: Player, data: Path, facts: dict[str, str]) 
     window = SimulatedWindow(player, session, clock, at_rest=recorder.drain)
     path = run_session(session, window, recorder, clock)
     assert path is not None
+    note_end(path)
     if session.failure is not None:
         raise session.failure
     return path, session.end_reason

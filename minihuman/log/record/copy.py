@@ -9,7 +9,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from minihuman.log import segment_head, topics
-from minihuman.log.chain import Chain
+from minihuman.log.chain import HEAD, Chain
 from minihuman.log.decode import decode
 from minihuman.log.encode import for_viewers
 from minihuman.log.read.chunk import LogMessage
@@ -72,12 +72,14 @@ class Copy:
                     self._attachment(record)
         self._write_head()
 
-    def metadata(self, name: str, facts: Mapping[str, object]) -> None:
-        """Add a metadata record."""
+    def metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
+        """Add a metadata record; ``sealed``: with the head of the chain, itself included."""
         record = Metadata(name, {key: _text(value) for key, value in facts.items()})
         self._flush()  # else it would come before the messages that it follows
-        self._writer.add_metadata(record.name, record.metadata)
         self.chain.metadata(record)
+        if sealed:
+            record.metadata[HEAD] = self.chain.head
+        self._writer.add_metadata(record.name, record.metadata)
         if name == topics.SEGMENT_METADATA:
             self.starts.append(record.metadata)
         elif name == topics.END_METADATA:
@@ -90,7 +92,7 @@ class Copy:
 
     def end(self, facts: Mapping[str, object]) -> None:
         """Say how a segment ended; the head of the chain goes with it."""
-        self.metadata(topics.END_METADATA, {**facts, "chain": self.chain.head})
+        self.metadata(topics.END_METADATA, facts, sealed=True)
 
     def _attachment(self, record: Attachment) -> None:
         if (record.name, record.data) in self._attachments:
