@@ -10,6 +10,7 @@ from minihuman.worlds.grid.core import place as verbs
 from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES, EMPTY, KINDS, pack
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
 from minihuman.worlds.grid.core.state import FAILED, HEIGHT, TARGET, TASK, WIDTH, Row, contents_index, make, put
+from minihuman.worlds.grid.instructions.language import Instruction
 from minihuman.worlds.grid.items import Item, wall
 
 T = TypeVar("T")
@@ -30,6 +31,7 @@ class Layout:
     def __init__(self, row: Row, np_random: np.random.Generator, mission: str) -> None:
         self.width, self.height = int(row[WIDTH]), int(row[HEIGHT])
         self.mission = mission  # set it to give this episode another
+        self.instruction: Instruction | None = None  # set it where the mission is an `InstructionSpace`
         self._row = row
         self._np_random = np_random
         self._words: Words = np.zeros(6, np.uint64)
