@@ -12,6 +12,7 @@ from minihuman.worlds.grid.core.tasks import (
     FETCH,
     FORWARD,
     IN_ORDER,
+    INSTRUCTED,
     LEFT,
     MATCH,
     OPEN_DOOR,
@@ -30,7 +31,8 @@ def plan(state: State, *, limit: int = 1 << 20) -> list[int] | None:
     """The shortest list of actions that succeeds from this state, which is not changed; None if there is none.
 
     The step limit is not looked at. Doors, keys, boxes and things in the way are dealt with by search, which is
-    exact and grows with the number of things that can be moved.
+    exact and grows with the number of things that can be moved. Instructions are planned clause by clause, which
+    need not be the shortest: ``instructions.planner`` says how short it can be at best.
 
     Args:
         state: Where to start.
@@ -40,6 +42,8 @@ def plan(state: State, *, limit: int = 1 << 20) -> list[int] | None:
         WorldError: if obstacles move by themselves, so that no list of actions is sure, or if the search gave up.
     """
     row = state.row
+    if row[TASK] == INSTRUCTED:
+        return _do_as_told(state)
     if row[TASK] == DODGE:
         raise WorldError("obstacles move by chance in this world; no list of actions is sure to succeed")
     poses, extra = _nearest(state)
@@ -53,7 +57,7 @@ def plan(state: State, *, limit: int = 1 << 20) -> list[int] | None:
     if row[TASK] == REACH:
         walking = distances(row, sources, False)
         if walking[here] == bound[here]:
-            return _descend(walking, *here)
+            return descend(walking, *here)
     allowed = min(FIRST_LIMIT, limit)
     while True:
         outcome, actions = search(row, bound, extra, allowed, np.zeros(6, np.uint64))
@@ -64,6 +68,15 @@ def plan(state: State, *, limit: int = 1 << 20) -> list[int] | None:
         if allowed == limit:
             raise WorldError(f"no plan among the first {limit} states; give plan() a larger limit, or a smaller world")
         allowed = min(16 * allowed, limit)
+
+
+def _do_as_told(state: State) -> list[int] | None:
+    from minihuman.worlds.grid.instructions.planner import plan_instruction  # compiled: only where it is used
+
+    way = plan_instruction(state.row)
+    if not way.found and not way.unsolvable:
+        raise WorldError("no plan was found for this instruction in the states looked at; there may be one")
+    return list(way.actions) if way.found else None
 
 
 def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
@@ -114,7 +127,7 @@ def _anywhere(state: State) -> NDArray[np.int64]:
     return _standing(np.argwhere(np.ones(state.cells.shape, bool)))
 
 
-def _descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
+def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
     """Walk down the distances to where they are 0."""
     actions = []
     while steps[x, y, direction] > 0:

@@ -172,9 +172,9 @@ def outlook(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks, sorts
                 else:
                     lock = move - 5 - hands
                     ahead = (x + (1 - direction) * (1 - direction % 2)) * height + y + (2 - direction) * (direction % 2)
-                    if unlocked >> lock & 1 and ahead >= 0 and ahead < cells and lock_at[ahead] == lock:
-                        if opens(row, hand, lock, locks, sorts, codes):
-                            before = state - (1 << lock) * hands * cells * 4
+                    faced = ahead >= 0 and ahead < cells and lock_at[ahead] == lock
+                    if faced and unlocked >> lock & 1 and opens(row, hand, lock, locks, sorts, codes):
+                        before = state - (1 << lock) * hands * cells * 4
                 if before >= 0 and distance + added < flat[before]:
                     flat[before] = distance + added
                     slot = (distance + added) % span
@@ -243,8 +243,9 @@ def goal(
                         elif verb == PICK_UP:
                             if meant and hand == NOTHING:
                                 steps[unlocked, hand, pose] = 1
-                        elif hand == MOVED and cost[i * height + j] > 0 and kind_of(code) != DOOR:
-                            if is_next_to(row, i, j, 2 << 2 * clause):
+                        else:
+                            free = hand == MOVED and cost[i * height + j] > 0 and kind_of(code) != DOOR
+                            if free and is_next_to(row, i, j, 2 << 2 * clause):
                                 steps[unlocked, hand, pose] = cost[i * height + j]
 
 
@@ -258,5 +259,3 @@ def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
             if identity > 0 and row[means_of(row) + identity - 1] & meant:
                 return True
     return False
-
-

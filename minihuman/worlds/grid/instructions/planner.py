@@ -29,12 +29,12 @@ from minihuman.worlds.grid.instructions.block import (
     STATUS,
 )
 from minihuman.worlds.grid.instructions.block import RIGHT as RIGHT_PART
+from minihuman.worlds.grid.instructions.clearing import clear_way
 from minihuman.worlds.grid.instructions.numbers import block
 from minihuman.worlds.grid.instructions.outlook import find_locks, outlook, sort_things
 from minihuman.worlds.grid.instructions.search import codes_of, search_clause, worth_of
 
-EXACT, CAREFUL = 1 << 12, (1 << 14, 1 << 16)  # states looked at: exactly, and guessing, by weight
-WEIGHTS = (2, 5)
+EXACT, SOME, MANY = 1 << 12, 1 << 14, 1 << 16  # states looked at: exactly, guessing, and guessing boldly
 _NO_CHANCE = np.zeros(6, np.uint64)
 
 
@@ -81,6 +81,12 @@ def plan_instruction(row: Row) -> Way:
     if best is not None:
         return Way(best, min(at_least or 0, len(best)), True)
     return Way((), None if unsolvable else at_least or 0, False)
+
+
+def plan_clause(row: Row, clause: int) -> tuple[int, ...] | None:
+    """A way to do one clause of a state's instruction; None if none was found. The state is not changed."""
+    actions, _, _ = _clause(row, clause)
+    return actions
 
 
 def _orders(row: Row) -> Iterator[tuple[int, ...]]:
@@ -140,18 +146,31 @@ def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | 
     if block(row)[CLAUSES + clause * CLAUSE + HELD] == 0 and row[CARRYING] != EMPTY and at_least <= 1:
         first = [DONE]  # what is in hand from the start counts as put down from the second step on
     outcome, actions = search_clause(row, clause, table, locks, sorts, 1, EXACT)
-    if outcome not in (FOUND, NONE):
-        guess = outlook(row, clause, codes, locks, sorts, True)
-        for weight, limit in zip(WEIGHTS, CAREFUL, strict=True):
-            outcome, actions = search_clause(row, clause, guess, locks, sorts, weight, limit)
-            if outcome == FOUND:
-                break
-        certain = False
-    else:
-        certain = outcome == NONE
-    if outcome != FOUND:
-        return None, certain, at_least
-    return (*first, *(int(action) for action in actions)), False, at_least
+    if outcome == FOUND:
+        return (*first, *actions.tolist()), False, at_least
+    if outcome == NONE:
+        return None, True, at_least
+    return _guessing(row, clause), False, at_least
+
+
+def _guessing(row: Row, clause: int) -> tuple[int, ...] | None:
+    """Do one clause with more states, with a guess that overestimates, with the way cleared first."""
+    trial = row.copy()
+    for weight, limit, clears in ((2, SOME, False), (2, SOME, True), (5, MANY, True), (5, MANY, False)):
+        cleared: list[int] | None = []
+        if clears:
+            trial = row.copy()
+            cleared = clear_way(trial, clause)
+        if cleared is None:
+            continue
+        start = trial if clears else row
+        codes, locks = codes_of(start), find_locks(start)
+        sorts = sort_things(start, clause, codes, locks)
+        guess = outlook(start, clause, codes, locks, sorts, True)
+        outcome, actions = search_clause(start, clause, guess, locks, sorts, weight, limit)
+        if outcome == FOUND:
+            return (*cleared, *actions.tolist())
+    return None
 
 
 def _after_dropping(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
