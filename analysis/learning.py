@@ -3,15 +3,17 @@
 import sys
 from pathlib import Path
 
-from minihuman.data.opened import Skipped, opened
+from minihuman.data.selection import Selection
+from minihuman.data.study import readable
 from minihuman.figures.files import save
-from minihuman.figures.gallery import learning_curves
-from minihuman.figures.learning import learning_figure
+from minihuman.figures.gallery import rewards
+from minihuman.figures.learning import learning_curves, learning_figure
 
 
 def main(study: str, block: str, out: str) -> None:
-    logs = [log for log in opened(Path(study)) if not isinstance(log, Skipped)]
-    print(*save(learning_figure(learning_curves(logs)[block], measure="reward", limits=(0, 1)), Path(out)), sep="\n")
+    logs, account = readable([Path(study)], Selection(block=(block,)))
+    print(*save(learning_figure(learning_curves(rewards(logs)), measure="reward", limits=(0, 1)), Path(out)), sep="\n")
+    print(*account.lines(), sep="\n")
 
 
 if __name__ == "__main__":

@@ -3,13 +3,15 @@
 import sys
 from pathlib import Path
 
+from minihuman.data.selection import Selection
+from minihuman.data.study import readable
 from minihuman.figures.files import save
 from minihuman.figures.paths import session_paths
-from minihuman.log.read.open_log import open_log
 
 
 def main(log: str, out: str) -> None:
-    print(*save(session_paths(open_log(Path(log))), Path(out)), sep="\n")
+    (session,), account = readable([Path(log)], Selection())
+    print(*save(session_paths(session), Path(out)), *account.lines(), sep="\n")
 
 
 if __name__ == "__main__":

@@ -5,16 +5,18 @@ from pathlib import Path
 
 import pandas as pd
 
-from minihuman.data.study import Reading, Session, read_study
+from minihuman.data.study import Sessions
 from minihuman.report.results import results
 
 
 def main(study: str, out: str) -> None:
-    rows = [one.rows for one in read_study(Path(study), Reading()) if isinstance(one, Session)]
+    sessions = Sessions(Path(study))
+    rows = [one.rows for one in sessions.rows(with_shortest=True)]
     names = ("episodes", "blocks", "participants")
     found = results(*(pd.concat([one[name].to_pandas() for one in rows]) for name in names))
     found.subjects.to_csv(out, index=False)
     print(found.groups.to_string(index=False))
+    print(*sessions.account.lines(), sep="\n")
 
 
 if __name__ == "__main__":

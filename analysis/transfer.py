@@ -1,48 +1,36 @@
-"""The shipped transfer study as data: table, curves, speed and how it was run, from a study's folder.
+"""The shipped transfer study: one small file a job, put together with whatever runs are named, and its table.
 
-    python analysis/transfer.py STUDY_FOLDER [OUT]
+    python analysis/transfer.py [FOLDER ...] [--into OUT]
 
-Jobs that have not finished are in the curves as far as they came, marked so, and in nothing else.
+Results of finished jobs are copied into `analysis/transfer/`, so that anyone can add runs; table, curves, speed and
+figure are written beside them, as `minihuman learn report` does.
 """
 
-import json
-import sys
+import argparse
+import shutil
 from pathlib import Path
 
-import pandas as pd
-import torch
-
-from minihuman.learn.agent.policy_file import versions
-from minihuman.learn.transfer.folder import STUDY, read_results
-from minihuman.learn.transfer.job import CHECKPOINT
-from minihuman.learn.transfer.plan import Ppo, Study
-from minihuman.learn.transfer.summary import curves, speed, table
+from minihuman.learn.transfer.folder import open_folder, read_merged
+from minihuman.learn.transfer.job import RESULT
+from minihuman.learn.transfer.summary import Run, write_report
 
 
-def main(folder: Path, out: Path) -> None:
-    settings = json.loads((folder / STUDY).read_text())
-    study = Study(
-        **settings | {"ppo": Ppo(**settings["ppo"]), "transfers": tuple(settings["transfers"])},
-    )
-    results = read_results(study, folder)
-    points = curves(results).assign(finished=True)
-    for job in study.jobs():
-        checkpoint = folder / job.name / CHECKPOINT
-        if job not in results and checkpoint.exists():
-            history = torch.load(checkpoint, weights_only=False)["history"]
-            rows = [(job.cell.label, job.run, job.seed, p.steps, p.reward, p.length, False) for p in history.points]
-            points = pd.concat([points, pd.DataFrame(rows, columns=points.columns)])
-    table(study, results).to_csv(out / "transfer_table.csv", float_format="%.6g")
-    speed(results).to_csv(out / "transfer_speed.csv", float_format="%.6g")
-    points.to_csv(out / "transfer_curves.csv", index=False, float_format="%.6g")
-    facts = {
-        "study": study.as_dict(),
-        "finished": {job.name: {"seed": job.seed, "seconds": result.seconds} for job, result in results.items()},
-        "jobs": len(study.jobs()),
-        "versions": versions(),
-    }
-    (out / "transfer_run.json").write_text(json.dumps(facts, indent=1) + "\n")
+def main(folders: list[Path], shipped: Path) -> None:
+    held = [shipped] if shipped.exists() else []
+    study, results = read_merged([*held, *folders])
+    open_folder(study, shipped)
+    for job in results:
+        found = next(folder for folder in [*held, *folders] if (folder / job.name / RESULT).exists())
+        if found != shipped:
+            (shipped / job.name).mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(found / job.name / RESULT, shipped / job.name / RESULT)
+    command = "python analysis/transfer.py"
+    print(write_report(study, results, shipped, Run(command=command, engine="", wall_s=0.0)))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).parent)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folders", type=Path, nargs="*")
+    parser.add_argument("--into", type=Path, default=Path(__file__).parent / "transfer")
+    arguments = parser.parse_args()
+    main(arguments.folders, arguments.into)

@@ -1,4 +1,4 @@
-"""How fast an agent trains on our worlds and on upstream's: the same Stable-Baselines3 code, in one run.
+"""How fast an agent trains here, and with upstream's worlds and Stable-Baselines3 as they come, in one run.
 
     xvfb-run -a python -m benchmarks.learn [--steps 8192] [--threads 1]
 
@@ -13,9 +13,12 @@ from dataclasses import dataclass
 
 import gymnasium
 import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from benchmarks import upstream_first_person, upstream_grid
-from minihuman.learn.agent.network import Eyes
+from minihuman.learn.agent.network import Eyes, policy_settings
 from minihuman.learn.agent.observe import Eyesight
 from minihuman.learn.agent.policy_file import versions
 from minihuman.learn.agent.training import History, new_ppo, train
@@ -51,9 +54,18 @@ class Side:
         return ", ".join(f"{name} {value / whole:.0%}" for name, value in parts.items())
 
 
+def as_it_comes(world: TrainingWorld, eyes: Eyes) -> PPO:
+    """The published network in Stable-Baselines3's own policy, optimiser and loops."""
+    settings = {name: value for name, value in policy_settings(eyes).items() if name != "optimizer_kwargs"}
+    return PPO(MultiInputActorCriticPolicy, DummyVecEnv([lambda: world]), policy_kwargs=settings, seed=1, device="cpu")
+
+
 def measure(name: str, world_id: str, eyes: Eyes, steps: int) -> Side:
     world = TrainingWorld(world_id, {}, seed=1, eyesight=Eyesight(missions=True))
-    agent = new_ppo(world, settings=Ppo(), eyes=eyes, seed=1, device="cpu")
+    if name == "ours":
+        agent: PPO = new_ppo(world, settings=Ppo(), eyes=eyes, seed=1, device="cpu")
+    else:
+        agent = as_it_comes(world, eyes)
     world.reset()
     world.step(0)  # compiled before the clock starts
     started_s = time.process_time()

@@ -17,7 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from minihuman.data.selection import Filters
+from minihuman.data.selection import Selection
 from minihuman.export.run import export
 
 PROTOCOL = Path(__file__).parents[1] / "protocols" / "fourrooms-transfer.toml"
@@ -53,7 +53,7 @@ def speed(sessions: int) -> None:
         study = make_study(folder / "study", list(played), sessions)
         for kind in ("parquet", "csv"):
             began, spent = time.perf_counter(), processors_s()
-            written, _ = export(kind, study, folder / kind, Filters())
+            written, _ = export(kind, study, folder / kind, Selection())
             took, spent = time.perf_counter() - began, processors_s() - spent
             print(
                 f"{sessions} sessions, {written.steps} steps, to {kind}: {took:.2f} s ({spent:.2f} processor-seconds)"
@@ -69,7 +69,7 @@ def memory(sessions: int) -> None:
         log = write_log(session(blocks=("grid",), episodes=1), folder / "played")
         study = make_study(folder / "study", [log], sessions)
         began = time.perf_counter()
-        export("parquet", study, folder / "out", Filters())
+        export("parquet", study, folder / "out", Selection())
         took = time.perf_counter() - began
     mine, reader = (
         resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)

@@ -1,5 +1,7 @@
 """What can go wrong that a user can put right. Bugs stay asserts and tracebacks."""
 
+from collections.abc import Sequence
+
 
 class MinihumanError(Exception):
     """Base of every error that names a thing, a value and the way out; the command line prints it in one line."""
@@ -13,6 +15,16 @@ class WorldError(MinihumanError, ValueError):
 
 class ProtocolError(MinihumanError, ValueError):
     """A protocol file says something impossible; the message holds file, path and the way out."""
+
+    mistakes: tuple[str, ...] = ()  # a line each, where all were looked for
+
+    @classmethod
+    def of(cls, mistakes: Sequence[str], source: str) -> "ProtocolError":
+        """The error of one mistake or more: it says the first, and where the others are said."""
+        more = f" (and {len(mistakes) - 1} more: minihuman check {source} says all)" if len(mistakes) > 1 else ""
+        error = cls(mistakes[0] + more)
+        error.mistakes = tuple(mistakes)
+        return error
 
 
 class AllocationError(MinihumanError, ValueError):

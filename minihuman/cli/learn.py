@@ -1,13 +1,14 @@
-"""Commands that train agents (extra `learn`): learn transfer, learn clone."""
+"""Commands that train agents (extra `learn`): learn transfer, learn report, learn clone."""
 
 import sys
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from minihuman.cli.choosing import choosing
 from minihuman.errors import LearnError
 
 learn = typer.Typer(help="Train agents: the transfer study, and policies that imitate people.", no_args_is_help=True)
@@ -20,6 +21,7 @@ class ProtocolChoice(StrEnum):
 
     intended = "as-intended"
     published = "as-published"
+    published_in_may = "as-published-2023-05-28"
 
 
 class EngineChoice(StrEnum):
@@ -40,7 +42,9 @@ def transfer(
     protocol: Annotated[ProtocolChoice, typer.Option(help="What the table meant, or what the code did.")] = (
         ProtocolChoice.intended
     ),
-    runs: Annotated[int, typer.Option(help="Independent runs of every cell.")] = 10,
+    runs: Annotated[int, typer.Option(help="Independent runs of the source and of every transfer.")] = 5,
+    baselines: Annotated[int, typer.Option(help="Runs of the baseline, which every comparison has in it.")] = 10,
+    first_run: Annotated[int, typer.Option(min=0, help="Leave the runs before this one to another machine.")] = 0,
     steps: Annotated[int, typer.Option(help="Steps of the baseline and of each transfer.")] = 200_000,
     source_steps: Annotated[
         int | None, typer.Option(help="Steps of the source; by default the protocol's own.")
@@ -68,6 +72,7 @@ def transfer(
     study = Study(
         protocol=protocol.value,
         runs=runs,
+        baselines=baselines,
         steps=steps,
         source_steps=source_steps,
         seed=seed,
@@ -76,9 +81,35 @@ def transfer(
     study = quickly(study) if quick else study
     published = None if beside is None else read_published(beside)
     started = time.monotonic()
-    results = run_study(study, out, lambda: open_engine(engine.value, workers=workers, address=address), device=device)
+    results = run_study(
+        study,
+        out,
+        lambda: open_engine(engine.value, workers=workers, address=address),
+        first_run=first_run,
+        device=device,
+    )
     run = Run(command=_command(), engine=engine.value, wall_s=time.monotonic() - started)
     print(write_report(study, results, out, run, beside=published))
+
+
+@learn.command()
+def report(
+    folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="Folders with runs of one study.")],
+    out: Annotated[Path, typer.Option(help="Where the table, curves and figure go.")],
+    beside: Annotated[Path | None, typer.Option(help="CSV of published improvements to set beside ours.")] = None,
+) -> None:
+    """Table what runs there are, at any time and from several machines.
+
+    Example: minihuman learn report results/transfer from-the-other-machine --out table
+    """
+    _need_torch()
+    from minihuman.learn.transfer.folder import read_merged
+    from minihuman.learn.transfer.summary import Run, read_published, write_report
+
+    published = None if beside is None else read_published(beside)
+    study, results = read_merged(folders)
+    out.mkdir(parents=True, exist_ok=True)
+    print(write_report(study, results, out, Run(command=_command(), engine="", wall_s=0.0), beside=published))
 
 
 class SightChoice(StrEnum):
@@ -89,6 +120,7 @@ class SightChoice(StrEnum):
 
 
 @learn.command()
+@choosing(outcome=("goal",))
 def clone(
     source: Annotated[Path, typer.Argument(metavar="STUDY", help="A study's folder of logs, or one log.")],
     world: Annotated[str, typer.Option(help="The world whose episodes to learn from.")],
@@ -97,21 +129,19 @@ def clone(
     missions: Annotated[bool, typer.Option(help="The mission is part of what is seen.")] = False,
     sizes: Annotated[str, typer.Option(help="Numbers of demonstrations to try, as in 5,10,25.")] = "",
     mirrored: Annotated[bool, typer.Option(help="Learn every step left for right too.")] = False,
-    outcome: Annotated[list[str], typer.Option(help="Only episodes that ended so; may be repeated.")] = ["goal"],  # noqa: B006
-    block: Annotated[list[str], typer.Option(help="Only this block; may be repeated.")] = [],  # noqa: B006
-    without_tag: Annotated[list[str], typer.Option(help="No episode marked so; may be repeated.")] = [],  # noqa: B006
     episodes: Annotated[int, typer.Option(min=1, help="Held-out episodes to judge it by.")] = 200,
     finetune: Annotated[int, typer.Option(min=0, help="Steps of PPO from the clone and from nothing.")] = 0,
     finetune_runs: Annotated[int, typer.Option(min=1, help="Runs of each.")] = 1,
     success: Annotated[float, typer.Option(help="The success rate that PPO is timed to.")] = 0.9,
     seed: Annotated[int, typer.Option(help="Split, training and held-out episodes derive from it.")] = 1,
+    *,
+    selection: Any,
 ) -> None:
     """Train a policy to do what people did in one world, and say how well it does.
 
     Example: minihuman learn clone sessions/my-study --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt
     """
     _need_torch()
-    from minihuman.data.selection import Filters
     from minihuman.learn.clone.clone import Cloning
     from minihuman.learn.clone.study import CloneStudy, clone_study
 
@@ -124,7 +154,7 @@ def clone(
         finetune_steps=finetune,
         finetune_runs=finetune_runs,
         success=success,
-        filters=Filters(outcome=tuple(outcome), block=tuple(block), without_tag=tuple(without_tag)),
+        selection=selection,
         cloning=Cloning(mirrored=mirrored, seed=seed),
     )
     print(clone_study(source, out, study, command=_command()), end="")

@@ -3,13 +3,13 @@
 import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from minihuman.cli.choosing import choosing, say
+
 Logs = Annotated[list[Path], typer.Argument(help="Session logs, or their folders.", metavar="LOG...")]
-Without = Annotated[list[str] | None, typer.Option(help="Leave out episodes marked with this tag; may be repeated.")]
-Only = Annotated[list[str] | None, typer.Option(help="Keep only episodes marked with this tag; may be repeated.")]
 
 
 def add_to(app: typer.Typer) -> None:
@@ -18,26 +18,28 @@ def add_to(app: typer.Typer) -> None:
         app.command()(command)
 
 
+@choosing(with_=("unfinished", "rules"))
 def replay(
     logs: Logs,
     save: Annotated[Path | None, typer.Option(help="Write the recording here and open nothing.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in the browser, served on 127.0.0.1 only.")] = False,
     view: Annotated[bool, typer.Option(help="Draw what the participant saw, checked against the log.")] = False,
-    without: Without = None,
-    only: Only = None,
+    *,
+    selection: Any,
 ) -> None:
     """Replay sessions in rerun: paths, keys, rewards and events on common timelines.
 
-    What cannot be read is named and left out.
+    Episodes that were not finished, or that the protocol's rules leave out, are shown too; those marked exclude are
+    not. What cannot be read is named and left out.
 
     Example: minihuman replay sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --save replay.rrd
     """
-    from minihuman.data.marks import select
-    from minihuman.data.opened import readable
+    from minihuman.data.study import readable
     from minihuman.replay.recording import save_recording
     from minihuman.replay.viewer import show
 
-    sessions = [select(log, only=only or (), without=without or ()) for log in readable(logs, say=_warn)]
+    sessions, account = readable(logs, selection)
+    say(account.lines())
     if save is not None:
         typer.echo(save_recording(sessions, save, with_view=view))
         return
@@ -45,20 +47,24 @@ def replay(
         show(save_recording(sessions, Path(folder) / "replay.rrd", with_view=view), web=web)
 
 
+@choosing()
 def plot(
     source: Annotated[Path, typer.Argument(help="A session log, or a folder of them.", metavar="SRC")],
     out: Annotated[Path, typer.Option(help="Folder for the figures.")],
-    without: Without = None,
-    only: Only = None,
+    *,
+    selection: Any,
 ) -> None:
     """Draw each session's paths and overview and, for a folder, occupancy and learning curves, as PNG and PDF.
 
     Example: minihuman plot sessions/demo --out figures
     """
+    from minihuman.data.study import Sessions
     from minihuman.figures.gallery import draw_all
 
-    for path in draw_all(source, out, only=only or (), without=without or (), say=_warn):
+    sessions = Sessions(source, selection)
+    for path in draw_all(sessions, out):
         typer.echo(path)
+    say(sessions.account.lines())
 
 
 def mark(
@@ -79,21 +85,21 @@ def mark(
     typer.echo(add_mark(open_log(log), Mark(tag, at, episode=episode, note=note, taken_back=take_back)))
 
 
+@choosing()
 def report(
     study: Annotated[Path, typer.Argument(help="A study's folder.", metavar="STUDY")],
     out: Annotated[Path, typer.Option(help="Folder for the page, the tables and the figures.")],
-    without: Without = None,
-    only: Only = None,
+    *,
+    selection: Any,
 ) -> None:
     """Write a study's tables, statistics and figures, and one page that holds them all.
 
     Example: minihuman report sessions/fourrooms-transfer --out report
     """
+    from minihuman.data.study import Sessions
     from minihuman.report.build import build
 
-    for path in build(study, out, only=only or (), without=without or (), say=_warn):
+    sessions = Sessions(study, selection)
+    for path in build(sessions, out):
         typer.echo(path)
-
-
-def _warn(line: str) -> None:
-    typer.echo(line, err=True)
+    say(sessions.account.lines())

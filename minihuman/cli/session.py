@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from minihuman.cli.waiting import waiting
+
 ProtocolFile = Annotated[Path, typer.Argument(help="A protocol's TOML file.")]
 DataFolder = Annotated[Path, typer.Option(help="Where sessions are kept.")]
 
@@ -33,12 +35,13 @@ def run(
     from minihuman.lab.next_session import next_session
     from minihuman.lab.protocol_file import read_protocol
     from minihuman.seats.machine import SessionClock
-    from minihuman.seats.sitting import sit
+    from minihuman.seats.sitting import ending, sit
     from minihuman.seats.warm_up import warm_up
     from minihuman.windows.choose import open_window
 
     study = read_protocol(protocol)
-    warm_up(study, str(protocol))
+    with waiting(f"getting the worlds of {study.study.name} ready"):
+        warm_up(study, str(protocol))
     clock = SessionClock()
     opened = open_window(window, clock, fullscreen=fullscreen)
     try:  # the window first: a station without a display must not use up a slot
@@ -46,9 +49,12 @@ def run(
         print(
             f"{plan.participant.id}, group {plan.participant.group}, from episode {plan.first_episode + 1}", flush=True
         )
-        print(sit(plan, opened, clock, data))
+        log = sit(plan, opened, clock, data)
     finally:
         opened.close()
+    if log is not None:
+        print(ending(log, protocol))
+        print(log)
 
 
 def simulate(
@@ -69,9 +75,11 @@ def simulate(
     from minihuman.study.rehearse import rehearse
 
     study = read_protocol(protocol)
-    rehearse(study, str(protocol))
-    for path in play(study, data, participants=participants, seed=seed, player=player):
-        print(path, flush=True)
+    with waiting(f"{player} plays {study.study.name}") as say:
+        rehearse(study, str(protocol))
+        for number, path in enumerate(play(study, data, participants=participants, seed=seed, player=player), 1):
+            print(path, flush=True)
+            say(f"{player} plays {study.study.name}: {number} of {participants} participants done")
 
 
 def check(

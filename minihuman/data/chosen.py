@@ -1,18 +1,18 @@
-"""What was chosen out of a study: episodes one by one, or session by session."""
+"""What an export takes out of a study: the episodes that count, one by one, or rows session by session."""
 
-import abc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any
 
+from minihuman.data.facts import episode_facts
+from minihuman.data.study import SessionRows, Sessions
 from minihuman.recorded.episode import Episode, SessionLog
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chosen:
-    """One episode that passed the filters, and the session it belongs to."""
+    """One episode that counts, and the session it belongs to."""
 
     log: SessionLog
     episode: Episode
@@ -20,38 +20,53 @@ class Chosen:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What travels with every exported episode: who, under which rule, with which keys, and how it ended."""
-        plan = self.episode.plan
-        return {
-            "study": self.log.plan.study,
-            "participant": self.log.plan.participant.id,
-            "group": self.log.plan.participant.group,
-            "session": self.log.plan.session,
-            "player": self.log.player,
-            "block": plan.block_name,
-            "segment": self.episode.segment,
-            "episode": self.episode.number,
-            "attempt": self.episode.attempt,
-            "world": plan.world,
-            "seed": plan.seed,
-            "outcome": self.episode.outcome_word,
-            "mission": self.episode.start.mission,
-            "key_map": dict(plan.key_map.keys),
-            "action_names": list(self.episode.start.action_names),
-            "protocol_sha256": self.log.plan.protocol_sha256,
-        }
+        """What travels with every exported episode: who, under which rule, with which keys, and how it ended.
 
-
-class Selection(abc.ABC):
-    """The episodes that an export takes. To be gone through once, in one of two ways."""
-
-    @abc.abstractmethod
-    def __iter__(self) -> Iterator[Chosen]:
-        """One episode after the other, one session in memory at a time."""
-
-    @abc.abstractmethod
-    def each_session(self, work: Callable[[SessionLog], T]) -> Iterator[T]:
-        """What ``work`` makes of each session and its chosen episodes, several sessions worked on side by side.
-
-        ``work`` may run in another process: it and its results can be pickled.
+        ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables: they join with them.
         """
+        return episode_facts(self.log, self.episode)
+
+
+class ChosenEpisodes:
+    """The episodes that an export takes. To be gone through once, in one of two ways.
+
+    Args:
+        sessions: where they are, and what counts of them.
+        taken: is told of each episode's log and facts as it is taken.
+        stored_frames: whether observations are those that the logs hold.
+    """
+
+    def __init__(
+        self,
+        sessions: Sessions,
+        *,
+        taken: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
+        stored_frames: bool = False,
+    ) -> None:
+        self.sessions = sessions
+        self._taken = taken
+        self._stored_frames = stored_frames
+
+    def __iter__(self) -> Iterator[Chosen]:
+        """One episode that counts after the other, one session in memory at a time.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
+        for counted in self.sessions:
+            for episode in counted.episodes:
+                item = Chosen(counted.session, episode, self._stored_frames)
+                self._taken(counted.log.path, item.facts)
+                yield item
+
+    def rows(self) -> Iterator[SessionRows]:
+        """Every session's rows of every table, several read side by side; what does not count has its reason there.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+            ReportError: if a protocol excludes by a measure that there is not.
+        """
+        for found in self.sessions.rows(with_shortest=False):
+            for facts in found.facts:
+                self._taken(found.path, facts)
+            yield found

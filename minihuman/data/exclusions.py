@@ -1,6 +1,6 @@
-"""What the statistics leave out: the reviewers' tags, episodes not played to an end, and the protocol's own rules."""
+"""The protocol's own rules: which episodes, and which participants, its statistics are to leave out."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -12,7 +12,6 @@ from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import Exclusion, decode
 
 UNFINISHED_OUTCOMES = ("abandoned", CUT_OFF)
-UNFINISHED = "not played to an end"
 _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
 
 
@@ -39,51 +38,36 @@ def _exclusions(protocol_toml: bytes, source: str) -> tuple[Exclusion, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
-    """The rules in force for one study, in the order in which they are tried."""
+class Rule:
+    """One rule of a protocol's own."""
 
-    protocol: tuple[Exclusion, ...] = ()
-    only: frozenset[str] = frozenset()
-    without: frozenset[str] = frozenset()
-
-    @classmethod
-    def of(cls, plan: SessionPlan, *, only: Iterable[str] = (), without: Iterable[str] = ()) -> "Rules":
-        """The rules of a session's own protocol, and the tags asked for.
-
-        Raises:
-            ReportError: if a rule names a column that its table does not have.
-            ProtocolError: if the protocol in the log cannot be understood.
-        """
-        exclusions = _exclusions(plan.protocol_toml, f"the protocol of {plan.study}") if plan.protocol_toml else ()
-        return cls(exclusions, frozenset(only), frozenset(without))
+    exclusion: Exclusion
 
     @property
-    def need_world(self) -> bool:
-        """Whether a rule asks for a measure that only the world itself can tell."""
-        return any(rule.measure in NEED_WORLD for rule in self.protocol)
+    def needs_world(self) -> bool:
+        """Whether it asks for a measure that only the world itself can tell."""
+        return self.exclusion.measure in NEED_WORLD
 
-    def episode(self, row: Mapping[str, Any]) -> str:
-        """Why an episode's row does not count; empty if it does."""
-        tags = set(row["tags"].split())
-        if self.only and not tags & self.only:
-            return f"not tagged {' or '.join(sorted(self.only))}"
-        if tags & self.without:
-            return f"tagged {' '.join(sorted(tags & self.without))}"
-        if row["outcome"] in UNFINISHED_OUTCOMES:
-            return UNFINISHED
-        return self._broken("episode", row)
-
-    def participant(self, row: Mapping[str, Any]) -> str:
-        """Why a participant's row does not count; empty if it does."""
-        return "no episode counts" if not row["episodes"] else self._broken("participant", row)
-
-    def _broken(self, level: str, row: Mapping[str, Any]) -> str:
-        for rule in self.protocol:
-            value = row.get(rule.measure)
-            if rule.level == level and value is not None and _outside(float(value), rule):
-                return rule.reason
-        return ""
+    def broken_by(self, row: Mapping[str, Any]) -> bool:
+        """Whether a row's measure lies outside what the rule allows; a measure that nothing tells does not."""
+        value, rule = row.get(self.exclusion.measure), self.exclusion
+        if value is None:
+            return False
+        return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
 
 
-def _outside(value: float, rule: Exclusion) -> bool:
-    return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
+def rules_of(plan: SessionPlan) -> tuple[Rule, ...]:
+    """The rules of a session's own protocol, in the order in which they are tried.
+
+    Raises:
+        ReportError: if a rule names a column that its table does not have.
+        ProtocolError: if the protocol in the log cannot be understood.
+    """
+    if not plan.protocol_toml:
+        return ()
+    return tuple(Rule(one) for one in _exclusions(plan.protocol_toml, f"the protocol of {plan.study}"))
+
+
+def broken_rule(rules: Sequence[Rule], level: str, row: Mapping[str, Any]) -> str:
+    """The reason of the first rule that an episode's or a participant's row breaks; "" if it breaks none."""
+    return next((rule.exclusion.reason for rule in rules if rule.exclusion.level == level and rule.broken_by(row)), "")

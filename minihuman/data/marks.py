@@ -4,7 +4,6 @@
 Episodes are numbered as on the participant's screen and in every figure: 1 is the session's first.
 """
 
-import dataclasses
 import os
 import re
 from collections import defaultdict
@@ -90,21 +89,3 @@ def tags(marks: Iterable[Mark]) -> dict[int | None, frozenset[str]]:
 def tags_of(episode: Episode, in_force: Mapping[int | None, frozenset[str]]) -> frozenset[str]:
     """The tags of one episode, the whole session's included."""
     return in_force.get(episode.number, frozenset()) | in_force.get(None, frozenset())
-
-
-def select(log: SessionLog, *, only: Iterable[str] = (), without: Iterable[str] = ()) -> SessionLog:
-    """The session with the episodes that bear one of the tags ``only`` (any, if empty) and none of ``without``.
-
-    Raises:
-        LogError: if the marks beside the log cannot be understood.
-    """
-    wanted, unwanted = frozenset(only), frozenset(without)
-    if not wanted and not unwanted:
-        return log
-    in_force = tags(read_marks(log.path))
-    kept = []
-    for episode in log.episodes:
-        theirs = tags_of(episode, in_force)
-        if (not wanted or wanted & theirs) and not unwanted & theirs:
-            kept.append(episode)
-    return dataclasses.replace(log, episodes=tuple(kept))

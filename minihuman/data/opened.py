@@ -6,7 +6,7 @@ What cannot be read is named with its reason, and the rest goes on.
 import gc
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -14,8 +14,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
+from minihuman.data.withdrawn import is_withdrawn
 from minihuman.errors import LogError, ProtocolError
 from minihuman.log.paths import sessions_in
+from minihuman.log.read.glance import first_facts
 from minihuman.log.read.open_log import open_log
 from minihuman.recorded.episode import SessionLog
 
@@ -46,39 +48,56 @@ def log_files(source: Path) -> list[Path]:
     Raises:
         LogError: if there is no such file or folder.
     """
-    if source.is_file():
-        return [source]
-    if not source.is_dir():
-        raise LogError(f"{source} does not exist; name a session log, or a folder of them")
-    folders = sorted({path.parent for path in source.rglob("*.mcap*")})
-    sessions = [(folder, files) for folder in folders for files in sessions_in(folder).values()]
-    return [files[0] if len(files) == 1 else folder for folder, files in sessions]
+    return [path for path, _ in _found(source)]
 
 
-def opened(source: Path) -> Iterator[SessionLog | Skipped]:
-    """Open one session after the other; what cannot be read is named with its reason, and the rest goes on.
+def worth_reading(source: Path) -> tuple[list[Path], list[Skipped]]:
+    """As ``log_files``, but of several logs of one session only the one in its own place, and of nobody who withdrew.
 
     Raises:
         LogError: if there is no such file or folder.
     """
-    for path in log_files(source):
-        yield open_or_skip(path)
+    facts = {path: first_facts(first) for path, first in _found(source)}
+    gone = [path for path, theirs in facts.items() if is_withdrawn(path, theirs.get("participant", ""))]
+    taken: dict[tuple[str, ...], Path] = {}
+    for path in sorted(set(facts) - set(gone), key=lambda path: (not _in_place(path, facts[path]), path)):
+        taken.setdefault(_session_of(facts[path]) or (str(path),), path)
+    skipped = [
+        Skipped(path, f"{_which(theirs)}, as is {kept}; move one of them away")
+        for path, theirs in facts.items()
+        if path not in gone and (kept := taken.get(_session_of(theirs) or (str(path),))) != path
+    ]
+    if gone:
+        people = len({facts[path]["participant"] for path in gone})
+        who = "1 participant" if people == 1 else f"{people} participants"
+        skipped.append(Skipped(source if source.is_dir() else source.parent, f"{who} withdrew: left out"))
+    kept_paths = set(taken.values())
+    return [path for path in facts if path in kept_paths], skipped
 
 
-def readable(sources: Iterable[Path], *, say: Callable[[str], None]) -> list[SessionLog]:
-    """Open every session of several logs and folders; ``say`` is told what cannot be read, and why.
+def _found(source: Path) -> list[tuple[Path, Path]]:
+    """What ``open_log`` takes, with the file that its session begins in."""
+    if source.is_file():
+        return [(source, source)]
+    if not source.is_dir():
+        raise LogError(f"{source} does not exist; name a session log, or a folder of them")
+    folders = sorted({path.parent for path in source.rglob("*.mcap*")})
+    sessions = [(folder, files) for folder in folders for files in sessions_in(folder).values()]
+    return [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
 
-    Raises:
-        LogError: if there is no such file or folder, or none of them can be read.
-    """
-    found = [one for source in sources for one in opened(source)]
-    for one in found:
-        if isinstance(one, Skipped):
-            say(one.line())
-    logs = [one for one in found if isinstance(one, SessionLog)]
-    if not logs:
-        raise LogError(f"there is no session to be read among {len(found)} logs; name a whole one")
-    return logs
+
+def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
+    return (facts["study"], facts["participant"], facts["session"]) if "session" in facts else ()
+
+
+def _in_place(path: Path, facts: dict[str, str]) -> bool:
+    """Whether a log lies where its session's is recorded."""
+    folder = path if path.is_dir() else path.parent
+    return bool(facts) and folder.parts[-2:] == (facts.get("participant"), f"ses-{int(facts.get('session', 0)):02d}")
+
+
+def _which(facts: dict[str, str]) -> str:
+    return f"session {facts['session']} of {facts['participant']}, begun {facts.get('started_at', 'some time')}"
 
 
 def open_or_skip(path: Path) -> SessionLog | Skipped:
@@ -86,17 +105,15 @@ def open_or_skip(path: Path) -> SessionLog | Skipped:
     return _work_on(path, _itself)
 
 
-def each_log(source: Path, work: Callable[[SessionLog], T], *, processes: int | None = None) -> Iterator[T | Skipped]:
-    """Yield what ``work`` makes of one session after the other, in order of path, several read side by side.
+def each_log(
+    paths: Sequence[Path], work: Callable[[SessionLog], T], *, processes: int | None = None
+) -> Iterator[T | Skipped]:
+    """Yield what ``work`` makes of one session after the other, in order, several read side by side.
 
     ``work`` also runs in other processes where there are many sessions, so it and its results can be pickled. It may
     raise LogError or ProtocolError: that session is skipped. Only a few results are held at a time.
-
-    Raises:
-        LogError: if there is no such file or folder.
     """
-    paths = log_files(source)
-    each = partial(_work_on_each, work=work)
+    paths, each = list(paths), partial(_work_on_each, work=work)
     others = min(processes or os.cpu_count() or 1, len(paths) // _WORTH_A_PROCESS + 1) - 1
     if not others:
         yield from (_work_on(path, work) for path in paths)

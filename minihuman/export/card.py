@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from minihuman import __version__
+from minihuman.data.counted import Account
 from minihuman.export.port import Written
 
 
@@ -15,10 +16,9 @@ class Card:
     """Counts what passes on its way to an exporter."""
 
     format: str
-    filters: str
+    account: Account
     stored_frames: bool = False  # observations were taken from the logs
     counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
-    skipped: list[str] = field(default_factory=list)  # "path: reason"
 
     def count(self, facts: Mapping[str, Any]) -> None:
         """Take an episode into the counts."""
@@ -40,7 +40,9 @@ class Card:
             f"Observations, where the format holds them, were {source}, and each has the hash",
             "that was taken when it was made.",
             "",
-            f"Filters: {self.filters or 'none'}.",
+            "What it is made of:",
+            "",
+            *(f"- {line}" for line in (*self.account.lines(), *written.left_out)),
             "",
             "| file or folder |",
             "|---|",
@@ -49,6 +51,4 @@ class Card:
         for name, counter in self.counts.items():
             lines += ["", f"| {name} | episodes |", "|---|---|"]
             lines += [f"| {value} | {count} |" for value, count in sorted(counter.items())]
-        if self.skipped:
-            lines += ["", "Left out, with the reason:", "", *(f"- {line}" for line in self.skipped)]
         return "\n".join(lines) + "\n"

@@ -12,7 +12,7 @@ import datasets
 import numpy as np
 from datasets.arrow_writer import ArrowWriter
 
-from minihuman.data.chosen import Chosen, Selection
+from minihuman.data.chosen import Chosen, ChosenEpisodes
 from minihuman.export.asked import called
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat
@@ -23,7 +23,7 @@ _TOGETHER = 8  # trajectories written at once: of pictures, some tens of megabyt
 _NO_STEP = "has no step, and a trajectory needs one"
 
 
-def export(chosen: Selection, out: Path) -> Written:
+def export(chosen: ChosenEpisodes, out: Path) -> Written:
     """Write every episode that has a step as a trajectory with rewards; what else is known is in its ``infos``.
 
     Raises:

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from PIL import Image
 
-from minihuman.data.chosen import Chosen, Selection
+from minihuman.data.chosen import Chosen, ChosenEpisodes
 from minihuman.export.asked import about_of, called
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.lerobot_card import card
@@ -33,7 +33,7 @@ CHUNK = 1000  # files a folder, the format's default
 FILE_BYTES = 100 * 1024 * 1024  # of episodes in one file, the format's default
 
 
-def export(chosen: Selection, out: Path) -> Written:
+def export(chosen: ChosenEpisodes, out: Path) -> Written:
     """Write every episode that has a step, many to a file.
 
     Raises:

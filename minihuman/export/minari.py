@@ -14,7 +14,7 @@ from minari.data_collector import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
 from minihuman import __version__
-from minihuman.data.chosen import Chosen, Selection
+from minihuman.data.chosen import Chosen, ChosenEpisodes
 from minihuman.export.asked import about_of, actions_of, called
 from minihuman.export.datasets_by_world import dataset_name, env_spec
 from minihuman.export.observations import plain_space, stack
@@ -25,7 +25,7 @@ from minihuman.study.about import About
 NAMESPACE = "minihuman"
 
 
-def export(chosen: Selection, out: Path) -> Written:
+def export(chosen: ChosenEpisodes, out: Path) -> Written:
     """Write every episode that has a step; a session's subject, group, keys and outcome are its metadata.
 
     Raises:

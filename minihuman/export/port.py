@@ -6,7 +6,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from minihuman.data.chosen import Selection
+from minihuman.data.chosen import ChosenEpisodes
 from minihuman.errors import ExportError
 
 GROUP = "minihuman.exporters"
@@ -17,12 +17,14 @@ class Written:
     """What an exporter wrote: its data files and folders, and how much is in them."""
 
     paths: tuple[Path, ...]
-    episodes: int
-    steps: int
+    episodes: int  # that count
+    steps: int  # of those
     left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; in the card
+    marked: int = 0  # further episodes, that do not count and are there all the same, with the reason
+    sessions: int = 0  # of tables: those that have a row, with an episode or without
 
 
-Exporter = Callable[[Selection, Path], Written]
+Exporter = Callable[[ChosenEpisodes, Path], Written]
 
 
 def exporters() -> dict[str, str]:

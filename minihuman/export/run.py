@@ -2,10 +2,13 @@
 
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from minihuman.data.selection import Filters, SelectionOf
+from minihuman.data.chosen import ChosenEpisodes
+from minihuman.data.selection import Selection
+from minihuman.data.study import Sessions
 from minihuman.errors import ExportError
 from minihuman.export.card import Card
 from minihuman.export.port import Written, find_exporter
@@ -15,7 +18,7 @@ def export(
     format_name: str,
     source: Path,
     out: Path,
-    filters: Filters,
+    selection: Selection,
     *,
     stored_frames: bool = False,
     progress: Callable[[Path], None] = lambda _: None,
@@ -25,14 +28,15 @@ def export(
     Observations are played again, or with ``stored_frames`` those that the logs hold; each is checked against its hash.
 
     Raises:
-        ExportError: if the format is unknown, ``out`` has something in it, nothing passes the filters,
+        ExportError: if the format is unknown, ``out`` has something in it, no episode counts,
             or an episode does not replay or holds no observations.
         LogError: if the source cannot be read.
     """
     exporter = find_exporter(format_name)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportError(f"{out} already exists; choose another folder or move it")
-    card = Card(format_name, str(filters), stored_frames=stored_frames)
+    sessions = Sessions(source, selection)
+    card = Card(format_name, sessions.account, stored_frames=stored_frames)
 
     def taken(log: Path, facts: Mapping[str, Any]) -> None:
         card.count(facts)
@@ -43,14 +47,10 @@ def export(
         raise ExportError(f"{unfinished} is another export's, running or broken off; remove it to go on")
     unfinished.mkdir(parents=True)
     try:
-        selection = SelectionOf(source, filters, skipped=card.skipped.append, taken=taken, stored_frames=stored_frames)
-        written = exporter(selection, unfinished)
-        card.skipped.extend(written.left_out)
-        if not written.episodes:
-            why = f"; {written.left_out[0]}" if written.left_out else ""
-            raise ExportError(
-                f"no episode in {source} passes the filters ({filters or 'none'}){why}; nothing was written"
-            )
+        written = exporter(ChosenEpisodes(sessions, taken=taken, stored_frames=stored_frames), unfinished)
+        if not written.episodes + written.marked + written.sessions:
+            why = "; ".join((*written.left_out, *sessions.account.lines()))
+            raise ExportError(f"nothing of {source} was written: {why}")
         card.write(unfinished, written)
         if out.exists():
             out.rmdir()
@@ -59,4 +59,4 @@ def export(
         shutil.rmtree(unfinished, ignore_errors=True)
         raise
     moved = tuple(out / path.relative_to(unfinished) for path in written.paths)
-    return Written(moved, written.episodes, written.steps, written.left_out), card
+    return replace(written, paths=moved), card

@@ -1,48 +1,30 @@
 """All figures of a log or a study, as files."""
 
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
-from minihuman.data.marks import select
-from minihuman.data.opened import Skipped, opened
+from minihuman.data.study import Sessions
 from minihuman.figures.files import save
-from minihuman.figures.learning import learning_figure
+from minihuman.figures.learning import learning_curves, learning_figure
 from minihuman.figures.occupancy import occupancy_figure, tells_places
 from minihuman.figures.overview import overview_figure
 from minihuman.figures.paths import session_paths
 from minihuman.recorded.episode import SessionLog
 
 
-def draw_all(
-    source: Path,
-    out: Path,
-    *,
-    only: Iterable[str] = (),
-    without: Iterable[str] = (),
-    say: Callable[[str], None],
-) -> Iterator[Path]:
+def draw_all(sessions: Sessions, out: Path) -> Iterator[Path]:
     """Draw each session's paths and overview, then what many sessions show together; yield the files.
-
-    ``say`` is told of every log that is left out, and why.
 
     Raises:
         LogError: if there is no such file or folder.
     """
     everyone: list[SessionLog] = []
-    for found in opened(source):
-        if isinstance(found, Skipped):
-            say(found.line())
-            continue
-        log = select(found, only=only, without=without)
-        if not log.episodes:
-            say(f"skipped {log.path}: no episode is left in it")
-            continue
-        yield from draw_session(log, out / _name(log))
-        everyone.append(log)
+    for counted in sessions:
+        if counted.places:
+            yield from draw_session(counted.session, out / _name(counted.log))
+            everyone.append(counted.session)
     if len(everyone) > 1:
         yield from draw_study(everyone, out)
 
@@ -63,21 +45,22 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
         participants = [episodes for episodes in theirs if episodes]
         if participants:
             yield from save(occupancy_figure(world, participants), out / f"occupancy_{_file_name(world)}")
-    for block, curves in learning_curves(logs).items():
-        yield from save(learning_figure(curves, measure="reward"), out / f"learning_{_file_name(block)}")
+    for block, episodes in rewards(logs).groupby("block", sort=False):
+        figure = learning_figure(learning_curves(episodes), measure="reward")
+        yield from save(figure, out / f"learning_{_file_name(str(block))}")
 
 
-def learning_curves(logs: Iterable[SessionLog]) -> dict[str, dict[str, NDArray[np.float64]]]:
-    """Rewards by block and group, (participants, episodes in the block); NaN where an episode was not played."""
-    rows: dict[str, dict[str, list[NDArray[np.float64]]]] = defaultdict(lambda: defaultdict(list))
-    for log in logs:
-        for block in dict.fromkeys(episode.plan.block_name for episode in log.episodes):
-            played = [episode for episode in log.episodes if episode.plan.block_name == block]
-            row = np.full(played[0].plan.episodes_in_block, np.nan)
-            for episode in played:
-                row[episode.plan.episode_in_block] = episode.return_
-            rows[block][log.plan.participant.group].append(row)
-    return {block: {group: np.stack(them) for group, them in groups.items()} for block, groups in rows.items()}
+def rewards(logs: Iterable[SessionLog]) -> pd.DataFrame:
+    """Every episode's reward with whose it is and where in its block, as in the table "episodes"."""
+    columns = ["participant", "session", "group", "block", "episode_in_block", "reward"]
+    rows = [
+        (
+            log.plan.participant.id, log.plan.session, log.plan.participant.group, episode.plan.block_name,
+            episode.plan.episode_in_block + 1, episode.return_,
+        )
+        for log in logs for episode in log.episodes
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _name(log: SessionLog) -> str:

@@ -1,6 +1,7 @@
 """Learning curves: a measure over the episodes, one line a group, with the confidence band of its mean."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from minihuman.figures.style import SERIES, blank, our_style
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _DASHES = ("-", "--", ":", "-.")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -28,6 +32,23 @@ def mean_and_band(
         spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (there - 1)) / np.sqrt(there)
         half = np.where(there > 1, stats.t.ppf(0.5 + level / 2, np.maximum(there - 1, 1)) * spread, np.nan)
     return mean, mean - half, mean + half
+
+
+def learning_curves(episodes: "pd.DataFrame", measure: str = "reward") -> dict[str, NDArray[np.float64]]:
+    """A measure by group, (participants and their sessions, episodes in the block); NaN where none counts.
+
+    ``episodes`` are one block's rows of the table "episodes" that count. The first column is the block's first episode
+    for every group; of several attempts at one the last is taken.
+    """
+    if episodes.empty:
+        return {}
+    numbers = range(1, int(episodes["episode_in_block"].max()) + 1)
+    curves = {}
+    for group, part in episodes.groupby("group"):
+        last = part.drop_duplicates(["participant", "session", "episode_in_block"], keep="last")
+        table = last.pivot(index=["participant", "session"], columns="episode_in_block", values=measure)
+        curves[str(group)] = table.reindex(columns=numbers).to_numpy(np.float64)
+    return curves
 
 
 def draw_learning(

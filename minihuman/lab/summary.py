@@ -7,10 +7,11 @@ from pathlib import Path
 from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.read.file import Reading, all_clean
+from minihuman.log.read.glance import glance
 from minihuman.recorded.episode import CUT_OFF
 from minihuman.study import events as ev
 
-_READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SESSION_END})
+_READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.SESSION_END})
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +27,7 @@ class Summary:
     segments: int
     clean: bool
     end_reason: str  # an EndReason, or "cut_off"
-    episodes_planned: int
+    episodes_planned: int  # less those that were skipped
     episodes_completed: int  # with an outcome other than abandoned
     steps: int
     duration_s: float  # from a segment's start to its last message, summed
@@ -35,14 +36,18 @@ class Summary:
 def summarise(files: Sequence[Path]) -> Summary:
     """Sum up a session's log and segments, in order.
 
+    A finished log whose checksums hold is summed up from what was written at its end; others are read through.
+
     Raises:
         LogError: if one cannot be opened, is no session log, of another schema version or damaged, or holds no plan.
     """
+    if len(files) == 1 and (summary := _at_a_glance(files[0])) is not None:
+        return summary
     readings = [Reading(file) for file in files]
     plan: ev.SessionStarted | None = None
     completed: set[int] = set()
     spans: list[tuple[int, int]] = []  # a segment's first and last log time
-    steps, end_reason = 0, CUT_OFF
+    steps, skipped, end_reason = 0, 0, CUT_OFF
     for reading, message in ((source, found) for source in readings for found in source.messages()):
         topic = message.channel.topic
         steps += topic == topics.STEP
@@ -52,6 +57,8 @@ def summarise(files: Sequence[Path]) -> Summary:
                 spans.append((message.log_time, message.log_time))
             case ev.EpisodeEnded() as ended if ended.outcome != "abandoned":
                 completed.add(ended.episode)
+            case ev.EpisodesSkipped() as passed:
+                skipped += passed.count
             case ev.SessionEnded() as over:
                 end_reason = over.reason
         if spans:
@@ -71,8 +78,33 @@ def summarise(files: Sequence[Path]) -> Summary:
         segments=len(spans),
         clean=all_clean(starts, ends),
         end_reason=end_reason,
-        episodes_planned=len(plan.plan.episodes),
+        episodes_planned=len(plan.plan.episodes) - skipped,
         episodes_completed=len(completed),
         steps=steps,
         duration_s=sum(last - first for first, last in spans) / 1e9,
+    )
+
+
+def _at_a_glance(log: Path) -> Summary | None:
+    """Sum up a log from what its segments' ends say; None where one does not, as in logs of earlier versions."""
+    found = glance(log)
+    if found is None or not found.starts or not len(found.starts) == len(found.facts) == len(found.ends):
+        return None
+    if found.starts[0].get("schema_version") != str(topics.SCHEMA_VERSION) or "completed" not in found.ends[-1]:
+        return None
+    first, last = found.starts[0], found.ends[-1]
+    return Summary(
+        study=first["study"],
+        participant=first["participant"],
+        group=first["group"],
+        session=int(first["session"]),
+        player=found.facts[0].get("player", "unknown"),
+        started_at=first["started_at"],
+        segments=len(found.starts),
+        clean=all_clean(found.starts, found.ends),
+        end_reason=last["reason"],
+        episodes_planned=int(last["planned"]),
+        episodes_completed=int(last["completed"]),
+        steps=found.counts[topics.STEP],
+        duration_s=sum(int(end.get("lasted_ns", 0)) for end in found.ends) / 1e9,
     )

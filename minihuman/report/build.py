@@ -1,18 +1,18 @@
 """The report of a study, from its logs to a folder: tables, figures and one page."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pandas as pd
 
-from minihuman.data.opened import Skipped
 from minihuman.data.rows import Rows
-from minihuman.data.study import Reading, Session, read_study
+from minihuman.data.selection import Selection
+from minihuman.data.study import SessionRows, Sessions
 from minihuman.data.writing import write_tables
 from minihuman.errors import ReportError
 from minihuman.figures.files import save
-from minihuman.figures.learning import learning_figure
+from minihuman.figures.learning import learning_curves, learning_figure
 from minihuman.figures.paths import session_paths
 from minihuman.log.read.open_log import open_log
 from minihuman.report.page import Page, page
@@ -33,25 +33,18 @@ _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study ha
 class _Study:
     """What is learnt of a study while its sessions stream by."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(self) -> None:
         self.plan: SessionPlan | None = None
-        self.example: Path | None = None  # the session with the most blocks, for the path figure
+        self.example: Path | None = None  # the session with the most blocks that count, for the path figure
         self._blocks = 0
-        self.sessions = 0
-        self.skipped: list[Skipped] = []
-        self._say = say
 
-    def rows(self, found: Iterable[Session | Skipped]) -> Iterator[Rows]:
-        """Pass the rows on; count the sessions and tell of what is skipped.
+    def rows(self, found: Iterable[SessionRows]) -> Iterator[Rows]:
+        """Pass the rows on.
 
         Raises:
             ReportError: if the folder holds more than one study.
         """
         for one in found:
-            if isinstance(one, Skipped):
-                self.skipped.append(one)
-                self._say(one.line())
-                continue
             if self.plan is None:
                 self.plan = one.plan
             elif self.plan.study != one.plan.study:
@@ -59,46 +52,37 @@ class _Study:
                     f"{one.path} is of study {one.plan.study!r}, the ones before of {self.plan.study!r}; "
                     "a report is of one study: name its folder"
                 )
-            self.sessions += 1
-            if one.rows.count("blocks") > self._blocks:
-                self.example, self._blocks = one.path, one.rows.count("blocks")
+            blocks = len({facts["block"] for facts in one.facts})
+            if blocks > self._blocks:
+                self.example, self._blocks = one.path, blocks
             yield one.rows
 
 
-def build(
-    source: Path,
-    out: Path,
-    *,
-    only: Iterable[str] = (),
-    without: Iterable[str] = (),
-    say: Callable[[str], None],
-    processes: int | None = None,
-) -> tuple[Path, ...]:
-    """Write tables, figures and ``report.html`` of a study's folder; give the files, the page first.
-
-    ``say`` is told of every log that is skipped, and why.
+def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
+    """Write tables, figures and ``report.html`` of a study's sessions; give the files, the page first.
 
     Raises:
         LogError: if there is no such folder.
         ReportError: if no log in it can be read, or they are of different studies.
     """
-    study = _Study(say)
-    reading = Reading(frozenset(only), frozenset(without))
-    tables = write_tables(study.rows(read_study(source, reading, processes=processes)), out / "tables")
-    if study.plan is None or study.example is None:
-        raise ReportError(f"{source} holds no session log that can be read; {len(study.skipped)} were skipped")
+    study = _Study()
+    tables = write_tables(study.rows(sessions.rows(with_shortest=True)), out / "tables")
+    account = sessions.account
+    if study.plan is None:
+        raise ReportError(
+            f"{sessions.source} holds no session log that can be read; {len(account.skipped)} were skipped"
+        )
     episodes = pd.read_parquet(out / "tables" / "episodes.parquet", columns=_EPISODE_COLUMNS)
     blocks, participants = (pd.read_parquet(out / "tables" / f"{name}.parquet") for name in ("blocks", "participants"))
     found = results(episodes, blocks, participants)
-    figures = [*_curves(episodes, found, out / "figures"), _paths(study.example, out / "figures")]
+    figures = [*_curves(episodes, found, out / "figures"), *_paths(study.example, sessions.selection, out / "figures")]
     facts = Page(
         study=study.plan.study,
-        version=study.plan.study_version,
-        sessions=study.sessions,
+        sessions=len(participants),
         players=sorted(participants["player"].unique()),
         figures=figures,
         tables=tables,
-        skipped=study.skipped,
+        account=account,
     )
     where = out / "report.html"
     where.write_text(page(facts, found), encoding="utf-8")
@@ -107,21 +91,17 @@ def build(
 
 def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[Path, str]]:
     """Learning curves of the compared block, by group."""
-    counted = episodes[(episodes["left_out"] == "") & (episodes["block"] == found.block)]
+    counted = episodes[episodes["left_out"].isna() & (episodes["block"] == found.block)]
     for measure, label, limits in _CURVES:
-        curves = {
-            str(group): part.assign(value=part[measure].astype(float))
-            .pivot_table(index=["participant", "session"], columns="episode_in_block", values="value")
-            .to_numpy()
-            for group, part in counted.groupby("group")
-        }
+        curves = learning_curves(counted, measure)
         if curves:
             png, _ = save(learning_figure(curves, measure=label, limits=limits), out / f"learning_{measure}")
             yield png, f"{label} over the episodes of block {found.block}: mean and its 95 % interval."
 
 
-def _paths(log: Path, out: Path) -> tuple[Path, str]:
-    """The path figure of one session."""
-    session = open_log(log)
-    png, _ = save(session_paths(session), out / "paths")
-    return png, f"Paths of {session.plan.participant.id} ({session.plan.participant.group})."
+def _paths(log: Path | None, selection: Selection, out: Path) -> Iterator[tuple[Path, str]]:
+    """The path figure of one session, of the episodes that count."""
+    if log is not None:
+        session = selection.judge(open_log(log)).session
+        png, _ = save(session_paths(session), out / "paths")
+        yield png, f"Paths of {session.plan.participant.id} ({session.plan.participant.group})."

@@ -10,10 +10,13 @@ from typing import Any
 
 import pandas as pd
 
+from minihuman.data.counted import Account
 from minihuman.data.opened import Skipped
 from minihuman.report.published import SOURCE, published
 from minihuman.report.results import MEASURES, Results, group_rewards
-from minihuman.report.statistics import Comparison, MixedModel, Power
+from minihuman.statistics.compare import Comparison
+from minihuman.statistics.growth import LEAST_EPISODES, Growth
+from minihuman.statistics.power import Power
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -40,12 +43,11 @@ class Page:
     """What the page is made of, besides the results."""
 
     study: str
-    version: str
     sessions: int
     players: Sequence[str]
     figures: Sequence[tuple[Path, str]]  # a PNG and its caption
     tables: Sequence[Path]
-    skipped: Sequence[Skipped]
+    account: Account
 
 
 def page(facts: Page, found: Results) -> str:
@@ -58,7 +60,7 @@ def page(facts: Page, found: Results) -> str:
         f'<div class="beside">{_subjects(found)}{_published()}</div>',
         "<h2>Groups compared</h2>",
         _comparisons(found.comparisons, found.block),
-        _model(found.model),
+        _growth(found.growth),
         *(f"<p>{escape(power_statement(one))}</p>" for one in found.powers),
         "<h2>Measures by group</h2>",
         _measures(found),
@@ -67,7 +69,7 @@ def page(facts: Page, found: Results) -> str:
         "<h2>Left out</h2>",
         _left_out(found.exclusions),
         "<h2>Logs skipped</h2>",
-        _skipped(facts.skipped),
+        _skipped(facts.account.skipped),
         "<h2>Tables</h2>",
         f"<p>{', '.join(escape(path.name) for path in facts.tables)}</p>",
     ]
@@ -106,9 +108,17 @@ def power_statement(one: Power) -> str:
 def _counted(facts: Page, found: Results) -> str:
     people, episodes = found.kept
     return escape(
-        f"Version {facts.version}; {facts.sessions} sessions read, {len(facts.skipped)} skipped; "
+        f"{_versions(facts.account)}; {facts.sessions} sessions read, {len(facts.account.skipped)} skipped; "
         f"{people} participants and {episodes} episodes count. Played by: {', '.join(facts.players) or 'nobody'}."
     )
+
+
+def _versions(account: Account) -> str:
+    """By which versions of the protocol the sessions were played."""
+    told = [f"{version} in {count} sessions" for (_, version), count in sorted(account.versions.items())]
+    if len(told) == 1:
+        return f"Protocol version {told[0]}"
+    return f"{len(told)} versions of the protocol are pooled here ({'; '.join(told)}), --version takes one"
 
 
 def _transfer(found: Results) -> str:
@@ -145,33 +155,33 @@ def _comparisons(found: Sequence[Comparison], block: str) -> str:
             MEASURES[one.measure], f"{one.first} \N{MINUS SIGN} {one.second}",
             _number(one.means[0]), _number(one.means[1]),
             _number(one.difference), _range(one.interval),
-            _p(one.p), _p(one.p_holm), _number(one.g, 2),
+            f"{one.n[0]}, {one.n[1]}", _p(one.p), _p(one.p_holm), _p(one.smallest_p), _number(one.g, 2), one.reason,
         )
         for one in found
     ]  # fmt: skip
-    heads = ("measure", "groups", "first", "second", "difference", "95 % interval", "p", "p (Holm)", "g")
+    heads = (
+        *("measure", "groups", "first", "second", "difference", "95 % interval"),
+        *("n", "p", "p (Holm)", "smallest p", "g", "not compared because"),
+    )
     caption = (
-        f"Block {block}, one value a participant. p: two-sided permutation test of the means; interval: Welch's t; "
-        "g: Hedges'."
+        f"Block {block}, one value a participant. p: two-sided permutation test of Welch's t; interval: Welch's t; "
+        "smallest p: what groups of these sizes can come to; g: Hedges'."
     )
     return _table(caption, heads, rows, words=2) if rows else "<p>Nothing to compare.</p>"
 
 
-def _model(model: MixedModel | None) -> str:
-    if model is None:
-        needed = "two groups of two participants or more, two episodes, and rewards that differ enough"
-        return f"<p>A mixed model needs {needed}.</p>"
+def _growth(found: Growth | None) -> str:
+    if found is None:
+        return f"<p>Needs two participants of a group with {LEAST_EPISODES} episodes or more.</p>"
     rows = [
-        (term, _number(estimate), _range(interval), _p(p))
-        for term, estimate, interval, p in zip(model.terms, model.estimates, model.intervals, model.p, strict=True)
+        (term.name, str(term.people), _number(term.estimate), _range(term.interval), _p(term.p)) for term in found.terms
     ]
-    note = f" {model.note}" if model.note else ""
     caption = (
-        f"Mixed model of {model.measure}: group and episode in the block, a random intercept a participant, "
-        f"t with between-within degrees of freedom "
-        f"({model.participants} participants, {model.episodes} episodes).{note}"
+        f"{found.measure.capitalize()} over the block's episodes: a line for each participant, then the participants' "
+        f"lines compared (t, Welch's between groups). What is compared is compared with {found.reference}."
     )
-    return _table(caption, ("term", "estimate", "95 % interval", "p"), rows)
+    left_out = f" Not in it: {'; '.join(found.left_out)}." if found.left_out else ""
+    return _table(caption + left_out, ("term", "participants", "estimate", "95 % interval", "p"), rows)
 
 
 def _measures(found: Results) -> str:

@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
-from minihuman.report.statistics import Comparison, MixedModel, Power, compare_groups, mixed_model, power
+from minihuman.statistics.compare import Comparison, compare_groups
+from minihuman.statistics.growth import Growth, growth
+from minihuman.statistics.power import Power, power
 
 MEASURES = {  # columns of the block table that groups are compared on, and what they are called
     "reward_mean": "reward",
@@ -29,7 +32,7 @@ class Results:
     groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
     measures: pd.DataFrame  # measure, group, n, mean, sd
     comparisons: tuple[Comparison, ...]
-    model: MixedModel | None
+    growth: Growth | None  # of the reward over the block's episodes
     powers: tuple[Power, ...]  # one for each pair of groups, in the order of the comparisons of reward
     exclusions: pd.DataFrame  # left_out, level, participant, session, episode, attempt
     kept: tuple[int, int]  # participants and episodes that count
@@ -37,11 +40,10 @@ class Results:
 
 def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame) -> Results:
     """Work out the results from the three tables as they were written."""
-    counted_people = participants[participants["left_out"] == ""]
-    people = ["participant", "session"]
-    counted = episodes[episodes["left_out"] == ""].merge(counted_people[people], on=people)
-    block = target_block(blocks[blocks["left_out"] == ""])
-    rows = blocks[(blocks["left_out"] == "") & (blocks["block"] == block)]
+    counted_people = participants[participants["left_out"].isna()]
+    counted = episodes[episodes["left_out"].isna()]
+    block = target_block(blocks[blocks["left_out"].isna()])
+    rows = blocks[(blocks["left_out"].isna()) & (blocks["block"] == block)]
     rows = rows.sort_values(["group", "participant", "session"])
     subjects = rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]]
     each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
@@ -52,7 +54,7 @@ def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataF
         groups=group_rewards(each),
         measures=_measures(each),
         comparisons=comparisons,
-        model=mixed_model(counted[counted["block"] == block], "reward"),
+        growth=growth(counted[counted["block"] == block], "reward", order=_most_prepared_first(blocks)),
         powers=tuple(power(one.n) for one in comparisons if one.measure == "reward_mean"),
         exclusions=exclusions(episodes, participants),
         kept=(len(counted_people), len(counted)),
@@ -80,11 +82,12 @@ def group_rewards(each: pd.DataFrame) -> pd.DataFrame:
 
 def exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
     """Every row left out, with its reason: participants first, then episodes of the others."""
-    people = participants.loc[participants["left_out"] != "", ["left_out", "participant", "session"]]
+    people = participants.loc[participants["left_out"].notna(), ["left_out", "participant", "session"]]
     people = people.assign(level="participant")
-    single = episodes.loc[
-        episodes["left_out"] != "", ["left_out", "participant", "session", "episode", "attempt"]
-    ].assign(level="episode")
+    whole = set(zip(people["left_out"], people["participant"], people["session"], strict=True))
+    theirs = zip(episodes["left_out"], episodes["participant"], episodes["session"], strict=True)
+    alone = np.array([pd.notna(key[0]) and key not in whole for key in theirs], bool)
+    single = episodes.loc[alone, ["left_out", "participant", "session", "episode", "attempt"]].assign(level="episode")
     both = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
     return both.reindex(columns=["left_out", "level", "participant", "session", "episode", "attempt"])
 

@@ -1,10 +1,13 @@
 """What is to be known of the machine a session ran on, and its clock. Nothing that names a person or a machine."""
 
+import hashlib
 import platform
 import re
 import subprocess
 import time
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 
 import minihuman
@@ -50,6 +53,20 @@ def machine_facts() -> dict[str, str]:
             continue
     if commit := _git_commit(Path(minihuman.__file__).parents[1]):
         facts["git_commit"] = commit
+    return facts
+
+
+def world_facts(worlds: Iterable[str]) -> dict[str, str]:
+    """The SHA-256 of every file that a world id names as its module, "lab_worlds:lab/Corridor-v0"; by name.
+
+    Installed packages are left to their versions.
+    """
+    facts = {}
+    for module in sorted({world.partition(":")[0] for world in worlds if ":" in world}):
+        spec = find_spec(module)
+        origin = Path(spec.origin) if spec and spec.origin and spec.has_location else None
+        if origin is not None and not {"site-packages", "dist-packages"}.intersection(origin.parts):
+            facts[f"world_sha256_{module}"] = hashlib.sha256(origin.read_bytes()).hexdigest()
     return facts
 
 

@@ -10,7 +10,7 @@ from minihuman.lab.next_session import next_session
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.players.choose import make_player
 from minihuman.players.port import Player
-from minihuman.seats.machine import machine_facts
+from minihuman.seats.machine import machine_facts, world_facts
 from minihuman.seats.run import run_session
 from minihuman.seats.simulated import SimulatedWindow
 from minihuman.study.plan import SessionPlan
@@ -40,7 +40,8 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
 
 def _play(plan: SessionPlan, player: Player, data: Path, facts: dict[str, str]) -> Path:
     clock = VirtualClock()
-    session = Session(plan, World, facts | {"window": "simulated"}, picture_px=None)
+    facts = facts | world_facts(episode.world for episode in plan.episodes) | {"window": "simulated"}
+    session = Session(plan, World, facts, picture_px=None)
     recorder = McapRecorder(data, plan, started_ns=time.time_ns())
     window = SimulatedWindow(player, session, clock, at_rest=recorder.drain)
     path = run_session(session, window, recorder, clock)

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 from minihuman.errors import WorldError
+from minihuman.lab.summary import summarise
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.seats.desk import Desk, requests_path
-from minihuman.seats.machine import SessionClock, machine_facts
+from minihuman.seats.machine import SessionClock, machine_facts, world_facts
 from minihuman.seats.run import run_session
 from minihuman.study.plan import SessionPlan
 from minihuman.study.session import Session
@@ -22,7 +23,8 @@ def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> P
         WorldError: if the world failed; the log says so too, and everything before is in it.
         OSError: if the data folder cannot be written.
     """
-    facts = {"player": "human", **machine_facts(), **clock.facts(), **window.facts()}
+    worlds = world_facts(episode.world for episode in plan.episodes)
+    facts = {"player": "human", **machine_facts(), **worlds, **clock.facts(), **window.facts()}
     recorder = McapRecorder(data, plan, started_ns=clock.started_unix_ns)
     session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
     desk = Desk(requests_path(SegmentPath.of_plan(data, plan).log))
@@ -31,6 +33,19 @@ def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> P
         failure = f"{type(session.failure).__name__}: {session.failure}"
         raise WorldError(f"the world failed ({failure}); everything before that is in {path}") from session.failure
     return path
+
+
+def ending(log: Path, protocol: Path) -> str:
+    """How the session of a log ended, how far it came, and how it goes on where it can, in one line."""
+    found = summarise([log])
+    done = f"{found.episodes_completed} of {found.episodes_planned} episodes"
+    if found.episodes_completed == found.episodes_planned:
+        return f"{found.end_reason}: {done}"
+    session = f" --session {found.session}" if found.session > 1 else ""
+    return (
+        f"ended by {found.end_reason} after {done}; goes on with: "
+        f"minihuman run {protocol} --participant {found.participant}{session}"
+    )
 
 
 def _four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:

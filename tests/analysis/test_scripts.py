@@ -39,7 +39,7 @@ def run(monkeypatch, name, *arguments):
 )
 def test_a_figures_script_writes_a_picture_and_a_page(study, tmp_path, monkeypatch, capsys, name, arguments):
     run(monkeypatch, name, study / arguments[0], *arguments[1:], tmp_path / "figure")
-    assert capsys.readouterr().out.split() == [str(tmp_path / "figure.png"), str(tmp_path / "figure.pdf")]
+    assert capsys.readouterr().out.split("\n")[:2] == [str(tmp_path / "figure.png"), str(tmp_path / "figure.pdf")]
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "figure.pdf").read_bytes().startswith(b"%PDF")
 

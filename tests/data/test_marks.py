@@ -2,7 +2,8 @@
 
 import pytest
 
-from minihuman.data.marks import Mark, add_mark, marks_path, read_marks, select, tags
+from minihuman.data.marks import Mark, add_mark, marks_path, read_marks, tags
+from minihuman.data.selection import Selection
 from minihuman.errors import LogError
 from tests.builders import session
 
@@ -43,18 +44,18 @@ def test_a_mark_taken_back_no_longer_counts_but_stays_written(log):
 
 def test_episode_numbers_are_the_screens_and_the_figures(log):
     add_mark(log, Mark("exclude", AT, episode=3))
-    kept = select(log, without=["exclude"])
-    assert [episode.plan.episode + 1 for episode in kept.episodes] == [1, 2, 4]
-    assert [episode.plan.episode + 1 for episode in select(log, only=["exclude"]).episodes] == [3]
+    assert [episode.number for episode in Selection().judge(log).episodes] == [1, 2, 4]
+    only = Selection(only=("exclude",), with_=("exclude",))
+    assert [episode.number for episode in only.judge(log).episodes] == [3]
 
 
 def test_a_mark_on_the_session_covers_every_episode(log):
     add_mark(log, Mark("pilot", AT))
-    assert select(log, without=["pilot"]).episodes == ()
+    assert Selection(without=("pilot",)).judge(log).episodes == ()
 
 
-def test_without_tags_nothing_is_left_out(log):
-    assert select(log) is log
+def test_without_marks_nothing_is_left_out(log):
+    assert Selection().judge(log).episodes == log.episodes
 
 
 @pytest.mark.parametrize(

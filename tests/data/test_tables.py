@@ -11,26 +11,58 @@ import pyarrow as pa
 import pytest
 
 from minihuman.data.columns import TABLES
-from minihuman.data.exclusions import UNFINISHED, Rules
+from minihuman.data.exclusions import rules_of
+from minihuman.data.marks import Mark
+from minihuman.data.measured import Measured
 from minihuman.data.rows import together
+from minihuman.data.selection import NOT_FINISHED, Selection
 from minihuman.data.tables import session_tables
 from minihuman.data.writing import write_tables
 from minihuman.errors import ReportError
-from minihuman.measures.shortest import Shortest
-from minihuman.study.protocol import Exclusion
+from minihuman.worlds.contract import Bounds
 from tests.builders import session, session_of
 from tests.counts import count
 
-RULES = Rules()
+EVERY = Selection()
 
 
-def twenty(_plan) -> Shortest:
-    return Shortest(20, 25)
+PROTOCOL = """
+[study]
+name = "x"
+version = "1"
+seed = 1
+participants = 2
+[[groups]]
+name = "a"
+blocks = ["b"]
+[[blocks]]
+name = "b"
+world = "minihuman/MiniGrid-FourRooms-v0"
+episodes = 1
+actions = ["left", "right", "forward"]
+max_steps = 10
+"""
 
 
-def rows_of(log, *, tags=None, rules=RULES):
-    tables = session_tables(log, tags=tags or {}, rules=rules, shortest=twenty)
-    return {name: table.to_pandas() for name, table in tables.items()}
+def twenty(_plan) -> Bounds:
+    return Bounds(20, 25)
+
+
+def tabled(log, *, marks=(), selection=EVERY):
+    measured = Measured.of(log, twenty)
+    return session_tables(selection.judge(log, measured=measured, marks=marks), measured)
+
+
+def rows_of(log, **how):
+    return {name: _said(table.to_pandas(), name) for name, table in tabled(log, **how).items()}
+
+
+def _said(frame, name):
+    """Texts as they were said: "" where a table has NULL, keys by their own names."""
+    for column in TABLES[name]:
+        if column.kind in ("text", "key"):
+            frame[column.name] = frame[column.name].fillna("").str.removeprefix("key_")
+    return frame
 
 
 @pytest.fixture(scope="module")
@@ -95,60 +127,59 @@ def test_an_episode_begun_again_is_told_apart_and_the_broken_one_does_not_count(
     broken = dataclasses.replace(log.episodes[0], outcome="abandoned")
     tables = rows_of(session_of([broken, dataclasses.replace(log.episodes[0], attempt=2)]))
     assert tables["episodes"]["attempt"].tolist() == [1, 2]
-    assert tables["episodes"]["left_out"].tolist() == [UNFINISHED, ""]
+    assert tables["episodes"]["left_out"].tolist() == [NOT_FINISHED, ""]
     assert tables["participants"]["episodes"].tolist() == [1]
 
 
 @pytest.mark.parametrize(
-    ("rules", "expected"),
+    ("selection", "expected"),
     [
-        (Rules(without=frozenset({"exclude"})), ["", "tagged exclude", ""]),
-        (Rules(only=frozenset({"exclude"})), ["not tagged exclude", "", "not tagged exclude"]),
+        (Selection(), ["", "tagged exclude", ""]),
+        (Selection(with_=("exclude",)), ["", "", ""]),
+        (Selection(only=("exclude",), with_=("exclude",)), [""]),
+        (Selection(only=("exclude",)), ["tagged exclude"]),
     ],
 )
-def test_tags_choose_the_episodes_that_count(log, rules, expected):
-    tables = rows_of(session_of(log.episodes[:3]), tags={2: frozenset({"exclude"})}, rules=rules)
+def test_tags_choose_the_episodes_that_count(log, selection, expected):
+    marks = [Mark("exclude", "2026-01-06T10:00:00Z", episode=2)]
+    tables = rows_of(session_of(log.episodes[:3]), marks=marks, selection=selection)
     assert tables["episodes"]["left_out"].tolist() == expected
     assert tables["participants"]["episodes"].tolist() == [expected.count("")]
 
 
+def with_rules(log, rules):
+    toml = PROTOCOL + "".join(
+        f'[[exclusions]]\nreason = "{reason}"\nlevel = "{level}"\nmeasure = "{measure}"\n{bound}\n'
+        for reason, level, measure, bound in rules
+    )
+    return dataclasses.replace(log, plan=msgspec.structs.replace(log.plan, protocol_toml=toml.encode()))
+
+
 def test_the_protocols_rules_leave_out_episodes_and_participants(log):
-    slow = Exclusion(reason="too slow", level="episode", measure="steps", above=len(log.episodes[0].actions) - 1)
-    lost = Exclusion(reason="never got there", level="participant", measure="success", below=0.99)
-    tables = rows_of(session_of(log.episodes[:3]), rules=Rules((slow, lost)))
+    slow = ("too slow", "episode", "steps", f"above = {len(log.episodes[0].actions) - 1}")
+    lost = ("never got there", "participant", "success", "below = 0.99")
+    tables = rows_of(with_rules(session_of(log.episodes[:3]), [slow]))
     assert tables["episodes"]["left_out"].tolist()[0] == "too slow"
-    assert tables["participants"]["left_out"].tolist() == ["never got there"]
-    assert tables["blocks"]["left_out"].tolist() == ["never got there"]
+    tables = rows_of(with_rules(session_of(log.episodes[:3]), [slow, lost]))
+    for name in ("episodes", "blocks", "participants"):
+        assert set(tables[name]["left_out"]) == {"never got there"}
+
+
+def test_a_rule_is_judged_by_the_whole_session_whatever_part_is_asked_for(log):
+    lost = ("never got there", "participant", "success", "below = 0.9")
+    asked = Selection(block=("room",))  # in which everybody got there
+    counted = asked.judge(with_rules(log, [lost]))
+    assert counted.session_reason == "never got there"
+    assert not counted.episodes
 
 
 def test_a_rule_about_a_column_that_is_not_there_is_refused(log):
-    toml = b"""
-[study]
-name = "x"
-version = "1"
-seed = 1
-participants = 2
-[[groups]]
-name = "a"
-blocks = ["b"]
-[[blocks]]
-name = "b"
-world = "minihuman/MiniGrid-FourRooms-v0"
-episodes = 1
-actions = ["left", "right", "forward"]
-max_steps = 10
-[[exclusions]]
-reason = "too tired"
-level = "episode"
-measure = "yawns"
-above = 3
-"""
     with pytest.raises(ReportError, match=r"\[0\]\.measure is 'yawns', no measure of an episode; there are .*steps"):
-        Rules.of(msgspec.structs.replace(log.plan, protocol_toml=toml))
+        rules_of(with_rules(log, [("too tired", "episode", "yawns", "above = 3")]).plan)
 
 
 def test_parquet_csv_pandas_and_duckdb_agree_and_every_column_is_explained(log, tables, tmp_path):
-    made = session_tables(log, tags={}, rules=RULES, shortest=twenty)
+    made = tabled(log)
     paths = write_tables([made, made], tmp_path)
     explained = json.loads((tmp_path / "dictionary.json").read_text())
     assert {path.name for path in paths} >= {"steps.parquet", "participants.csv", "dictionary.json"}
@@ -156,11 +187,12 @@ def test_parquet_csv_pandas_and_duckdb_agree_and_every_column_is_explained(log, 
         frame = pd.read_parquet(tmp_path / f"{name}.parquet")
         assert list(frame.columns) == list(explained[name])
         assert all(entry["meaning"] for entry in explained[name].values())
-        pd.testing.assert_frame_equal(frame, pd.concat([tables[name]] * 2, ignore_index=True))
+        again = pd.concat([tables[name]] * 2, ignore_index=True)
+        pd.testing.assert_frame_equal(_said(frame.copy(), name), again, check_dtype=len(frame) > 0)
         csv = pd.read_csv(tmp_path / f"{name}.csv", keep_default_na=False, na_values={"reaction_ms": [""]}, nrows=5)
         assert list(csv.columns) == list(frame.columns)
         queried = duckdb.sql(f"SELECT * FROM '{tmp_path / name}.parquet'").df()
-        pd.testing.assert_frame_equal(queried, frame, check_dtype=False)
+        pd.testing.assert_frame_equal(_said(queried, name), _said(frame, name), check_dtype=False)
     steps = pd.read_csv(tmp_path / "steps.csv")
     assert steps["x"].tolist() == pd.read_parquet(tmp_path / "steps.parquet")["x"].tolist()
 
@@ -168,7 +200,7 @@ def test_parquet_csv_pandas_and_duckdb_agree_and_every_column_is_explained(log, 
 def test_several_sessions_rows_together_are_each_ones_in_turn(log):
     """What is missing, whole, yes or no and text alike; a session without an episode among them."""
     without = dataclasses.replace(log, episodes=())
-    made = [session_tables(one, tags={}, rules=RULES, shortest=twenty) for one in (log, without, log)]
+    made = [tabled(one) for one in (log, without, log)]
     for name, columns in TABLES.items():
         table = together(name, made)
         table.validate(full=True)
@@ -183,9 +215,7 @@ def test_several_sessions_rows_together_are_each_ones_in_turn(log):
 def test_a_number_that_does_not_fit_is_no_other_number(log):
     plan = msgspec.structs.replace(log.episodes[0].plan, seed=2**63)
     start = dataclasses.replace(log.episodes[0].start, plan=plan)
-    rows = session_tables(
-        session_of([dataclasses.replace(log.episodes[0], start=start)]), tags={}, rules=RULES, shortest=twenty
-    )
+    rows = tabled(session_of([dataclasses.replace(log.episodes[0], start=start)]))
     with pytest.raises(OverflowError):
         rows["episodes"]
 
@@ -201,7 +231,7 @@ def test_units_are_in_the_dictionary():
 
 @pytest.mark.long
 def test_ten_thousand_sessions_take_no_more_memory_than_a_few(log, tmp_path):
-    made = session_tables(session(), tags={}, rules=RULES, shortest=twenty)
+    made = tabled(session())
 
     def highest(sessions: int) -> int:
         held = []

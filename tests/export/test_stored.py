@@ -11,7 +11,7 @@ from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from minihuman.cli import export as cli
-from minihuman.data.selection import Filters
+from minihuman.data.selection import Selection
 from minihuman.errors import ExportError, LogError
 from minihuman.export.run import export
 from minihuman.log.read.open_log import open_log, read_events
@@ -51,7 +51,7 @@ def log_in(study):
 
 
 def exported(source, out, **how):
-    export("imitation", source, out, Filters(), **how)
+    export("imitation", source, out, Selection(), **how)
     return {
         str(dataset.parent.relative_to(out)): datasets.load_from_disk(str(dataset.parent)).to_dict()
         for dataset in sorted(out.rglob("dataset_info.json"))

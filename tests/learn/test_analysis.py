@@ -1,13 +1,14 @@
 import json
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from minihuman.learn.transfer.folder import open_folder
+from minihuman.errors import LearnError
+from minihuman.learn.transfer.folder import open_folder, read_merged
 from minihuman.learn.transfer.job import RESULT
 from tests.learn.test_study import TINY, result_of
 
@@ -16,14 +17,24 @@ pytestmark = pytest.mark.program
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_shipped_data_come_from_a_studys_folder(tmp_path):
-    folder, out = tmp_path / "study", tmp_path / "out"
-    open_folder(TINY, folder)
-    out.mkdir()
-    for job in TINY.jobs()[:2]:
-        (folder / job.name).mkdir(parents=True)
-        (folder / job.name / RESULT).write_text(json.dumps(asdict(result_of(job, [0.5, 0.95]))))
-    subprocess.run([sys.executable, "analysis/transfer.py", str(folder), str(out)], cwd=ROOT, check=True)
-    assert list(pd.read_csv(out / "transfer_table.csv")["cell"]) == ["source", "baseline"]
-    assert len(pd.read_csv(out / "transfer_curves.csv")) == 4
-    assert json.loads((out / "transfer_run.json").read_text())["jobs"] == 4
+def test_runs_of_two_machines_become_one_table_with_a_small_file_a_job(tmp_path):
+    out = tmp_path / "shipped"
+    for number, machine in enumerate(("here", "there")):
+        study, folder = replace(TINY, runs=number + 1, baselines=number + 1), tmp_path / machine
+        open_folder(study, folder)
+        for job in study.jobs(first_run=number):
+            (folder / job.name).mkdir(parents=True)
+            (folder / job.name / RESULT).write_text(json.dumps(asdict(result_of(job, [0.5, 0.8 + number / 10]))))
+        subprocess.run([sys.executable, "analysis/transfer.py", folder, "--into", out], cwd=ROOT, check=True)
+    rows = pd.read_csv(out / "table.csv", index_col="cell")
+    assert list(rows.index) == ["source", "baseline", "M", "M-frozen"]
+    assert list(rows["runs"]) == [2, 2, 2, 2]
+    assert len(list(out.glob("*/run-*/result.json"))) == 8
+    assert len(pd.read_csv(out / "curves.csv")) == 16
+
+
+def test_runs_of_different_studies_do_not_go_together(tmp_path):
+    for name, study in (("one", TINY), ("other", replace(TINY, seed=9))):
+        open_folder(study, tmp_path / name)
+    with pytest.raises(LearnError, match="holds another study"):
+        read_merged([tmp_path / "one", tmp_path / "other"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from minihuman.data.selection import Filters
+from minihuman.data.selection import Selection
 from minihuman.errors import LearnError
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.learn.agent.evaluate import at_random, evaluate, held_out_seed, sampling
@@ -64,7 +64,7 @@ def logs(protocol, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def demonstrations(logs):
-    return read_demonstrations(logs, FOUR_ROOMS, WHOLE, Filters())
+    return read_demonstrations(logs, FOUR_ROOMS, WHOLE, Selection())
 
 
 @pytest.fixture(scope="module")

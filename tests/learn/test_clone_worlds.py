@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from minihuman.data.selection import Filters
+from minihuman.data.selection import Selection
 from minihuman.learn.clone.clone import Cloning
 from minihuman.learn.clone.study import CloneStudy, clone_study
 from tests.export.study import recorded
@@ -84,7 +84,7 @@ gymnasium.register("Unlimited-v0", Endless)
 def test_a_clone_comes_to_its_end(tmp_path, world, actions, more, max_steps, classes):
     toml = PROTOCOL.format(world=world, actions=actions, more=more, max_steps=max_steps).replace("'", '"')
     study = recorded(tmp_path, participants=3, player="random", toml=toml.encode())
-    how = CloneStudy(world, evaluation_episodes=3, filters=Filters(), cloning=Cloning(most_epochs=2))
+    how = CloneStudy(world, evaluation_episodes=3, selection=Selection(), cloning=Cloning(most_epochs=2))
     card = clone_study(study, tmp_path / "clone.pt", how, command="test")
     assert "| chance |" in card
     assert f"Actions: {', '.join(classes)}." in card

@@ -1,7 +1,10 @@
 import numpy as np
 import pytest
+from scipy import stats
 
-from minihuman.learn.transfer.curves import area_under, improvement, wilson
+from minihuman.learn.transfer.curves import area_under, improvement, interquartile_mean, wilson
+from minihuman.statistics.compare import holm
+from tests.counts import count
 
 
 def test_the_area_under_a_straight_rise_is_half():
@@ -27,37 +30,69 @@ def test_a_curve_that_is_none_is_refused(steps, rewards):
         area_under(np.array(steps), np.array(rewards))
 
 
-def test_improvement_is_relative_to_the_mean_baseline():
-    gain = improvement(np.array([0.6, 0.8]), np.array([0.4, 0.6]), rng=np.random.default_rng(1))
-    assert gain.mean == pytest.approx(0.4)
-    assert gain.sd == pytest.approx(np.std([0.2, 0.6], ddof=1))
-    assert gain.runs == 2
+def test_improvement_is_relative_to_the_baseline():
+    gain = improvement(np.array([0.6, 0.6]), np.array([0.5, 0.5]))
+    assert gain.mean == pytest.approx(0.2)
+    assert (gain.runs, gain.baselines, gain.better) == (2, 2, 1.0)
+
+
+def test_the_interval_is_welchs_of_log_areas():
+    ours, base = np.array([0.5, 0.6, 0.8]), np.array([0.4, 0.7, 0.5, 0.45])
+    gain = improvement(ours, base)
+    a, b = np.log(ours), np.log(base)
+    va, vb = a.var(ddof=1) / 3, b.var(ddof=1) / 4
+    df = (va + vb) ** 2 / (va**2 / 2 + vb**2 / 3)
+    half = stats.t.ppf(0.975, df) * np.sqrt(va + vb)
+    middle = a.mean() - b.mean()
+    assert (gain.low, gain.high) == pytest.approx((np.expm1(middle - half), np.expm1(middle + half)))
+    assert gain.p == pytest.approx(2 * stats.t.sf(abs(middle) / np.sqrt(va + vb), df))
 
 
 def test_the_interval_holds_the_spread_of_the_baseline_too():
-    transfer, steady = np.full(10, 0.6), np.full(10, 0.5)
-    shaky = np.array([0.3, 0.7] * 5)
-    sure = improvement(transfer, steady, rng=np.random.default_rng(1))
-    unsure = improvement(transfer, shaky, rng=np.random.default_rng(1))
-    assert (sure.low, sure.high) == pytest.approx((0.2, 0.2))
-    assert unsure.low < 0.05
-    assert unsure.high > 0.4
-    assert unsure.mean == pytest.approx(sure.mean)
+    transfer, shaky = np.array([0.6, 0.6, 0.6, 0.61]), np.array([0.3, 0.7, 0.4, 0.6])
+    sure, unsure = (improvement(transfer, base) for base in (np.array([0.5, 0.5, 0.5, 0.51]), shaky))
+    assert sure.high - sure.low < 0.05
+    assert unsure.high - unsure.low > 0.4
 
 
-def test_one_run_has_no_interval():
-    gain = improvement(np.array([0.6]), np.array([0.5, 0.5]), rng=np.random.default_rng(1))
-    assert gain.mean == pytest.approx(0.2)
-    assert np.isnan([gain.sd, gain.low, gain.high]).all()
+@pytest.mark.parametrize(("ours", "base"), [([0.6], [0.5, 0.5]), ([0.6, 0.6], [0.5]), ([0.6, 0.0], [0.5, 0.5])])
+def test_one_run_or_an_area_of_nothing_has_no_interval(ours, base):
+    gain = improvement(np.array(ours), np.array(base))
+    assert gain.mean == pytest.approx(np.mean(ours) / np.mean(base) - 1)
+    assert np.isnan([gain.low, gain.high, gain.p]).all()
 
 
-def test_the_bootstrap_interval_covers_a_true_improvement_about_as_often_as_it_says():
-    rng = np.random.default_rng(7)
-    hits = 0
-    for _ in range(60):
-        gain = improvement(rng.normal(0.6, 0.05, 20), rng.normal(0.5, 0.05, 20), rng=rng)
-        hits += gain.low <= 0.2 <= gain.high
-    assert hits >= 51
+@pytest.mark.long
+@pytest.mark.parametrize("runs", [2, 3, 5])
+def test_the_interval_holds_the_truth_as_often_as_it_says(runs):
+    rng, n = np.random.default_rng(7), count(300, 2000)
+    ours, base = rng.normal(0.95, 0.08, (n, runs)), rng.normal(1.0, 0.08, (n, 2 * runs))
+    gains = [improvement(mine, theirs) for mine, theirs in zip(ours, base, strict=True)]
+    held = sum(gain.low <= -0.05 <= gain.high for gain in gains)
+    print(f"{runs} runs: the interval holds the truth in {held / n:.3f} of {n} studies")
+    assert held >= fewest(n, 0.93)
+
+
+@pytest.mark.long
+def test_of_studies_without_any_effect_few_find_one():
+    rng, n = np.random.default_rng(8), count(150, 1000)
+    found = 0
+    for _ in range(n):
+        base = rng.normal(1.0, 0.08, 6)
+        ps = holm([improvement(rng.normal(1.0, 0.08, 3), base).p for _ in range(12)])
+        found += min(ps) < 0.05
+    print(f"{found / n:.3f} of {n} studies without any effect find one")
+    assert found <= n - fewest(n, 0.95)
+
+
+def test_the_mean_of_the_middle_half_leaves_out_the_odd_run():
+    assert interquartile_mean(np.array([0.0, 0.5, 0.7, 9.0])) == pytest.approx(0.6)
+    assert np.isnan(interquartile_mean(np.array([0.5, 0.6, 0.7])))
+
+
+def fewest(n, share):
+    """What a count of ``n`` tries that come out with this chance stays above in 999 of 1,000 cases."""
+    return int(stats.binom.ppf(0.001, n, share))
 
 
 def test_wilson_agrees_with_scipy():

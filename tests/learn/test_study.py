@@ -17,7 +17,9 @@ from minihuman.learn.transfer.summary import Run, read_published, speed, table, 
 
 pytestmark = pytest.mark.program
 
-TINY = Study(runs=1, steps=128, source_steps=128, transfers=("M",), ppo=Ppo(n_steps=64, batch_size=32, n_epochs=1))
+TINY = Study(
+    runs=1, baselines=1, steps=128, source_steps=128, transfers=("M",), ppo=Ppo(n_steps=64, batch_size=32, n_epochs=1)
+)
 QUIET = Console(quiet=True)
 
 
@@ -30,7 +32,7 @@ def result_of(job, rewards):
 @pytest.fixture
 def results():
     """Two runs of a hand-made study: baseline areas 0.4 and 0.6, transfer areas 0.6 and 0.8."""
-    study = replace(TINY, runs=2)
+    study = replace(TINY, runs=2, baselines=2)
     level = {(BASELINE, 0): 0.4, (BASELINE, 1): 0.6, ("M", 0): 0.6, ("M", 1): 0.8}
     made = {}
     for job in study.jobs():
@@ -44,8 +46,11 @@ def test_the_table_holds_improvements_over_the_baseline(results):
     study, made = results
     rows = table(study, made)
     assert list(rows.index) == [SOURCE, BASELINE, "M"]
-    assert rows.loc["M", "improvement"] == pytest.approx(0.4)
-    assert rows.loc["M", "low"] <= 0.4 <= rows.loc["M", "high"]
+    assert rows.loc["M", "improvement"] == pytest.approx((0.6 * 0.8 / 0.4 / 0.6) ** 0.5 - 1)
+    assert rows.loc["M", "low"] < 0.4 < rows.loc["M", "high"]
+    assert rows.loc["M", "p_holm"] == rows.loc["M", "p"]  # the only cell that is compared
+    assert rows.loc["M", "verdict"] == "not told apart"
+    assert rows.loc[BASELINE, "verdict"] == ""
     assert rows.loc[SOURCE, "runs_solved"] == 2
     assert rows.loc[SOURCE, "steps_to_solve"] == 100
 

@@ -15,7 +15,7 @@ from minihuman.errors import LearnError
 from minihuman.learn.agent.policy_file import load_weights
 from minihuman.learn.agent.training import train
 from minihuman.learn.transfer.job import CHECKPOINT, LOCK, POLICY, RESULT, prepare, read_result, run_job, steps_so_far
-from minihuman.learn.transfer.plan import SOURCE, Cell, Job, Ppo, Study
+from minihuman.learn.transfer.plan import BASELINE, SOURCE, Cell, Job, Ppo, Study
 
 pytestmark = pytest.mark.program
 
@@ -144,9 +144,18 @@ def test_a_folder_of_another_job_is_left_alone(finished):
     assert (out / job.name / "result.json").read_text() == before
 
 
-def test_every_job_has_its_own_seed():
-    jobs = Study(runs=10).jobs()
-    assert len({job.seed for job in jobs}) == len(jobs) == 10 * 14
+def test_a_run_shares_its_seed_with_its_baseline_only():
+    study = Study(runs=3, baselines=5)
+    seeds = {(job.cell.label, job.run): job.seed for job in study.jobs()}
+    assert len(seeds) == 3 + 5 + 3 * 12
+    assert all(seed == seeds[BASELINE, run] for (label, run), seed in seeds.items() if label != SOURCE)
+    assert len(set(seeds.values())) == 3 + 5
+
+
+def test_a_whole_table_exists_after_each_run():
+    jobs = Study(runs=2, baselines=3).jobs()
+    assert [job.run for job in jobs] == sorted(job.run for job in jobs)
+    assert len(jobs) == 14 + 14 + 1
 
 
 def test_as_published_has_one_source_for_all_runs():

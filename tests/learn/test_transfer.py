@@ -103,13 +103,15 @@ def test_a_source_of_another_network_is_refused(target):
         transfer_in_place(target, other, "M", frozen=False, head_rows=range(3))
 
 
+@pytest.mark.parametrize("state", ["as-published", "as-published-2023-05-28"])
 @pytest.mark.parametrize("frozen", [False, True])
 @pytest.mark.parametrize("parts", ["M", "A", "C", "AM", "CM", "ACM"])
-def test_as_published_transferred_layers_never_move(source, target, parts, frozen):
-    transfer_as_published(target, source, frozenset(parts), frozen=frozen)
+def test_as_published_transferred_layers_never_move(source, target, parts, frozen, state):
+    transfer_as_published(target, source, frozenset(parts), frozen=frozen, state=state)
     before = weights_of(target)
     one_step(target)
-    still = names_of(target, parts) - ({"value_net.bias"} if not frozen else set())
+    left = {"value_net.bias"} if state == "as-published-2023-05-28" and not frozen else set()
+    still = names_of(target, parts) - left
     assert moved(before, target) == set(before) - still
 
 
@@ -123,6 +125,18 @@ def test_as_published_frozen_cm_leaves_m_free(source, target):
     free = {name for name, parameter in target.named_parameters() if parameter.requires_grad}
     assert names_of(target, "M") <= free
     assert not names_of(target, "C") & free
+
+
+def test_until_june_2023_the_critics_head_was_frozen_in_every_row(source, target):
+    transfer_as_published(target, source, frozenset("C"), frozen=False, state="as-published-2023-05-28")
+    assert not target.value_net.weight.requires_grad
+    assert not torch.equal(target.value_net.bias, source["value_net.bias"])
+
+
+def test_as_published_the_critics_head_moves_whole(source, target):
+    transfer_as_published(target, source, frozenset("C"), frozen=False)
+    assert target.value_net.weight.requires_grad
+    assert torch.equal(target.value_net.bias, source["value_net.bias"])
 
 
 def test_as_published_gradients_of_replaced_layers_pile_up(source, target):

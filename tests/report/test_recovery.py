@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from minihuman.data.exclusions import Rules
-from minihuman.data.study import Reading, read_study
+from minihuman.data.measured import Measured, no_shortest
+from minihuman.data.selection import Selection
+from minihuman.data.study import Sessions
 from minihuman.data.tables import session_tables
-from minihuman.measures.shortest import UNKNOWN
 from minihuman.report.results import results
-from minihuman.report.statistics import compare_groups
 from minihuman.seats.simulate import simulate
+from minihuman.statistics.compare import permutation_p
 from minihuman.study.protocol import decode
 from tests.builders import made, plan, session_of
 from tests.counts import count
@@ -22,7 +22,6 @@ EFFECT, OWN_SD, NOISE_SD = 0.10, 0.08, 0.05  # of reward: between groups, betwee
 REACTION_MS, REACTION_FACTOR = 400.0, 0.30
 PEOPLE, EPISODES, STEPS = 16, 4, 12
 KEYS = 3  # with an action, pressed at random: each is found after a geometric number of steps of chance 1 / 3
-RULES = Rules()
 
 
 def person(rng, index):
@@ -41,18 +40,23 @@ def person(rng, index):
     return session_of(played, participant=f"sub-{index:02}", index=index, group=group)
 
 
+def tabled(log):
+    measured = Measured.of(log, no_shortest)
+    return session_tables(Selection().judge(log, measured=measured, marks=()), measured)
+
+
 def estimates(seed):
     """One study through the tables to its results: comparisons, model, reaction time interval, found steps."""
     rng = np.random.default_rng([2026, seed])
     people = [person(rng, index) for index in range(PEOPLE)]
-    rows = [session_tables(one, tags={}, rules=RULES, shortest=lambda _: UNKNOWN) for one in people]
+    rows = [tabled(one) for one in people]
     tables = {name: pd.concat([one[name].to_pandas() for one in rows]) for name in rows[0]}
     found = results(tables["episodes"], tables["blocks"], tables["participants"])
     compared = {one.measure: one for one in found.comparisons}
     medians = tables["participants"]["reaction_median_ms"]
     interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
     keys = tables["keys"]
-    return compared, found.model, interval, keys.loc[keys["action"] != "", "found_steps"].to_numpy(float)
+    return compared, found.growth, interval, keys.loc[keys["action"].notna(), "found_steps"].to_numpy(float)
 
 
 @pytest.mark.long
@@ -60,7 +64,7 @@ def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
     studies = [estimates(seed) for seed in range(count(2, 400))]
     covered = {
         "effect of the group": [_holds(one["reward_mean"], -EFFECT) for one, *_ in studies],
-        "effect in the model": [_covers(model, EFFECT) for _, model, *_ in studies],
+        "effect of lines": [_covers(found, -EFFECT) for _, found, *_ in studies],
         "groups find keys alike": [_holds(one["found_all_s"], 0.0) for one, *_ in studies],
         "reaction time": [low <= REACTION_MS <= high for _, _, (low, high), _ in studies],
     }
@@ -79,8 +83,7 @@ def test_without_an_effect_p_is_small_as_rarely_as_it_should_be():
     small = []
     for seed in range(count(5, 2_000)):
         rng = np.random.default_rng([7, seed])
-        rows = pd.DataFrame({"group": ["a", "b"] * 6, "reward": rng.normal(0.7, 0.1, 12)})
-        small.append(_p(rows) < 0.05)
+        small.append(permutation_p(rng.normal(0.7, 0.1, 6), rng.normal(0.7, 0.1, 6)) < 0.05)
     assert stats.binomtest(sum(small), len(small), 0.05, alternative="greater").pvalue > 0.001
 
 
@@ -110,7 +113,7 @@ def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in
     player = "human-like:mu_ms=300,sigma_ms=40,tau_ms=100,practice=0"
     people = count(2, 12)
     paths = list(simulate(decode(PROTOCOL), tmp_path, participants=people, seed=3, player=player))
-    sessions = list(read_study(tmp_path, Reading(), processes=1))
+    sessions = list(Sessions(tmp_path, processes=1).rows(with_shortest=True))
     assert len(sessions) == len(paths) == people
     times = np.concatenate([one.rows["steps"].column("reaction_ms").to_numpy() for one in sessions])
     times = times[~np.isnan(times)]
@@ -128,10 +131,6 @@ def _holds(comparison, truth):
     return low <= truth <= high
 
 
-def _covers(model, truth):
-    low, high = model.intervals[model.terms.index("group: trained")]
-    return low <= truth <= high
-
-
-def _p(rows):
-    return compare_groups(rows, ["reward"])[0].p
+def _covers(found, truth):
+    (term,) = (term for term in found.terms if term.name.startswith("control minus trained: reward"))
+    return term.interval[0] <= truth <= term.interval[1]

@@ -82,6 +82,9 @@ class MissionAndImage(BaseFeaturesExtractor):
                 self.image = MapEyes(image)
             case "atari":
                 self.image = NatureCNN(image, IMAGE_FEATURES)
+        for layer in self.image.modules():
+            if isinstance(layer, nn.ReLU):
+                layer.inplace = True
         self.mission: nn.Module | None = None
         if mission is not None:
             assert mission.shape is not None
@@ -108,7 +111,7 @@ class Policy(MultiInputActorCriticPolicy):
         deterministic: bool = False,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Actions int64[batch], values float32[batch, 1], and the actions' log-probabilities float32[batch]."""
-        log_probs, values = self._think(obs)
+        log_probs, values = self.think(obs)
         if deterministic:
             actions = log_probs.argmax(dim=1, keepdim=True)
         else:
@@ -121,23 +124,29 @@ class Policy(MultiInputActorCriticPolicy):
         actions: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Values, the actions' log-probabilities, and the entropy of each choice."""
-        log_probs, values = self._think(obs)
+        log_probs, values = self.think(obs)
         chosen = log_probs.gather(1, actions.long().unsqueeze(1)).squeeze(1)
         return values, chosen, -(log_probs.exp() * log_probs).sum(dim=1)
 
     def probabilities(self, seen: Observation) -> torch.Tensor:
         """The probability of each action for one observation, float32[actions]."""
-        with torch.no_grad():
-            return self._think({name: torch.as_tensor(part)[None] for name, part in seen.items()})[0][0].exp()
+        return self.think_of(seen)[0].exp()
 
     def log_probabilities(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
         """The logarithm of each action's probability, float32[batch, actions]; gradients flow."""
-        return self._think(obs)[0]
+        return self.think(obs)[0]
 
-    def _think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
-        features = self.features_extractor({**obs, "image": obs["image"].float() / 255})
+    def think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
+        """Log-probabilities float32[batch, actions] and values float32[batch, 1]; gradients flow."""
+        features = self.features_extractor({**obs, "image": obs["image"].float().div_(255)})
         logits = self.action_net(self.mlp_extractor.policy_net(features))
         return torch.log_softmax(logits, dim=1), self.value_net(self.mlp_extractor.value_net(features))
+
+    def think_of(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+        """The same for one observation: log-probabilities float32[actions] and the value float32[1]; no gradients."""
+        with torch.no_grad():
+            log_probs, values = self.think({name: torch.as_tensor(part)[None] for name, part in seen.items()})
+        return log_probs[0], values[0]
 
 
 def policy_settings(eyes: Eyes) -> dict[str, object]:

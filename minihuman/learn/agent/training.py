@@ -5,7 +5,7 @@ import random
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from minihuman.errors import LearnError
 from minihuman.learn.agent.network import Eyes, Policy, policy_settings
+from minihuman.learn.agent.ppo import LeanPpo
 from minihuman.learn.agent.training_world import TrainingWorld
 from minihuman.learn.transfer.plan import Ppo
 
@@ -43,9 +44,9 @@ class History:
     learning_s: float = 0.0  # the updates
 
 
-def new_ppo(world: TrainingWorld, *, settings: Ppo, eyes: Eyes, seed: int, device: str) -> PPO:
+def new_ppo(world: TrainingWorld, *, settings: Ppo, eyes: Eyes, seed: int, device: str) -> LeanPpo:
     """A fresh agent in a world, seeded."""
-    ppo = PPO(
+    ppo = LeanPpo(
         Policy,
         DummyVecEnv([lambda: world]),
         n_steps=settings.n_steps,
@@ -80,7 +81,7 @@ def train(
     """
     history = History()
     if checkpoint is not None and checkpoint.exists():
-        history = _resume(ppo, world, _read(checkpoint))
+        history = _resume(ppo, world, read_checkpoint(checkpoint))
     fresh = ppo.num_timesteps == 0
     if ppo.num_timesteps < steps:
         ledger = _Ledger(world, history, checkpoint, told)
@@ -150,25 +151,36 @@ def _snapshot(ppo: PPO, world: TrainingWorld, history: History) -> dict[str, Any
         },
         "steps": ppo.num_timesteps,
         "updates": ppo._n_updates,
-        "observation": ppo._last_obs,
-        "episode_starts": ppo._last_episode_starts,
+        "episode_starts": bool(ppo._last_episode_starts[0]),  # type: ignore[index]
         "episodes": list(ppo.ep_info_buffer or ()),
-        "successes": list(ppo.ep_success_buffer or ()),
+        "successes": [bool(success) for success in ppo.ep_success_buffer or ()],
         "world": world.save(),
         "python_random": random.getstate(),
-        "numpy_random": np.random.get_state(),  # Stable-Baselines3 shuffles with the global stream
+        "numpy_random": _plain(np.random.get_state()),  # minibatches are drawn from the global stream
         "torch_random": torch.get_rng_state(),
         "cuda_random": torch.cuda.get_rng_state_all(),
-        "history": history,
+        "history": asdict(history),
     }
 
 
-def _read(checkpoint: Path) -> dict[str, Any]:
+def _plain(state: Any) -> tuple[Any, ...]:
+    """NumPy's random state without an array in it."""
+    kind, keys, *rest = state
+    return (kind, keys.tolist(), *rest)
+
+
+def read_checkpoint(checkpoint: Path) -> dict[str, Any]:
+    """A checkpoint's content: tensors and plain values.
+
+    Raises:
+        LearnError: if it was written by another version; it is left as it is.
+    """
     try:
-        saved: dict[str, Any] = torch.load(checkpoint, weights_only=False, map_location="cpu")
+        # weights_only: a study's folder from elsewhere must not be able to run code
+        saved: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=True)
     except Exception as error:  # unpickling raises whatever it likes
         raise LearnError(
-            f"{checkpoint} cannot be read by this version ({type(error).__name__}: {error}); "
+            f"{checkpoint} cannot be read by this version ({type(error).__name__}); "
             "go on with the version that wrote it, or move it away and the job starts anew"
         ) from error
     return saved
@@ -182,18 +194,21 @@ def _resume(ppo: PPO, world: TrainingWorld, saved: dict[str, Any]) -> History:
         parameters[name].grad = gradient.to(parameters[name].device)
     ppo.num_timesteps = saved["steps"]
     ppo._n_updates = saved["updates"]
-    ppo._last_obs = saved["observation"]
-    ppo._last_episode_starts = saved["episode_starts"]
+    ppo._last_episode_starts = np.array([saved["episode_starts"]])
     ppo.ep_info_buffer = deque(saved["episodes"], maxlen=LAST_EPISODES)
     ppo.ep_success_buffer = deque(saved["successes"], maxlen=LAST_EPISODES)
-    world.restore(saved["world"])
+    ppo._last_obs = {name: part[None] for name, part in world.restore(saved["world"]).items()}
     random.setstate(saved["python_random"])
     np.random.set_state(saved["numpy_random"])
     torch.set_rng_state(saved["torch_random"])
     torch.cuda.set_rng_state_all(saved["cuda_random"])
-    history = saved["history"]
-    assert isinstance(history, History)
-    return history
+    return history_of(saved)
+
+
+def history_of(saved: dict[str, Any]) -> History:
+    """The history in a checkpoint's content."""
+    kept = saved["history"]
+    return History(**kept | {"points": [Point(**point) for point in kept["points"]]})
 
 
 def save_atomically(value: Any, path: Path) -> None:

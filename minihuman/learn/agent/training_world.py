@@ -45,7 +45,7 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         self._seed = seed
         self._episode = -1
         self._return = 0.0
-        self._length = 0
+        self._actions: list[int] = []  # of the episode so far
 
     @property
     def action_names(self) -> tuple[str, ...]:
@@ -59,7 +59,7 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         """Begin the next episode. A seed given here is ignored: the job's own decides."""
         started = time.perf_counter()
         self._episode += 1
-        self._return, self._length = 0.0, 0
+        self._return, self._actions = 0.0, []
         raw, info = self.world.reset(seed=episode_seed(self._seed, self._episode))
         seen = self.eyesight.see(self.world, raw)
         self.step_s += time.perf_counter() - started
@@ -70,29 +70,25 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         started = time.perf_counter()
         raw, reward, terminated, truncated, info = self.world.step(int(action))
         self._return += float(reward)
-        self._length += 1
+        self._actions.append(int(action))
         if terminated or truncated:
-            info["episode"] = {"r": self._return, "l": self._length}
+            info["episode"] = {"r": self._return, "l": len(self._actions)}
             info["is_success"] = terminated and float(reward) > 0
         seen = self.eyesight.see(self.world, raw)
         self.step_s += time.perf_counter() - started
         return seen, float(reward), terminated, truncated, info
 
     def save(self) -> dict[str, Any]:
-        """Everything needed to go on from here, in mid-episode."""
-        assert isinstance(self.world, NativeWorld)
-        return {
-            "world": self.world.save(),
-            "episode": self._episode,
-            "return": self._return,
-            "length": self._length,
-        }
+        """What is needed to go on from here, in plain values: which episode it is, and what was done in it."""
+        return {"episode": self._episode, "actions": list(self._actions)}
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Go on from a saved point."""
-        assert isinstance(self.world, NativeWorld)
-        self.world.restore(saved["world"])
-        self._episode, self._return, self._length = saved["episode"], saved["return"], saved["length"]
+    def restore(self, saved: dict[str, Any]) -> Observation:
+        """Go on from a saved point: the episode is played again up to there. What is seen there is returned."""
+        self._episode = saved["episode"] - 1
+        seen, _ = self.reset()
+        for action in saved["actions"]:
+            seen, *_ = self.step(action)
+        return seen
 
 
 def episode_seed(seed: int, episode: int) -> int:

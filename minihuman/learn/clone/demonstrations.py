@@ -9,8 +9,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from minihuman.data.chosen import Chosen
-from minihuman.data.selection import Filters, chosen
+from minihuman.data.chosen import Chosen, ChosenEpisodes
+from minihuman.data.counted import Account
+from minihuman.data.selection import Selection
+from minihuman.data.study import Sessions
 from minihuman.errors import LearnError
 from minihuman.learn.agent.observe import Eyesight, Observation
 from minihuman.worlds.adapt.world import World
@@ -37,6 +39,7 @@ class Demonstrations:
     eyesight: Eyesight
     space: spaces.Dict  # of the observations
     episodes: tuple[Demonstration, ...]
+    account: Account  # of the study they were taken from: what counts, what was left out and why
 
     @property
     def participants(self) -> tuple[str, ...]:
@@ -54,16 +57,20 @@ class Demonstrations:
         return replace(self, episodes=tuple(turns[:count]))
 
 
-def read_demonstrations(source: Path, world: str, eyesight: Eyesight, filters: Filters) -> Demonstrations:
+def read_demonstrations(source: Path, world: str, eyesight: Eyesight, selection: Selection) -> Demonstrations:
     """Replay every episode of a world in a study's logs, checking each observation against the log.
 
     Raises:
         LearnError: if there is none, they were made under different options, or one does not replay.
     """
-    found = [item for item in chosen(source, filters, skipped=lambda line: None) if item.episode.plan.world == world]
+    sessions = Sessions(source, selection)
+    found = [item for item in ChosenEpisodes(sessions) if item.episode.plan.world == world]
     found = [item for item in found if len(item.episode.actions)]
     if not found:
-        raise LearnError(f"{source} has no episode of {world}{_asked(filters)}; see `minihuman info` for what it has")
+        told = "; ".join(sessions.account.lines())
+        raise LearnError(
+            f"{source} has no episode of {world} that counts: {told}; see `minihuman info` for what it has"
+        )
     plan = found[0].episode.plan
     if odd := next((item for item in found if item.episode.plan.options != plan.options), None):
         raise LearnError(
@@ -79,7 +86,7 @@ def read_demonstrations(source: Path, world: str, eyesight: Eyesight, filters: F
     space = eyesight.space(player.unwrapped)
     most_steps = max(its.max_steps for its in plans)
     replayed = tuple(_replay(found, player, eyesight))
-    return Demonstrations(world, plan.options, kept, most_steps, eyesight, space, replayed)
+    return Demonstrations(world, plan.options, kept, most_steps, eyesight, space, replayed, sessions.account)
 
 
 def _replay(found: Sequence[Chosen], world: World, eyesight: Eyesight) -> Iterator[Demonstration]:
@@ -93,7 +100,3 @@ def _replay(found: Sequence[Chosen], world: World, eyesight: Eyesight) -> Iterat
         if not np.array_equal(np.array(hashes, dtype=np.uint64), episode.observation_hashes):
             raise LearnError(f"{item.log.path}: {episode.name} does not replay; see `minihuman verify` for where")
         yield Demonstration(item.log.plan.participant.id, item.log.player, episode.actions, tuple(seen))
-
-
-def _asked(filters: Filters) -> str:
-    return f" with {filters}" if str(filters) else ""

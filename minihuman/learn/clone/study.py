@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from minihuman.data.selection import Filters
+from minihuman.data.selection import Selection
 from minihuman.errors import LearnError
 from minihuman.learn.agent.evaluate import Evaluation, at_random, evaluate, sampling
 from minihuman.learn.agent.network import Eyes, Policy
@@ -31,7 +31,7 @@ class CloneStudy:
     finetune_steps: int = 0  # of PPO from the clone and from nothing; 0 for none
     finetune_runs: int = 1
     success: float = 0.9  # the rate that fine-tuning is timed to
-    filters: Filters = field(default_factory=lambda: Filters(outcome=("goal",)))
+    selection: Selection = field(default_factory=lambda: Selection(outcome=("goal",)))
     cloning: Cloning = field(default_factory=Cloning)
 
 
@@ -57,7 +57,7 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     if there := [path for path in files.values() if path.exists()]:
         raise LearnError(f"{there[0]} is there already; choose another --out")
     demonstrations = read_demonstrations(
-        source, study.world, Eyesight(study.missions, sight=study.sight), study.filters
+        source, study.world, Eyesight(study.missions, sight=study.sight), study.selection
     )
     eyes: Eyes = "map" if study.sight == "whole" else "grid" if _is_small(demonstrations) else "atari"
     training, validation = split(demonstrations, share=study.cloning.validation_share, seed=study.cloning.seed)
@@ -106,6 +106,8 @@ def card_text(
         "",
         f"Options: {demonstrations.options or 'none'}. It sees {_sight(study)}.",
         f"Actions: {', '.join(demonstrations.action_names)}.",
+        *(f"- {line}" for line in demonstrations.account.lines()),
+        "",
         f"Training participants: {', '.join(last.training_participants)}.",
         f"Validation participants: {', '.join(last.validation_participants)}.",
         "",

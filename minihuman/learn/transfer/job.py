@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
 
 from minihuman.errors import LearnError
 from minihuman.learn.agent.network import Eyes
 from minihuman.learn.agent.observe import Eyesight
 from minihuman.learn.agent.policy_file import PolicyCard, load_weights, save_policy, versions
+from minihuman.learn.agent.ppo import LeanPpo
 from minihuman.learn.agent.training import History, Point, new_ppo, train
 from minihuman.learn.agent.training_world import TrainingWorld
 from minihuman.learn.transfer.curves import area_under
@@ -95,9 +95,9 @@ def _train_to_the_end(job: Job, out: Path, device: str) -> Result:
     return result
 
 
-def prepare(job: Job, source: Weights | None, device: str) -> tuple[PPO, TrainingWorld]:
+def prepare(job: Job, source: Weights | None, device: str) -> tuple[LeanPpo, TrainingWorld]:
     """The job's agent in its world, before the first step: seeded, and with the source's weights where it takes any."""
-    as_published = job.study.protocol == "as-published"
+    as_published = job.study.published
     world = TrainingWorld(
         job.world,
         job.world_options,
@@ -107,7 +107,7 @@ def prepare(job: Job, source: Weights | None, device: str) -> tuple[PPO, Trainin
     )
     ppo = new_ppo(world, settings=job.study.ppo, eyes=_eyes(job), seed=job.seed, device=device)
     if source is not None and as_published:
-        transfer_as_published(ppo.policy, source, job.cell.parts, frozen=job.cell.frozen)
+        transfer_as_published(ppo.policy, source, job.cell.parts, frozen=job.cell.frozen, state=job.study.protocol)
         ppo.policy.to(ppo.device)
     elif source is not None:
         shared = range(job.actions)  # turn left, turn right and forward come first in both worlds

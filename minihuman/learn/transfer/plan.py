@@ -1,25 +1,32 @@
 """The transfer study as values: its settings, its cells, and one job for every cell and run. Nothing runs here."""
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from minihuman.errors import LearnError
 from minihuman.worlds.first_person.rules import ACTIONS
 from minihuman.worlds.hashing import hash64
 
-ProtocolName = Literal["as-intended", "as-published"]
-PROTOCOLS: tuple[ProtocolName, ...] = ("as-intended", "as-published")
+ProtocolName = Literal["as-intended", "as-published", "as-published-2023-05-28"]
+PROTOCOLS: tuple[ProtocolName, ...] = get_args(ProtocolName)
+# The states of BolunDai0216/MinigridMiniworldTransfer that are reproduced: what the paper links to, and what stood
+# there until 6 June 2023. They differ in the critic's head and in the divisor of an improvement.
+COMMITS: dict[ProtocolName, str] = {"as-published": "5991820", "as-published-2023-05-28": "bb21269"}
 
 GRID_WORLD = "minihuman/MiniGrid-GoToObj-Transfer-v0"
 FIRST_PERSON_WORLD = "minihuman/MiniWorld-GoToObj-Transfer-v0"
 SOURCE = "source"
 BASELINE = "baseline"
 TRANSFERS = ("M", "A", "C", "AM", "CM", "ACM")
-SOURCE_STEPS: dict[ProtocolName, int] = {"as-intended": 500_000, "as-published": 2_000_000}
+SOURCE_STEPS: dict[ProtocolName, int] = {
+    "as-intended": 500_000,
+    "as-published": 2_000_000,
+    "as-published-2023-05-28": 2_000_000,
+}
 QUICK_STEPS = 2_048
 
-# What the published code does, beside what its table says. Every output of the as-published protocol names these.
-DEFECTS = (
+# What the published code does, beside what its table says. Every output of these protocols names them.
+_DEFECTS = (
     (
         "transferred layers replace their parameters after the optimiser was built, so they never move, frozen or "
         "not; where not frozen their gradients pile up and shrink everyone's share of the clipped norm"
@@ -29,11 +36,19 @@ DEFECTS = (
         "drop and toggle there"
     ),
     "the frozen CM row misspells M's freeze flag and leaves M free",
-    "the critic's head: its weight is frozen in every C row, its bias is transferred in the frozen C rows only",
     "one source checkpoint serves all runs",
     "the grid draws colours with repetition, so some missions match two objects; the 3D world draws them without",
     "grid codes from 0 to 10 are scaled as if they were colours from 0 to 255",
 )
+DEFECTS: dict[ProtocolName, tuple[str, ...]] = {
+    "as-intended": (),
+    "as-published": _DEFECTS,
+    "as-published-2023-05-28": (
+        *_DEFECTS,
+        "the critic's head: its weight is frozen in every C row, its bias is transferred in the frozen C rows only",
+        "improvements are divided by the area of one baseline run, as if it were known exactly (here by their mean)",
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +67,8 @@ class Study:
     """Everything that decides the study's numbers."""
 
     protocol: ProtocolName = "as-intended"
-    runs: int = 10
+    runs: int = 5  # of the source and of each transfer
+    baselines: int = 10  # every comparison has the baseline in it, so its runs are worth most
     steps: int = 200_000  # of the baseline and of each transfer
     source_steps: int | None = None  # None: the protocol's own
     seed: int = 1
@@ -64,7 +80,7 @@ class Study:
         """Refuse what cannot be run."""
         if self.protocol not in PROTOCOLS:
             raise LearnError(f"protocol is {self.protocol!r}; it is one of {', '.join(PROTOCOLS)}")
-        for name in ("runs", "steps"):
+        for name in ("runs", "baselines", "steps"):
             if getattr(self, name) < 1:
                 raise LearnError(f"{name} is {getattr(self, name)}; it is 1 or more")
         if self.source_steps is not None and self.source_steps < 1:
@@ -78,13 +94,28 @@ class Study:
         transfers = [Cell(name, frozen) for name in self.transfers for frozen in (False, True)]
         return (Cell(SOURCE), Cell(BASELINE), *transfers)
 
+    @property
+    def published(self) -> bool:
+        """Whether this is a state of the published code."""
+        return self.protocol != "as-intended"
+
     def runs_of(self, cell: "Cell") -> int:
         """How many runs a cell has: the published study trained one source only."""
-        return 1 if cell.name == SOURCE and self.protocol == "as-published" else self.runs
+        if cell.name == SOURCE and self.published:
+            return 1
+        return self.baselines if cell.name == BASELINE else self.runs
 
-    def jobs(self) -> tuple["Job", ...]:
-        """One job for every cell and run, the sources first."""
-        return tuple(Job(self, cell, run) for cell in self.cells for run in range(self.runs_of(cell)))
+    def jobs(self, first_run: int = 0) -> tuple["Job", ...]:
+        """One job for every cell and run, run by run, so that a whole table exists after each; sources first.
+
+        From ``first_run`` on, and the one source of all runs where there is only one.
+        """
+        return tuple(
+            Job(self, cell, run)
+            for run in range(max(self.runs, self.baselines))
+            for cell in self.cells
+            if run < self.runs_of(cell) and (run >= first_run or self.runs_of(cell) == 1)
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -127,7 +158,7 @@ class Job:
         """The job whose weights it needs; None where it starts from nothing."""
         if not self.cell.parts:
             return None
-        return Job(self.study, Cell(SOURCE), 0 if self.study.protocol == "as-published" else self.run)
+        return Job(self.study, Cell(SOURCE), 0 if self.study.published else self.run)
 
     @property
     def world(self) -> str:
@@ -137,7 +168,7 @@ class Job:
     @property
     def world_options(self) -> dict[str, Any]:
         """Keyword arguments of ``gymnasium.make``: the published worlds, defects included, or ours."""
-        if self.study.protocol == "as-intended":
+        if not self.study.published:
             return {}
         return {"ambiguous": True} if self.cell.name == SOURCE else {"actions": ACTIONS[:7]}
 
@@ -155,8 +186,8 @@ class Job:
 
     @property
     def seed(self) -> int:
-        """Its own seed, independent of every other job's."""
-        return hash64((self.study.seed, self.cell.label, self.run)) % 2**31
+        """Of first weights, layouts and draws. A run's transfers share its baseline's, so that they differ in less."""
+        return hash64((self.study.seed, SOURCE if self.cell.name == SOURCE else "target", self.run)) % 2**31
 
     @property
     def config(self) -> dict[str, Any]:

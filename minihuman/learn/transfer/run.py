@@ -1,6 +1,6 @@
 """The study, run: jobs handed to an engine as their sources become ready, with a display of time left."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,27 +17,36 @@ POLL_S = 1.0
 
 
 def run_study(
-    study: Study, out: Path, open_engine: Callable[[], Engine], *, device: str = "auto", console: Console | None = None
+    study: Study,
+    out: Path,
+    open_engine: Callable[[], Engine],
+    *,
+    first_run: int = 0,
+    device: str = "auto",
+    console: Console | None = None,
 ) -> dict[Job, Result]:
     """Run every job that is not done yet, and return all results. The engine opens only if something is to do.
+
+    Runs before ``first_run`` are left to another machine.
 
     Raises:
         LearnError: if the folder holds another study.
     """
     open_folder(study, out)
-    if all(read_result(job, out) is not None for job in study.jobs()):
+    jobs = study.jobs(first_run)
+    if all(read_result(job, out) is not None for job in jobs):
         return read_results(study, out)
     with ExitStack() as stack:
         engine = open_engine()
         stack.callback(engine.close)
-        display = stack.enter_context(_Display(study, out, console or Console(stderr=True)))
-        _run_all(study, out, lambda job: engine.submit(job, out, device), display)
+        display = stack.enter_context(_Display(jobs, out, console or Console(stderr=True)))
+        _run_all(jobs, out, lambda job: engine.submit(job, out, device), display)
     return read_results(study, out)
 
 
-def _run_all(study: Study, out: Path, submit: "Callable[[Job], Future[Result]]", display: "_Display") -> None:
-    done = set(read_results(study, out))
-    waiting = [job for job in study.jobs() if job not in done]
+def _run_all(jobs: Sequence[Job], out: Path, submit: "Callable[[Job], Future[Result]]", display: "_Display") -> None:
+    done = {job for job in jobs if read_result(job, out) is not None}
+    waiting = [job for job in jobs if job not in done]
     running: dict[Future[Result], Job] = {}
     while waiting or running:
         ready = [job for job in waiting if job.source is None or job.source in done]
@@ -55,9 +64,9 @@ def _run_all(study: Study, out: Path, submit: "Callable[[Job], Future[Result]]",
 class _Display:
     """A bar over all steps with the time left, a bar for each running job, and one line as each job ends."""
 
-    def __init__(self, study: Study, out: Path, console: Console) -> None:
+    def __init__(self, jobs: Sequence[Job], out: Path, console: Console) -> None:
         self._out = out
-        self._jobs = study.jobs()
+        self._jobs = jobs
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),

@@ -10,10 +10,16 @@ import pandas as pd
 
 from minihuman.errors import LearnError
 from minihuman.learn.agent.policy_file import versions
-from minihuman.learn.transfer.curves import improvement
+from minihuman.learn.transfer.curves import improvement, interquartile_mean
 from minihuman.learn.transfer.job import Result, write_atomically
-from minihuman.learn.transfer.plan import BASELINE, DEFECTS, SOURCE, Job, Study
+from minihuman.learn.transfer.plan import BASELINE, COMMITS, DEFECTS, SOURCE, Job, Study
+from minihuman.statistics.compare import holm
 
+COLUMNS = (
+    *("runs", "area", "iqm", "final_reward", "runs_solved", "steps_to_solve"),
+    *("improvement", "sd", "low", "high", "p", "p_holm", "better"),
+)
+SIGNIFICANT = 0.05
 SOLVED = 0.9  # a world counts as solved from this mean reward of the last 100 episodes
 
 Results = dict[Job, Result]
@@ -24,40 +30,60 @@ class Run:
     """How the results were made: what a report says beside the numbers."""
 
     command: str
-    engine: str
+    engine: str  # "" where nothing was trained
     wall_s: float  # of this sitting
 
 
 def table(study: Study, results: Results, *, beside: pd.Series | None = None) -> pd.DataFrame:
-    """One row a cell: runs, area, final reward, steps until solved, and the improvement over the baseline.
+    """One row a cell that has finished runs: its areas, how it ended, and the improvement over the baseline.
 
     ``beside`` holds published improvements by row label; they become the column "published". Improvements are
-    fractions, not percent. A cell without finished runs is left out.
+    fractions, not percent; "p_holm" is corrected for the number of cells that were compared, and "verdict" says what
+    it comes to.
     """
-    rng = np.random.default_rng(study.seed)
     baseline = _areas(results, BASELINE)
     rows = []
     for cell in study.cells:
         found = [result for job, result in results.items() if job.cell == cell]
         if not found:
             continue
+        areas = np.array([result.area for result in found])
+        solved = [step for result in found if (step := _solved_at(result)) is not None]
         row: dict[str, Any] = {
             "cell": cell.label,
             "runs": len(found),
-            "area": np.mean([result.area for result in found]),
+            "area": areas.mean(),
+            "iqm": interquartile_mean(areas),
             "final_reward": np.mean([result.points[-1].reward for result in found]),
-            "runs_solved": sum(_solved_at(result) is not None for result in found),
-            "steps_to_solve": np.mean(
-                [_solved_at(result) or np.nan for result in found if _solved_at(result)] or [np.nan]
-            ),
+            "runs_solved": len(solved),
+            "steps_to_solve": np.mean(solved) if solved else np.nan,
         }
         if cell.parts and len(baseline):
-            gain = improvement(np.array([result.area for result in found]), baseline, rng=rng)
-            row |= {"improvement": gain.mean, "sd": gain.sd, "low": gain.low, "high": gain.high}
+            gain = improvement(areas, baseline)
+            row |= {name: getattr(gain, name) for name in ("sd", "low", "high", "p", "better")}
+            row["improvement"] = gain.mean
         if beside is not None:
             row["published"] = beside.get(cell.label, np.nan)
         rows.append(row)
-    return pd.DataFrame(rows).set_index("cell") if rows else pd.DataFrame()
+    if not rows:
+        return pd.DataFrame()
+    cells = (
+        pd.DataFrame(rows).set_index("cell").reindex(columns=[*COLUMNS, *(["published"] if beside is not None else [])])
+    )
+    cells["p_holm"] = holm(list(cells["p"]))
+    cells["verdict"] = [_verdict(row) for _, row in cells.iterrows()]
+    return cells
+
+
+def _verdict(row: pd.Series) -> str:
+    """A cell's improvement in words, after correction for the number of cells."""
+    if np.isnan(row["improvement"]):
+        return ""
+    if np.isnan(row["p_holm"]):
+        return "too few runs to tell"
+    if row["p_holm"] >= SIGNIFICANT:
+        return "not told apart"
+    return "better" if row["improvement"] > 0 else "worse"
 
 
 def curves(results: Results) -> pd.DataFrame:
@@ -120,7 +146,9 @@ def write_report(study: Study, results: Results, out: Path, run: Run, *, beside:
         "jobs": len(study.jobs()),
         "seeds": {job.name: job.seed for job in results},
         "versions": versions(),
-        "defects_reproduced": list(DEFECTS) if study.protocol == "as-published" else [],
+        "published_state": COMMITS.get(study.protocol),
+        "defects_reproduced": list(DEFECTS[study.protocol]),
+        "core_hours": round(core_hours(results), 2),
     }
     write_atomically(json.dumps(facts, indent=1), out / "run.json")
     text = report_text(study, rows, speeds, facts)
@@ -138,14 +166,16 @@ def report_text(study: Study, rows: pd.DataFrame, speeds: pd.DataFrame, facts: d
     source_steps = study.jobs()[0].steps
     lines += [
         (
-            f"{study.runs} run(s), {study.steps:,} steps a run, {source_steps:,} for the source, seed {study.seed}; "
-            f"{facts['jobs_done']} of {facts['jobs']} jobs done."
+            f"{study.runs} run(s) a cell and {study.baselines} of the baseline, {study.steps:,} steps a run, "
+            f"{source_steps:,} for the source, seed {study.seed}; {facts['jobs_done']} of {facts['jobs']} jobs done, "
+            f"{facts['core_hours']:g} core-hours."
         ),
         "",
         (
-            "Improvement is (transfer area - baseline area) / baseline area, area under the curve of the mean reward "
-            "of the last 100 episodes; the 95 % interval (low, high) resamples transfer and baseline runs. Reward "
-            f"{SOLVED} counts as solved."
+            "Improvement is transfer area / baseline area - 1, area under the curve of the mean reward of the last "
+            "100 episodes. The 95 % interval (low, high) and p are Welch's, of log areas; p_holm is corrected for the "
+            "number of cells; better is the chance that a run of the cell has more area than one of the baseline; "
+            f"iqm is the mean of the middle half of the runs. Reward {SOLVED} counts as solved."
         ),
         "",
         _markdown(rows),
@@ -156,9 +186,15 @@ def report_text(study: Study, rows: pd.DataFrame, speeds: pd.DataFrame, facts: d
         "",
     ]
     if facts["defects_reproduced"]:
-        lines += ["Reproduced from the published code:", "", *[f"- {defect}" for defect in DEFECTS], ""]
+        lines += [
+            f"Reproduced from the published code at {facts['published_state']}:",
+            "",
+            *[f"- {defect}" for defect in facts["defects_reproduced"]],
+            "",
+        ]
     lines += [
-        f"Command: `{facts['command']}` ({facts['engine']}, {facts['wall_s'] / 60:.1f} min in the last sitting)",
+        f"Command: `{facts['command']}`"
+        + (f" ({facts['engine']}, {facts['wall_s'] / 60:.1f} min in the last sitting)" if facts["engine"] else ""),
         "",
         "Versions: " + ", ".join(f"{name} {number}" for name, number in facts["versions"].items()),
     ]
@@ -176,11 +212,18 @@ def _markdown(frame: pd.DataFrame) -> str:
 
 
 def _cell(value: Any) -> str:
+    if isinstance(value, str):
+        return value
     if isinstance(value, (int, np.integer)) or (float(value).is_integer() and abs(value) >= 1):
         return f"{int(value):,}"
     if np.isnan(value):
         return "-"
     return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3f}"
+
+
+def core_hours(results: Results) -> float:
+    """What the results took in all, in hours of one core."""
+    return sum(result.seconds[part] for result in results.values() for part in ("world", "acting", "learning")) / 3600
 
 
 def _areas(results: Results, cell: str) -> np.ndarray[Any, np.dtype[np.float64]]:

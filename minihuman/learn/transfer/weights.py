@@ -7,6 +7,7 @@ from torch import nn
 
 from minihuman.errors import LearnError
 from minihuman.learn.agent.network import ACTOR_HEAD, part_parameters
+from minihuman.learn.transfer.plan import ProtocolName
 
 Weights = Mapping[str, torch.Tensor]
 
@@ -37,18 +38,21 @@ def transfer_in_place(
             parameter.requires_grad_(not frozen)
 
 
-def transfer_as_published(policy: nn.Module, source: Weights, parts: frozenset[str], *, frozen: bool) -> None:
-    """Reproduce the published code, defects included (named in ``cells.DEFECTS``).
+def transfer_as_published(
+    policy: nn.Module, source: Weights, parts: frozenset[str], *, frozen: bool, state: ProtocolName = "as-published"
+) -> None:
+    """Reproduce the published code, defects included (named in ``plan.DEFECTS``).
 
     Call it after the optimiser is built: the replaced parameters are then not in it. The actor's head becomes as
-    wide as the source's.
+    wide as the source's. Until June 2023 the critic's head had its weight frozen always, its bias moved only so.
     """
+    old_head = state == "as-published-2023-05-28"
     for part in sorted(parts):
         for name in part_parameters(policy, part):
-            if name == "value_net.bias" and not frozen:
+            if old_head and name == "value_net.bias" and not frozen:
                 continue
             misspelled = parts == frozenset("CM") and part == "M"
-            free = (not frozen or misspelled) and name != "value_net.weight"
+            free = (not frozen or misspelled) and not (old_head and name == "value_net.weight")
             _replace(policy, name, nn.Parameter(_find(source, name).clone(), requires_grad=free))
 
 

@@ -1,8 +1,7 @@
 """The pictures of a stage: what the agent sees, how far away it is, the world from above. Drawing changes no state."""
 
 import math
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +18,6 @@ from minihuman.worlds.first_person.render.tables import Faces, Rooms
 from minihuman.worlds.first_person.scenery import light, look, places, room_tables
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.pose import Pose
-
-
-class Glimpse(NamedTuple):
-    """Where those that can move were: the agent, and what it carried."""
-
-    agent: tuple[Position, float]
-    carried: tuple[Entity, Position, float] | None
 
 
 class Pictures:
@@ -62,17 +54,11 @@ class Pictures:
         view: View,
         size_px: tuple[int, int],
         palette: Palette,
-        between: tuple[Glimpse, float] | None = None,
     ) -> NDArray[np.uint8]:
-        """What the agent sees, or the world from above with the agent in it.
-
-        With ``between``, an earlier glimpse and a fraction, the agent's view is that far from then to now.
-        """
+        """What the agent sees, or the world from above with the agent in it."""
         if min(size_px) < 1:
             raise WorldError(f"a picture of {size_px[0]} x {size_px[1]} pixels shows nothing; both are 1 or more")
         scene = self.scene(stage, palette)
-        if view == "partial" and between is not None:
-            return render(*self._on_the_way(stage, scene, palette, *between), *size_px)
         if view == "partial":
             return render(scene, camera(stage), *size_px)
         return render_top(scene, *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
@@ -112,31 +98,6 @@ class Pictures:
         self._staged[palette] = stage, things, scene
         return scene
 
-    def _on_the_way(
-        self, stage: Stage, scene: Scene, palette: Palette, before: Glimpse, fraction: float
-    ) -> tuple[Scene, Camera]:
-        """Scene and camera that far from a glimpse to now."""
-        now = camera(stage)
-        pos, yaw_rad = before.agent
-        there = camera(stage, pos, yaw_rad)
-        position = _mixed(there.position, now.position, fraction)
-        eye = replace(now, position=position, yaw_rad=yaw_rad + fraction * (now.yaw_rad - yaw_rad))
-        if before.carried is None:
-            return scene, eye
-        thing, pos, yaw_rad = before.carried
-        rows = scene.places.copy()
-        for row, kept in zip(rows, self._staged[palette][1], strict=True):
-            if kept is thing:
-                row[:3] = _mixed(pos, thing.pos, fraction)
-                row[3] = yaw_rad + fraction * (thing.dir - yaw_rad)
-        return scene.at(rows), eye
-
-
-def glimpse(stage: Stage) -> Glimpse:
-    """Where those that can move are now."""
-    agent, carried = stage.agent, stage.agent.carrying
-    return Glimpse((agent.pos, agent.dir), None if carried is None else (carried, carried.pos, carried.dir))
-
 
 def camera(stage: Stage, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
     """The agent's eye, where the agent stands or as if it stood elsewhere."""
@@ -149,8 +110,3 @@ def camera(stage: Stage, pos: Position | None = None, yaw_rad: float | None = No
         z - agent.cam_fwd_disp * math.sin(yaw),
     )
     return Camera(position, yaw, agent.cam_pitch * (math.pi / 180), agent.cam_fov_y)
-
-
-def _mixed(a: Position, b: Position, fraction: float) -> Position:
-    x, y, z = (before + fraction * (after - before) for before, after in zip(a, b, strict=True))
-    return x, y, z

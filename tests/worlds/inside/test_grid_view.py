@@ -38,7 +38,6 @@ def test_seen_from_inside_it_is_the_same_world(world):
             seen_above, *above = grid.step(action)
             seen_inside, *within = env.step(action)
             assert above == within
-            env.unwrapped.glide(0.3, size_px=(4, 3))
             over = above[1] or above[2]
         assert {name: seen_inside[name] for name in seen_inside if name != "image"} == {
             name: seen_above[name] for name in seen_above if name != "image"
@@ -88,18 +87,6 @@ def test_keys_and_balls_come_in_the_colours_of_the_palette():
     state.row[CARRYING] = next(int(code) for code in state.cells.flat if cells.kind_of(int(code)) == cells.BALL)
     shown = [env.picture(size_px=(40, 30), palette=palette).reshape(-1, 3) for palette in ("classic", "colour-safe")]
     assert not np.array_equal(*shown)
-
-
-def test_a_glide_turns_the_short_way_and_changes_nothing():
-    env = inside("FourRooms-v0").unwrapped
-    env.reset(seed=1)
-    for action in (0, 0, 0, 0, 1, 1, 1, 1):
-        first = env.picture(size_px=(40, 30))
-        env.step(action)
-        before = env.state_hash()
-        assert np.array_equal(env.glide(0.0, size_px=(40, 30)), first)
-        assert np.array_equal(env.glide(1.0, size_px=(40, 30)), env.picture(size_px=(40, 30)))
-        assert env.state_hash() == before
 
 
 def test_a_copy_goes_on_by_itself():

@@ -1,0 +1,41 @@
+"""Who has withdrawn from a study: their data count nowhere, and no message names them."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import msgspec
+
+REGISTER = "register.jsonl"  # in the study's folder; a line {"withdrawn": "sub-07", "at": ...} for each who withdrew
+_UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
+
+
+class _Line(msgspec.Struct, frozen=True):
+    withdrawn: str = ""
+
+
+def withdrawn(study_dir: Path) -> frozenset[str]:
+    """The codes of those who withdrew from the study of this folder; none where it has no register."""
+    path = study_dir / REGISTER
+    try:
+        changed = path.stat()
+    except OSError:
+        return frozenset()
+    return _read(path, changed.st_size, changed.st_mtime_ns)
+
+
+def is_withdrawn(log: Path, participant: str) -> bool:
+    """Whether a log's participant withdrew, by the register of the study that it lies in."""
+    folders = log.resolve().parents[: _UP + 1]
+    return any(participant in withdrawn(folder) for folder in folders)
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, size: int, mtime_ns: int) -> frozenset[str]:
+    """``size`` and ``mtime_ns`` make a register that has grown another one."""
+    codes = set()
+    for line in path.read_bytes().splitlines():
+        try:
+            codes.add(msgspec.json.decode(line, type=_Line).withdrawn)
+        except msgspec.DecodeError:  # a line that a crash cut off; the register's own reader names a damaged one
+            continue
+    return frozenset(codes - {""})

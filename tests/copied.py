@@ -1,0 +1,48 @@
+"""A recorded session as another participant's: the same messages in a log of its own, quickly made."""
+
+from pathlib import Path
+
+from mcap.records import Attachment, Metadata
+from mcap.writer import Writer
+
+from minihuman.log import topics
+from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.log.read.chunk import LogMessage
+from minihuman.log.read.scan import Scan
+
+
+def as_another(log: Path, participant: str, study_dir: Path) -> Path:
+    """Write the session of a finished log as that participant's, in its place below a study's folder."""
+    session = int(log.stem.rpartition("-")[2])
+    to = study_dir / participant / f"ses-{session:02d}" / f"{participant}_ses-{session:02d}.mcap"
+    to.parent.mkdir(parents=True)
+    scan = Scan(log)
+    with to.open("wb") as file:
+        writer = Writer(file, enable_data_crcs=True)
+        writer.start(profile=topics.PROFILE)
+        channels: dict[int, int] = {}
+        for record in scan:
+            match record:
+                case LogMessage(channel=channel):
+                    if channel.id not in channels:
+                        schema = scan.schemas[channel.schema_id]
+                        number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                        channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+                    data = record.data
+                    if channel.topic == topics.PLAN:
+                        plan = v1.SessionPlan.FromString(data)
+                        plan.participant.id = participant
+                        data = plan.SerializeToString(deterministic=True)
+                    writer.add_message(
+                        channels[channel.id], record.log_time, data, record.publish_time, record.sequence
+                    )
+                case Metadata(name=name, metadata=facts):
+                    writer.flush()
+                    own = {"participant": participant} if "participant" in facts else {}
+                    writer.add_metadata(name, facts | own)
+                case Attachment():
+                    writer.add_attachment(
+                        record.create_time, record.log_time, record.name, record.media_type, record.data
+                    )
+        writer.finish()
+    return to
