@@ -130,7 +130,7 @@ def search_clause(
     row = start.copy()
     codes = object_codes(row)
     none = np.empty(0, np.int64)
-    nodes = np.empty((limit, _OBJECTS + row[OBJECTS]), np.int16)
+    nodes = np.empty((limit, _OBJECTS + row[OBJECTS]), np.int32)
     cost, parent, cause = np.empty(limit, np.int32), np.empty(limit, np.int32), np.empty(limit, np.int8)
     closed = np.zeros(limit, np.bool_)
     seen = np.full(4 * limit, -1, np.int32)
