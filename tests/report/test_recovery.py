@@ -52,11 +52,13 @@ def estimates(seed):
     rows = [tabled(one) for one in people]
     tables = {name: pd.concat([one[name].to_pandas() for one in rows]) for name in rows[0]}
     found = results(tables["episodes"], tables["blocks"], tables["participants"])
-    compared = {one.measure: one for one in found.comparisons}
+    target = found.target_block
+    assert target is not None
+    compared = {one.measure: one for one in target.comparisons}
     medians = tables["participants"]["reaction_median_ms"]
     interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
     keys = tables["keys"]
-    return compared, found.model, interval, keys.loc[keys["action"] != "", "found_steps"].to_numpy(float)
+    return compared, target.model, interval, keys.loc[keys["action"] != "", "found_steps"].to_numpy(float)
 
 
 @pytest.mark.long
