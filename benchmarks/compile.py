@@ -25,11 +25,10 @@ study = read_protocol(Path("protocols/fourrooms-transfer.toml"))
 warm_up(replace(study, blocks=[block for block in study.blocks if "{}" in block.world]))
 """
 PLAN = """
-from minihuman.players.ways import shortest_way
 from minihuman.worlds.adapt.world import World
 world = World("minihuman/{}-FourRooms-v0")
 world.reset(0)
-shortest_way(world)
+world.way()
 """
 PARTS = {
     # as `minihuman run` and `minihuman demo` do it

@@ -1,5 +1,6 @@
 """Commands about logs: info, verify, recover."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -51,17 +52,23 @@ def verify(
 
 
 def recover(
-    parts: Annotated[list[Path], typer.Argument(help="Cut-off logs (*.mcap.part), or folders to look for them in.")],
+    logs: Annotated[list[Path], typer.Argument(help="Cut-off or damaged logs, or folders of cut-off ones.")],
 ) -> None:
-    """Finish cut-off logs; says how many steps were kept.
+    """Finish cut-off logs and rewrite damaged ones; says what was kept of each. Exit 1 if one was damaged.
 
     Example: minihuman recover sessions/fourrooms-transfer
     """
-    from minihuman.log.record.finish import leftovers
-    from minihuman.log.record.finish import recover as finish_cut_off
+    from minihuman.errors import MinihumanError
+    from minihuman.lab.recover import recover_all
 
-    found = [part for given in parts for part in (leftovers(given) if given.is_dir() else [given])]
-    for part in found:
-        print(finish_cut_off(part).line())
-    if not found:
+    codes = [0]
+    for became in recover_all(logs):
+        if isinstance(became, MinihumanError):
+            print(f"minihuman: {became}", file=sys.stderr, flush=True)
+            codes.append(became.exit_code)
+        else:
+            print(became.line(), flush=True)
+            codes.append(int(became.damaged))
+    if len(codes) == 1:
         print("no cut-off logs")
+    raise typer.Exit(max(codes))

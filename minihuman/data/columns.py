@@ -6,8 +6,10 @@ from typing import Literal
 
 import pyarrow as pa
 
-Kind = Literal["text", "whole", "number", "yes_no"]
-_ARROW = {"text": pa.string(), "whole": pa.int64(), "number": pa.float64(), "yes_no": pa.bool_()}
+from minihuman.log import topics
+
+Kind = Literal["text", "key", "whole", "number", "yes_no"]  # a key is a text, named so that nobody reads a number
+_ARROW = {"text": pa.string(), "key": pa.string(), "whole": pa.int64(), "number": pa.float64(), "yes_no": pa.bool_()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ STEPS = (
     Column("t_ns", "whole", "ns", "The same as t_s, exactly as logged."),
     Column("t_s", "number", "s", "When the step was done: session time, since the session's first segment began."),
     Column("action", "text", "", "The action's name."),
-    Column("key", "text", "", "The physical key that caused it; empty for a tick's no-op."),
+    Column("key", "key", "", "The physical key that caused it; empty for a tick's no-op."),
     Column("reward", "number", "", "The step's reward."),
     Column("reaction_ms", "number", "ms", "Key press minus the flip of the picture it answers."),
     Column("visible_effect", "yes_no", "", "Whether the observation changed."),
@@ -59,7 +61,7 @@ PRESSES = (
     *_WHERE,
     Column("t_ns", "whole", "ns", "The same as t_s, exactly as logged."),
     Column("t_s", "number", "s", "When the key moved: session time, since the session's first segment began."),
-    Column("key", "text", "", "The physical key."),
+    Column("key", "key", "", "The physical key."),
     Column("down", "yes_no", "", "True for a press, false for a release."),
     Column("action", "text", "", "The action it asked for; empty where it has none."),
     Column(
@@ -70,7 +72,7 @@ KEYS = (
     *_WHO,
     *_BLOCK,
     Column("first_episode", "whole", "", "The episode from which this key map held, 1 for the session's first."),
-    Column("key", "text", "", "The physical key."),
+    Column("key", "key", "", "The physical key."),
     Column("action", "text", "", "Its action; empty where it has none."),
     Column("presses", "whole", "", "How often it went down while an episode ran, auto-repeats left out."),
     Column("steps", "whole", "", "Steps it caused."),
@@ -144,6 +146,106 @@ PARTICIPANTS = (
     *_OVER_EPISODES,
     _LEFT_OUT,
 )
+_SEGMENT = (Column("segment", "whole", "", "The session's segment, 1 for the first; one more after each resume."),)
+_T_NS = Column("t_ns", "whole", "ns", "Session time: since the session's first segment began.")
+SEGMENTS = (
+    *_WHO,
+    *_SEGMENT,
+    Column("started_at", "text", "UTC", "When the segment began, ISO 8601, from the wall clock."),
+    Column("started_unix_ns", "whole", "ns", "The same, since 1970."),
+    Column("started_monotonic_ns", "whole", "ns", "The machine's monotonic clock then; empty in older logs."),
+    Column("monotonic_clock", "text", "", "That clock's name."),
+    Column("start_ns", "whole", "ns", "Session time at which the segment began."),
+    Column("end_ns", "whole", "ns", "Session time of the last that is known of it."),
+    Column("end_reason", "text", "", "Why it ended; cut_off where it never said."),
+    Column("clean", "yes_no", "", "Whether its log was finished in the ordinary way."),
+    Column("player", "text", "", "Whoever pressed the keys."),
+    Column("slot", "whole", "", "The participant's place in the allocation list, 1 for the first."),
+    Column("overridden", "yes_no", "", "Whether participant or group were chosen by hand."),
+    Column("allocation_sha256", "text", "", "SHA-256 of the allocation list; empty where the choice was by hand."),
+    Column("study_version", "text", "", "The protocol's version."),
+    Column("study_seed", "whole", "", "The study's seed."),
+    Column("protocol_sha256", "text", "", "SHA-256 of the protocol file."),
+    Column("consent_sha256", "text", "", "SHA-256 of the text that was agreed to; empty where there was none."),
+    Column("station", "text", "JSON", "What is known of the station: versions, platform, display, refresh rate."),
+)
+PLAN = (
+    *_WHO,
+    *_BLOCK,
+    Column("episode", "whole", "", "The session's episode, 1 for the first; played or not."),
+    Column("episode_in_block", "whole", "", "1 for the block's first."),
+    Column("world", "text", "", "The world's id."),
+    Column("options", "text", "JSON", "The world's options."),
+    Column("seed", "whole", "", "The seed of the layout."),
+    Column("max_steps", "whole", "", "Steps allowed."),
+    Column("actions", "text", "", "The actions that have a key, separated by spaces."),
+    Column("key_map", "text", "JSON", "Physical key to action."),
+    Column("key_map_seed", "whole", "", "The seed that drew the key map."),
+    Column("spare_keys", "text", "", "The pool's other keys, separated by spaces."),
+    Column("show_keys", "yes_no", "", "Whether the keys were on the screen."),
+    Column("pace", "text", "", "on_key or real_time."),
+    Column("step_period_ms", "number", "ms", "The time between steps; empty where keys make them."),
+    Column("noop", "text", "", "The action of a tick without a key; empty where there is none."),
+    Column("view", "text", "", "What was on the screen: partial or full."),
+    Column("palette", "text", "", "classic or colour-safe."),
+    Column("record_observations", "yes_no", "", "Whether the log holds what was observed."),
+    Column("attempts", "whole", "", "How often it was begun; 0 where it was not played."),
+)
+STARTS = (
+    *_WHO,
+    *_BLOCK,
+    *_WHERE,
+    _T_NS,
+    Column("mission", "text", "", "What the world asked for, in words."),
+    Column("x", "number", "cell or m", "Where the episode began, to the right."),
+    Column("z", "number", "cell or m", "Where the episode began, down the page."),
+    Column("yaw_rad", "number", "rad", "Heading, 0 along +x, counter-clockwise from above."),
+    Column("unit", "text", "", "The unit of places: cell or m; empty where the world has no map."),
+    Column("map", "text", "JSON", "Bounds, walls and things of the floor plan."),
+    Column("end_ns", "whole", "ns", "Session time of the last step, or of the reset where there is none."),
+)
+FRAMES = (
+    *_WHO,
+    *_BLOCK,
+    *_WHERE,
+    Column("step", "whole", "", "The step whose result the picture shows, 0 for the reset."),
+    Column("submit_ns", "whole", "ns", "Session time at which the picture was handed over."),
+    Column("flip_ns", "whole", "ns", "Session time at which it was on the display."),
+)
+OTHER_PRESSES = (
+    *_WHO,
+    *_SEGMENT,
+    _T_NS,
+    Column("phase", "text", "", "What was on the screen."),
+    Column("key", "key", "", "The physical key."),
+    Column("symbol", "key", "", "What it types, as far as known."),
+    Column("down", "yes_no", "", "True for a press, false for a release."),
+    Column("verdict", "text", "", "What became of it."),
+)
+NOTES = (
+    *_WHO,
+    *_SEGMENT,
+    _T_NS,
+    Column("kind", "text", "", "consent, phase, focus, keyboard_check, pause, resume and others."),
+    Column("note", "text", "", "What was noted; of a pause its reason."),
+)
+SAMPLES = (
+    *_WHO,
+    *_SEGMENT,
+    _T_NS,
+    Column("device", "text", "", "The device's name in the protocol."),
+    Column("channel", "text", "", "Which of its numbers; empty for a sample that has none."),
+    Column("value", "number", "", "The number, in the channel's unit."),
+    Column("said", "text", "", "What the device said in words."),
+)
+MARKS = (
+    *_WHO,
+    Column("episode", "whole", "", "The marked episode, 1 for the first; empty where the whole session is marked."),
+    Column("tag", "text", "", "The reviewer's tag."),
+    Column("note", "text", "", "Why."),
+    Column("at", "text", "UTC", "When it was marked, ISO 8601."),
+    Column("taken_back", "yes_no", "", "Whether this line undoes an earlier mark of that tag."),
+)
 TABLES: dict[str, tuple[Column, ...]] = {
     "steps": STEPS,
     "presses": PRESSES,
@@ -151,8 +253,31 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "episodes": EPISODES,
     "blocks": BLOCKS,
     "participants": PARTICIPANTS,
+    "segments": SEGMENTS,
+    "plan": PLAN,
+    "starts": STARTS,
+    "frames": FRAMES,
+    "other_presses": OTHER_PRESSES,
+    "notes": NOTES,
+    "samples": SAMPLES,
+    "marks": MARKS,
 }
 
+
+FROM_TOPICS = {
+    topics.PLAN: ("plan", "segments"),
+    topics.NOTE: ("notes",),
+    topics.PAUSE: ("notes",),
+    topics.KEY_MAP: ("plan",),
+    topics.EPISODE_START: ("starts", "episodes"),
+    topics.KEY: ("presses", "other_presses"),
+    topics.STEP: ("steps",),
+    topics.FRAME: ("frames",),
+    topics.SAMPLE: ("samples",),
+    topics.EPISODE_END: ("episodes",),
+    topics.SESSION_END: ("segments",),
+}
+"""Which tables hold what is said on each of the log's topics. Stored observations are no rows: exports hold them."""
 
 NEED_WORLD = frozenset({"shortest_steps", "feasible_steps", "excess_steps", "excess_steps_mean"})
 """The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""

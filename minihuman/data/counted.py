@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from minihuman.data.marks import Mark
 from minihuman.data.opened import Skipped
 from minihuman.data.versions import version_name
 from minihuman.recorded.episode import Episode, SessionLog
@@ -32,6 +33,8 @@ class Counted:
     tags: tuple[frozenset[str], ...]
     asked: tuple[bool, ...]
     reasons: tuple[str, ...]  # "" where nothing speaks against an episode
+    wanted: bool = True  # whether the session is asked for at all; one without an episode may be
+    marks: tuple[Mark, ...] = ()  # beside the log, those that were taken back among them
     session_reason: str = ""  # why the participant does not count, "" if nothing speaks against that
 
     @property

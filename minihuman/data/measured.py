@@ -12,12 +12,13 @@ from minihuman.errors import WorldError
 from minihuman.measures.adaptation import slope_per_episode
 from minihuman.measures.keys import Tally, times_to_find
 from minihuman.measures.path import Walk, walks
-from minihuman.measures.shortest import UNKNOWN, Shortest, shortest
+from minihuman.measures.shortest import shortest
 from minihuman.measures.timing import playing_s, reaction_ms
 from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.study.plan import EpisodePlan
+from minihuman.worlds.contract import UNKNOWN, Bounds
 
-Planner = Callable[[EpisodePlan], Shortest]
+Planner = Callable[[EpisodePlan], Bounds]
 Row = dict[str, Any]
 
 
@@ -43,7 +44,7 @@ class Measured:
         return _over([self.rows[place] for place in places], [self.tallies[place] for place in places])
 
 
-def known_shortest(plan: EpisodePlan) -> Shortest:
+def known_shortest(plan: EpisodePlan) -> Bounds:
     """The fewest steps of an episode; unknown where the world cannot be made here."""
     try:
         return shortest(plan)
@@ -51,7 +52,7 @@ def known_shortest(plan: EpisodePlan) -> Shortest:
         return UNKNOWN
 
 
-def no_shortest(plan: EpisodePlan) -> Shortest:
+def no_shortest(plan: EpisodePlan) -> Bounds:
     """Ask no world."""
     return UNKNOWN
 
@@ -91,7 +92,7 @@ def _episode(tally: Tally, walk: Walk) -> Row:
     }
 
 
-def _least(episode: Episode, least: Shortest) -> Row:
+def _least(episode: Episode, least: Bounds) -> Row:
     """The fewest possible steps, and how many more an episode took that reached the goal."""
     excess_steps = None
     if episode.outcome == "goal" and least.at_least is not None:

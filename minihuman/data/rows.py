@@ -77,23 +77,47 @@ class Rows(Mapping[str, pa.Table]):
 
 
 def together(name: str, sessions: Sequence[Rows]) -> pa.Table:
-    """One table's rows of several sessions. A NaN becomes empty."""
+    """One table's rows of several sessions. A NaN becomes NULL, and so does an empty text: nothing is said there."""
     part = Part.below([session.parts[name] for session in sessions if session.parts[name].count])
     arrow = schema(name)
-    columns = [(field.type, part.columns.get(field.name, [])) for field in arrow]
+    columns = [
+        (column.kind, field.type, part.columns.get(column.name, []))
+        for column, field in zip(TABLES[name], arrow, strict=True)
+    ]
     return pa.Table.from_arrays(
-        [_texts(values) if kind == pa.string() else _numbers(values, kind) for kind, values in columns], schema=arrow
+        [
+            _texts(_keys_named(values) if kind == "key" else values)
+            if arrow_type == pa.string()
+            else _numbers(values, arrow_type)
+            for kind, arrow_type, values in columns
+        ],
+        schema=arrow,
     )
+
+
+def key_in_tables(key: str) -> str:
+    """A physical key's name as it stands in tables: "key_1", "key_q"; longer names, such as "enter", as they are.
+
+    A column of "1" and "2" is one of numbers to most readers, and "t" and "f" are yes and no to some.
+    """
+    return f"key_{key}" if len(key) == 1 else key
+
+
+def _keys_named(values: Words | list[str]) -> Words:
+    words = Words.of(values)
+    return Words(words.codes, [key_in_tables(key) for key in words.words])
 
 
 # from their bytes, as pa.array would import pandas, half a second, to see that it was given nothing of that
 
 
-def _texts(values: Words | list[str]) -> pa.Array:
-    words = Words.of(values)
+def _texts(values: Words | list[str | None]) -> pa.Array:
+    words = values if isinstance(values, Words) else Words.of(value or "" for value in values)
     encoded = [word.encode() for word in words.words]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    said = np.array([bool(word) for word in encoded], np.bool_)
+    there = None if said.all() else pa.py_buffer(np.packbits(said, bitorder="little"))
+    buffers = [there, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
     return pa.Array.from_buffers(pa.string(), len(encoded), buffers).take(_numbers(words.codes, pa.int64()))
 
 

@@ -63,7 +63,8 @@ class Selection:
         rules = () if RULES in self.with_ else rules_of(log.plan)
         if rules and measured is None:
             measured = Measured.of(log, self.planner(log.plan, with_shortest=False))
-        in_force = tags(read_marks(log.path) if marks is None else marks)
+        marks = read_marks(log.path) if marks is None else tuple(marks)
+        in_force = tags(marks)
         theirs = [tags_of(episode, in_force) for episode in log.episodes]
         reasons = [self._reason(episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
         of_session = ""
@@ -72,11 +73,10 @@ class Selection:
                 reason or broken_rule(rules, "episode", row) for reason, row in zip(reasons, measured.rows, strict=True)
             ]
             counting = [place for place, reason in enumerate(reasons) if not reason]
-            of_session = (
-                broken_rule(rules, "participant", measured.over(counting) | about_session(log)) if counting else ""
-            )
+            of_session = broken_rule(rules, "participant", measured.over(counting) | about_session(log))
         asked = [self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
-        return Counted(log, tuple(theirs), tuple(asked), tuple(reasons), of_session)
+        wanted = any(asked) if log.episodes else self._asks_for_session(log)
+        return Counted(log, tuple(theirs), tuple(asked), tuple(reasons), wanted, marks, of_session)
 
     def planner(self, plan: SessionPlan, *, with_shortest: bool) -> Planner:
         """Who says how few steps an episode could have taken: nobody, unless that is wanted or a rule asks for it."""
@@ -87,9 +87,17 @@ class Selection:
         return (
             (not self.outcome or episode.outcome_word in self.outcome)
             and (not self.block or episode.plan.block_name in self.block)
-            and (not self.participant or log.plan.participant.id in self.participant)
-            and (not self.version or any(is_version(log.plan, version) for version in self.version))
+            and self._is_of(log)
             and (not self.only or bool(theirs & set(self.only)))
+        )
+
+    def _asks_for_session(self, log: SessionLog) -> bool:
+        """Whether a session without an episode is asked for: not where episodes of one kind are."""
+        return self._is_of(log) and not (self.outcome or self.block or self.only)
+
+    def _is_of(self, log: SessionLog) -> bool:
+        return (not self.participant or log.plan.participant.id in self.participant) and (
+            not self.version or any(is_version(log.plan, version) for version in self.version)
         )
 
     def _reason(self, episode: Episode, theirs: frozenset[str]) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from minihuman.data.around import around
 from minihuman.data.counted import Counted
 from minihuman.data.measured import Measured, Row, place
 from minihuman.data.rows import Part, Rows
@@ -55,8 +56,9 @@ def session_tables(counted: Counted, measured: Measured) -> Rows:
             "keys": Part.of([who | row for row in _keys([measured.tallies[at] for at in asked])]),
             "episodes": Part.of(episodes),
             "blocks": Part.of(blocks),
-            "participants": Part.of([participant] if asked else []),
+            "participants": Part.of([participant] if counted.wanted else []),
         }
+        | around(log, played, who, counted.marks, wanted=counted.wanted)
     )
 
 

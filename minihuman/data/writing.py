@@ -7,11 +7,13 @@ from types import TracebackType
 from typing import Any, Literal
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
 from minihuman.data.columns import TABLES, dictionary, schema
 from minihuman.data.rows import Rows, together
+from minihuman.data.table_schema import package
 
 Kind = Literal["parquet", "csv"]
 _SESSIONS = 64  # made Arrow together, so that not every column is made for every session,
@@ -25,11 +27,32 @@ def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
     return pa.parquet.ParquetWriter(path, columns, compression="zstd", use_dictionary=recurring)
 
 
-_WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {"parquet": _parquet, "csv": pa.csv.CSVWriter}
+class _Csv:
+    """CSV as pandas, polars, R and DuckDB read it alike: TRUE and FALSE, and nothing at all where nothing is known."""
+
+    def __init__(self, path: Path, columns: pa.Schema) -> None:
+        self._yes_no = [name for name in columns.names if pa.types.is_boolean(columns.field(name).type)]
+        said = [field.with_type(pa.string()) if field.name in self._yes_no else field for field in columns]
+        self._writer = pa.csv.CSVWriter(path, pa.schema(said))
+
+    def write_table(self, table: pa.Table) -> None:
+        for name in self._yes_no:
+            place = table.schema.get_field_index(name)
+            said = pc.if_else(table.column(name), "TRUE", "FALSE")
+            table = table.set_column(place, table.schema.field(place).with_type(pa.string()), said)
+        self._writer.write_table(table)
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+_WRITERS: dict[Kind, Callable[[Path, pa.Schema], Any]] = {"parquet": _parquet, "csv": _Csv}
 
 
 class TableWriter:
-    """Writes every table into a folder, as Parquet, CSV or both, and what the columns mean as ``dictionary.json``.
+    """Writes every table into a folder, as Parquet, CSV or both, and beside them what the columns mean.
+
+    ``dictionary.json`` says it in the shortest form, ``datapackage.json`` as a Frictionless data package.
 
     The columns ``without`` are left out.
     """
@@ -41,6 +64,11 @@ class TableWriter:
         self.paths = tuple(folder / f"{name}.{kind}" for name in TABLES for kind in kinds)
         self.dictionary = folder / "dictionary.json"
         self.dictionary.write_text(json.dumps(dictionary(without=without), indent=1) + "\n")
+        self.package = folder / "datapackage.json"
+        first = kinds[0]  # the same rows twice are one resource
+        files = [(name, folder / f"{name}.{first}") for name in TABLES]
+        described = package("minihuman-tables", files, without=without)
+        self.package.write_text(json.dumps(described, indent=1) + "\n")
         self._without = without
         self._fresh: list[Rows] = []
         self._rows = 0  # of those
@@ -98,4 +126,4 @@ def write_tables(sessions: Iterable[Rows], folder: Path) -> tuple[Path, ...]:
     with TableWriter(folder) as writer:
         for rows in sessions:
             writer.write(rows)
-    return (*writer.paths, writer.dictionary)
+    return (*writer.paths, writer.dictionary, writer.package)

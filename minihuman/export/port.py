@@ -21,6 +21,7 @@ class Written:
     steps: int  # of those
     left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; in the card
     marked: int = 0  # further episodes, that do not count and are there all the same, with the reason
+    sessions: int = 0  # of tables: those that have a row, with an episode or without
 
 
 Exporter = Callable[[ChosenEpisodes, Path], Written]

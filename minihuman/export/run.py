@@ -48,7 +48,7 @@ def export(
     unfinished.mkdir(parents=True)
     try:
         written = exporter(ChosenEpisodes(sessions, taken=taken, stored_frames=stored_frames), unfinished)
-        if not written.episodes + written.marked:
+        if not written.episodes + written.marked + written.sessions:
             why = "; ".join((*written.left_out, *sessions.account.lines()))
             raise ExportError(f"nothing of {source} was written: {why}")
         card.write(unfinished, written)

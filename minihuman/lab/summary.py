@@ -7,6 +7,7 @@ from pathlib import Path
 from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.read.file import Reading, all_clean
+from minihuman.log.read.glance import glance
 from minihuman.recorded.episode import CUT_OFF
 from minihuman.study import events as ev
 
@@ -35,9 +36,13 @@ class Summary:
 def summarise(files: Sequence[Path]) -> Summary:
     """Sum up a session's log and segments, in order.
 
+    A finished log whose checksums hold is summed up from what was written at its end; others are read through.
+
     Raises:
         LogError: if one cannot be opened, is no session log, of another schema version or damaged, or holds no plan.
     """
+    if len(files) == 1 and (summary := _at_a_glance(files[0])) is not None:
+        return summary
     readings = [Reading(file) for file in files]
     plan: ev.SessionStarted | None = None
     completed: set[int] = set()
@@ -75,4 +80,29 @@ def summarise(files: Sequence[Path]) -> Summary:
         episodes_completed=len(completed),
         steps=steps,
         duration_s=sum(last - first for first, last in spans) / 1e9,
+    )
+
+
+def _at_a_glance(log: Path) -> Summary | None:
+    """Sum up a log from what its segments' ends say; None where one does not, as in logs of earlier versions."""
+    found = glance(log)
+    if found is None or not found.starts or not len(found.starts) == len(found.facts) == len(found.ends):
+        return None
+    if found.starts[0].get("schema_version") != str(topics.SCHEMA_VERSION) or "completed" not in found.ends[-1]:
+        return None
+    first, last = found.starts[0], found.ends[-1]
+    return Summary(
+        study=first["study"],
+        participant=first["participant"],
+        group=first["group"],
+        session=int(first["session"]),
+        player=found.facts[0].get("player", "unknown"),
+        started_at=first["started_at"],
+        segments=len(found.starts),
+        clean=all_clean(found.starts, found.ends),
+        end_reason=last["reason"],
+        episodes_planned=int(last["planned"]),
+        episodes_completed=int(last["completed"]),
+        steps=found.counts[topics.STEP],
+        duration_s=sum(int(end.get("lasted_ns", 0)) for end in found.ends) / 1e9,
     )

@@ -21,6 +21,8 @@ PROFILE = "minihuman"
 SEGMENT_METADATA = "minihuman.segment"  # at a segment's start
 FACTS_METADATA = "minihuman.facts"
 END_METADATA = "minihuman.end"  # added when the segment is finished
+REPAIRED_METADATA = "minihuman.repaired"  # added when a finished log is rewritten because it was damaged
+MISSING_METADATA = "minihuman.missing"  # added for messages that were lost to damage
 
 PLAN = "/session/plan"
 NOTE = "/session/note"

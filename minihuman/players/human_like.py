@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from minihuman.errors import PlayerError
-from minihuman.players.port import Player, Press
-from minihuman.players.ways import shortest_way
+from minihuman.players.port import Player, Press, way_of
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt.world import World
 from minihuman.worlds.hashing import hash64
@@ -131,7 +130,7 @@ class HumanLikePlayer(Player):
         if self._detour:
             return self._detour.pop()
         if not self._way:
-            self._way = list(shortest_way(world))
+            self._way = way_of(world)
         known = [key for key, action in self._understood.items() if self._way[:1] == [action]]
         return known[0] if known else self._untried()
 

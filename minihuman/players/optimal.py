@@ -3,8 +3,7 @@
 import numpy as np
 
 from minihuman.errors import PlayerError
-from minihuman.players.port import Player, Press
-from minihuman.players.ways import shortest_way
+from minihuman.players.port import Player, Press, way_of
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt.world import World
 
@@ -30,7 +29,7 @@ class OptimalPlayer(Player):
             PlayerError: if there is no way, or it needs an action without a key.
         """
         if not self._way:
-            self._way = list(shortest_way(world))
+            self._way = way_of(world)
         if not self._way:
             raise PlayerError(f"{world.id}: there is no way to the goal from {world.pose()}")
         action = self._way.pop(0)

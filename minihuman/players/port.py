@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from minihuman.errors import PlayerError
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt.world import World
 
@@ -16,6 +17,18 @@ class Press:
 
     key: str
     delay_ms: float
+
+
+def way_of(world: World) -> list[str]:
+    """Names of actions that lead to success from here; empty if there are none.
+
+    Raises:
+        PlayerError: if the world cannot tell.
+    """
+    way = world.way()
+    if way is None:
+        raise PlayerError(f"{world.id}: no planner knows its goal; let a 'random' player play it")
+    return list(way)
 
 
 class Player(abc.ABC):

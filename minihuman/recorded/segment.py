@@ -5,11 +5,11 @@ segments. In the log each segment's times begin at 0; where a segment lies in th
 its start, and it never begins before the one before it ended.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from minihuman.recorded.columns import EventColumns
-from minihuman.study.events import KeyPressed, Noted, Paused, Resumed
+from minihuman.study.events import KeyPressed, Noted, Paused, Resumed, Sampled
 
 Note = Noted | Paused | Resumed
 Pauses = tuple[tuple[int, int], ...]  # begin and end of each, ns of session time
@@ -31,6 +31,7 @@ class Segment:
     facts: dict[str, str]  # of the station: versions, platform, display
     notes: tuple[Note, ...]  # consent, focus, pauses, errors, in order of time
     keys: EventColumns[KeyPressed]  # every press and release, outside episodes too
+    samples: Sequence[Sampled] = ()  # of the protocol's devices, read when looked at
 
     @property
     def pauses(self) -> Pauses:

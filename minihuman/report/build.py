@@ -102,7 +102,7 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
 
 def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[str, Path, str]]:
     """Learning curves of every block, by group."""
-    counted = episodes[episodes["left_out"] == ""]
+    counted = episodes[episodes["left_out"].isna()]
     for block in (one.block for one in found.blocks):
         rows = counted[counted["block"] == block]
         for measure, label, limits in _CURVES:

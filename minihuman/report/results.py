@@ -53,9 +53,9 @@ class Results:
 
 def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame) -> Results:
     """Work out the results from the three tables as they were written."""
-    counted_people = participants[participants["left_out"] == ""]
-    counted = episodes[episodes["left_out"] == ""]
-    kept = blocks[blocks["left_out"] == ""]
+    counted_people = participants[participants["left_out"].isna()]
+    counted = episodes[episodes["left_out"].isna()]
+    kept = blocks[blocks["left_out"].isna()]
     order = _most_prepared_first(blocks)
     return Results(
         blocks=tuple(
@@ -117,11 +117,11 @@ def group_rewards(each: pd.DataFrame) -> pd.DataFrame:
 
 def exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
     """Every row left out, with its reason: participants first, then episodes of the others."""
-    people = participants.loc[participants["left_out"] != "", ["left_out", "participant", "session"]]
+    people = participants.loc[participants["left_out"].notna(), ["left_out", "participant", "session"]]
     people = people.assign(level="participant")
     whole = set(zip(people["left_out"], people["participant"], people["session"], strict=True))
     theirs = zip(episodes["left_out"], episodes["participant"], episodes["session"], strict=True)
-    alone = np.array([bool(key[0]) and key not in whole for key in theirs], bool)
+    alone = np.array([pd.notna(key[0]) and key not in whole for key in theirs], bool)
     single = episodes.loc[alone, ["left_out", "participant", "session", "episode", "attempt"]].assign(level="episode")
     both = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
     return both.reindex(columns=["left_out", "level", "participant", "session", "episode", "attempt"])

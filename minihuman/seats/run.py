@@ -47,17 +47,18 @@ def run_session(
         Exception: what the window or a bug of ours raised.
     """
     loop = _Loop(session, window, recorder, clock, desk)
-    try:
-        with _signals(loop), _short_turns():
-            try:
-                loop.run()
-            except Exception as error:
-                loop.take(Stop(clock(), "internal_error", f"{type(error).__name__}: {error}"))
-                raise
-            loop.hold_last_screen(last_screen_s)
-    finally:
-        session.close()
-        path = recorder.close()
+    with _signals(loop):  # up to the end: a second Ctrl-C must not break the log off while it is being finished
+        try:
+            with _short_turns():
+                try:
+                    loop.run()
+                except Exception as error:
+                    loop.take(Stop(clock(), "internal_error", f"{type(error).__name__}: {error}"))
+                    raise
+                loop.hold_last_screen(last_screen_s)
+        finally:
+            session.close()
+            path = recorder.close()
     if loop.log_error:
         raise loop.log_error
     return path
@@ -152,7 +153,10 @@ def _short_turns() -> Iterator[None]:
 
 @contextmanager
 def _signals(loop: _Loop) -> Iterator[None]:
-    """SIGINT and SIGTERM end the session instead of the process; only the main thread can be told of signals."""
+    """SIGINT, SIGTERM and SIGHUP (the terminal was closed) end the session instead of the process.
+
+    Only the main thread can be told of signals.
+    """
 
     def remember(number: int, _: FrameType | None) -> None:
         loop.signal_name = signal.Signals(number).name
@@ -160,7 +164,7 @@ def _signals(loop: _Loop) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         yield
     finally:

@@ -14,11 +14,16 @@ from numpy.typing import NDArray
 NO_LETTER = 0  # in shared memory, where letters are their code points
 
 
+def words_in(sentence: str) -> list[str]:
+    """A sentence's words in order; a comma is a word."""
+    return sentence.replace(",", " ,").split()
+
+
 class Sentences(spaces.Text):
     """A space of sentences made of some words, each at most so many letters long. Base of all mission spaces.
 
     Args:
-        words: Every word that a sentence can have, in any order; a word is what stands between two spaces.
+        words: Every word that a sentence can have, as `words_in` gives them, in any order.
         max_length: Letters of the longest sentence.
         most_words: Words of the sentence that has most of them.
         seed: For drawing sentences.

@@ -5,8 +5,9 @@ from collections import deque
 import msgspec
 import pytest
 
-from minihuman.measures.shortest import UNKNOWN, shortest
+from minihuman.measures.shortest import shortest
 from minihuman.worlds.adapt.world import World
+from minihuman.worlds.contract import UNKNOWN
 from tests.builders import plan
 
 

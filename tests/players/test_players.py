@@ -5,7 +5,6 @@ from minihuman.errors import PlayerError
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.players.choose import make_player
 from minihuman.players.human_like import Person
-from minihuman.players.ways import shortest_way
 from minihuman.seats.run import run_session
 from minihuman.seats.simulated import SimulatedWindow
 from minihuman.study.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped
@@ -89,7 +88,7 @@ def test_the_optimal_player_takes_the_shortest_way(world, episodes):
     for episode, steps in zip(plan.episodes, steps_an_episode(events), strict=True):
         fresh = World(episode.world)
         fresh.reset(episode.seed)
-        assert steps == len(shortest_way(fresh))
+        assert steps == len(fresh.way())
 
 
 @pytest.mark.parametrize("player", ["optimal", "random", "human-like"])

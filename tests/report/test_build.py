@@ -94,7 +94,7 @@ def test_the_page_holds_everything_and_fetches_nothing(built):
 def test_a_marked_episode_is_listed_and_does_not_count(built):
     paths = {path.name: path for path in built[0]}
     episodes = pd.read_parquet(paths["episodes.parquet"])
-    marked = episodes[episodes["left_out"] != ""]
+    marked = episodes[episodes["left_out"].notna()]
     assert marked[["participant", "episode", "left_out"]].to_numpy().tolist() == [["sub-01", 4, "tagged exclude"]]
     assert "tagged exclude" in paths["report.html"].read_text()
     people = pd.read_parquet(paths["participants.parquet"]).set_index("participant")

@@ -144,9 +144,15 @@ def test_groups_are_compared_on_the_last_block_they_all_played():
 
 
 def test_what_was_left_out_is_listed_with_its_reason():
-    people = pd.DataFrame({"left_out": ["asleep", ""], "participant": ["s1", "s2"], "session": [1, 1]})
+    people = pd.DataFrame({"left_out": ["asleep", None], "participant": ["s1", "s2"], "session": [1, 1]})
     rows = pd.DataFrame(
-        {"left_out": ["", "slow"], "participant": ["s1", "s2"], "session": [1, 1], "episode": [1, 4], "attempt": [1, 1]}
+        {
+            "left_out": [None, "slow"],
+            "participant": ["s1", "s2"],
+            "session": [1, 1],
+            "episode": [1, 4],
+            "attempt": [1, 1],
+        }
     )
     listed = exclusions(rows, people)
     assert listed[["left_out", "level", "participant"]].to_numpy().tolist() == [

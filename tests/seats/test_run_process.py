@@ -35,7 +35,7 @@ def the_log(tmp_path: Path):
     return open_log(path)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_leaves_a_finished_log_that_says_abandoned(tmp_path, number):
     with started(tmp_path, "back") as station:
         assert station.stdout.readline() == b"playing\n"
@@ -47,6 +47,18 @@ def test_a_signal_leaves_a_finished_log_that_says_abandoned(tmp_path, number):
     assert [played.outcome for played in log.episodes] == ["abandoned"]
     assert len(log.episodes[0].actions) >= 20
     assert verify(log).difference == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_signals_while_the_log_is_being_finished_wait(tmp_path, number):
+    with started(tmp_path, "back") as station:
+        assert station.stdout.readline() == b"playing\n"
+        for _ in range(40):  # for as long as it takes to end
+            station.send_signal(number)
+            time.sleep(0.005)
+        assert station.wait(timeout=60) in (0, -number), station.stderr.read()  # one may come when all is done
+        assert b"Traceback" not in station.stderr.read()
+    assert the_log(tmp_path).clean
 
 
 def test_an_exception_inside_a_world_leaves_a_finished_log(tmp_path):

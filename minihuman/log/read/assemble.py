@@ -8,7 +8,6 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from operator import itemgetter
 from typing import Any, get_args
 
 import numpy as np
@@ -23,18 +22,20 @@ from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.chunk import OfTopic
 from minihuman.log.read.file import Reading
 from minihuman.log.read.wire import Column, Columns, read_columns
+from minihuman.log.samples import Samples
 from minihuman.recorded.columns import NO_ACTION, EventColumns
 from minihuman.recorded.episode import CUT_OFF, Episode, pose_row
 from minihuman.recorded.segment import Note, Pauses, Segment, in_session
 from minihuman.study import events as ev
 
+_BREAK = ""  # the topic that stands for messages that are missing
 _AXES = ("x", "y", "z", "yaw_rad")
 _THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
 _TIMES = frozenset(
     {"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"}
 )  # columns that are times, whatever the message
 _VERDICTS = get_args(ev.Verdict)
-_TRUTHS = frozenset(topic.name for topic in topics.TOPICS if not topic.for_viewers) - {topics.SAMPLE}
+_TRUTHS = frozenset(topic.name for topic in topics.TOPICS if not topic.for_viewers)
 
 
 @dataclass(slots=True)
@@ -103,6 +104,7 @@ class Gathering:
         self._chunks: list[bytes] = []  # that hold messages of the topics that have thousands
         self._found: dict[str, list[OfTopic]] = defaultdict(list)  # among those chunks' bytes
         self._observed: tuple[list[int], list[bytes]] = ([], [])  # places and messages, not looked at yet
+        self._sampled: tuple[list[int], list[bytes]] = ([], [])
         self._spans: list[_Span] = []
         self._count = 0  # of messages, so far
         self._size = 0  # of those chunks, so far
@@ -125,15 +127,20 @@ class Gathering:
                     payloads = [
                         chunk.data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
                     ]
-                    if topic == topics.OBSERVATION:
-                        self._observed[0].extend(numbers)
-                        self._observed[1].extend(payloads)
+                    if topic in (topics.OBSERVATION, topics.SAMPLE):
+                        kept = self._observed if topic == topics.OBSERVATION else self._sampled
+                        kept[0].extend(numbers)
+                        kept[1].extend(payloads)
                     else:
                         others += ((number, topic, data) for number, data in zip(numbers, payloads, strict=True))
             if self._size > size:
                 self._chunks.append(chunk.data)
-            for place, topic, data in sorted(others, key=itemgetter(0)):
-                self._take(place, reading.event(topic, data))
+            others += ((self._count + place, _BREAK, b"") for place in chunk.breaks)
+            for place, topic, data in sorted(others, key=lambda other: (other[0], other[1] != _BREAK)):
+                if topic == _BREAK:
+                    self._close(place)  # what is behind a gap may be another episode's
+                else:
+                    self._take(place, reading.event(topic, data))
             self._count += len(chunk)
 
     @property
@@ -179,7 +186,10 @@ class Gathering:
 
         of_downs = _presses(on_one_clock(downs), len(downs.places))
         shown = _frames(on_one_clock(pictures), len(pictures.places))
-        segments = [replace(segment, keys=of_downs[downs.between(*between)]) for segment, between in placed]
+        segments = [
+            replace(segment, keys=of_downs[downs.between(*between)], samples=self._samples(segment, *between))
+            for segment, between in placed
+        ]
         for span in self._spans:
             if start_ns := segments[span.segment].start_ns:
                 span.start = replace(span.start, t_ns=span.start.t_ns + start_ns)
@@ -252,6 +262,10 @@ class Gathering:
         times = [rows.column("t_ns").values[its] for rows, its in thousands]
         return max(part.last_ns, *(int(theirs.max(initial=0)) for theirs in times))
 
+    def _samples(self, segment: Segment, begin: int, end: int | None) -> Samples:
+        places, messages = self._sampled
+        return Samples(messages[bisect(places, begin) : None if end is None else bisect(places, end)], segment.start_ns)
+
     def _observations(self, span: _Span, steps: int) -> Observations | None:
         """What was observed in an episode; a log may break off between an observation and its step."""
         places, messages = self._observed
@@ -259,6 +273,8 @@ class Gathering:
         return Observations(span.start.plan.episode, its[: steps + 1]) if len(its) > steps else None
 
     def _take(self, place: int, event: ev.Event | None) -> None:
+        if not self._parts and not isinstance(event, ev.SessionStarted):
+            return  # the plan is lost, and nothing says what this belongs to
         match event:
             case ev.SessionStarted():
                 self._close(place)

@@ -87,7 +87,8 @@ class Messages:
         ValueError: if one is on a channel that was not declared.
     """
 
-    def __init__(self, records: Records, channels: Mapping[int, Channel]) -> None:
+    def __init__(self, records: Records, channels: Mapping[int, Channel], *, breaks: Sequence[int] = ()) -> None:
+        self.breaks = breaks  # places before which messages are missing
         self.data = records.data
         self._heads = records.heads
         self._begins = records.starts + _MESSAGE.itemsize  # of the payloads
@@ -100,6 +101,12 @@ class Messages:
 
     def __len__(self) -> int:
         return len(self._heads)
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """The first and the last log time among them; None where there are none."""
+        log_times = self._heads["log_time"]
+        return (int(log_times.min()), int(log_times.max())) if len(self) else None
 
     def __iter__(self) -> Iterator[LogMessage]:
         heads = self._heads[["channel", "sequence", "log_time", "publish_time"]].tolist()

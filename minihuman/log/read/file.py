@@ -8,7 +8,7 @@ from mcap.records import Metadata
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.read.chunk import LogMessage, Messages
-from minihuman.log.read.scan import Scan
+from minihuman.log.read.scan import Missing, Scan
 from minihuman.log.topics import END_METADATA, PLAN, SEGMENT_METADATA
 from minihuman.log.versions import Decode, reader_for
 from minihuman.study.events import Event
@@ -24,6 +24,8 @@ class Reading:
         self.path = path
         self.starts: list[dict[str, str]] = []  # one a segment whose plan is there: version, wall clock, study
         self.ends: list[dict[str, str]] = []  # one a finished segment: reason, clean
+        self.damage = ""  # what could not be read
+        self.missing: list[Missing] = []  # messages that are not there
         self._decode: Decode  # of the segment that is being read
 
     def messages(self) -> Iterator[LogMessage]:
@@ -48,15 +50,19 @@ class Reading:
                 case Messages():
                     if not start:
                         raise LogError(f"{self.path} is not a minihuman log: nothing in it says which version it has")
+                    self._decode = reader_for(start, self.path)
                     self.starts += [start] * record.count(PLAN)
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
-                    self._decode, start = reader_for(record.metadata, self.path), record.metadata
+                    start = record.metadata
                 case Metadata() if record.name == END_METADATA:
                     self.ends.append(record.metadata)
-        if not scan.finished and not self.path.name.endswith(PART_SUFFIX):
-            reason = scan.stopped or "never finished"
-            raise LogError(f"{self.path} is {reason}; rename it to *{PART_SUFFIX}, then run: minihuman recover")
+        self.damage, self.missing = scan.damage, scan.missing
+        holed = {str(gap.segment) for gap in scan.declared}
+        self.ends = [end | {"clean": "false"} if end["segment"] in holed else end for end in self.ends]
+        if not self.path.name.endswith(PART_SUFFIX) and (scan.damage or not scan.finished):
+            reason = scan.damage or "never finished"
+            raise LogError(f"{self.path} is {reason}; to keep what is whole, run: minihuman recover {self.path}")
 
     def events(self) -> Iterator[Event]:
         """Yield every event in the order it was recorded.

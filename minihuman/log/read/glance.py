@@ -1,30 +1,33 @@
 """A log at a glance: whose it is and what is in it, from its first kilobytes and its summary; no message is read."""
 
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, MetadataIndex, Statistics
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
-from minihuman.log.topics import END_METADATA, SEGMENT_METADATA
+from minihuman.log.topics import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
 
 _HEAD = struct.Struct("<BQ")  # of a record: its kind, how many bytes follow
 _FOOTER = struct.Struct("<QQI")  # where the summary begins, where its offsets do, its checksum
+_CRC = struct.Struct("<I")
 _FIRST_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True)
 class Glance:
-    """What a finished log's summary says. Nothing of it is checked against the messages."""
+    """What a finished log's summary says, its checksums having been looked at; nothing is checked by the messages."""
 
-    starts: tuple[dict[str, str], ...]  # a segment's facts, in order
+    starts: tuple[dict[str, str], ...]  # one a segment, in order
+    facts: tuple[dict[str, str], ...]  # of the station, one a segment
     ends: tuple[dict[str, str], ...]  # how each finished segment ended
     counts: Counter[str]  # messages a topic
 
@@ -38,35 +41,44 @@ def first_facts(path: Path) -> dict[str, str]:
         return {}
     if start.startswith(MAGIC):
         for kind, content in _records(start[len(MAGIC) :]):
-            if kind == Opcode.METADATA and (found := _metadata(content)).name == SEGMENT_METADATA:
-                return found.metadata
+            if kind == Opcode.METADATA:
+                found = Metadata.read(ReadDataStream(BytesIO(content)))
+                if found.name == SEGMENT_METADATA:
+                    return dict(found.metadata)
     return {}
 
 
 def glance(path: Path) -> Glance | None:
-    """Read a finished log's summary; None where it has none, or it cannot be understood."""
+    """Read a finished log's summary; None where it has none, or a checksum says that the file is not as it was."""
     try:
-        with path.open("rb") as file:
-            return _glance(file)
-    except (OSError, struct.error, ValueError, EOFError):
+        data = path.read_bytes()
+        begin = _checked_summary(data)
+        return None if begin is None else _glance(data, begin)
+    except (OSError, struct.error, ValueError, EndOfFile):
         return None
 
 
-def _glance(file: BinaryIO) -> Glance | None:
-    end = file.seek(0, 2) - len(MAGIC)
-    file.seek(max(0, end - _HEAD.size - _FOOTER.size))
-    tail = file.read()
-    if not tail.endswith(MAGIC) or _HEAD.unpack_from(tail) != (Opcode.FOOTER, _FOOTER.size):
+def _checked_summary(data: bytes) -> int | None:
+    """Where the summary begins; None unless the checksums of data and summary are there and hold."""
+    at = len(data) - len(MAGIC) - _FOOTER.size - _HEAD.size
+    if not data.endswith(MAGIC) or at < 0 or _HEAD.unpack_from(data, at) != (Opcode.FOOTER, _FOOTER.size):
         return None
-    begin, _, _ = _FOOTER.unpack_from(tail, _HEAD.size)
-    if not begin:
+    begin, _, of_summary = _FOOTER.unpack_from(data, at + _HEAD.size)
+    ends = begin - _HEAD.size - _CRC.size
+    if ends < len(MAGIC) or _HEAD.unpack_from(data, ends) != (Opcode.DATA_END, _CRC.size):
         return None
-    file.seek(begin)
+    (of_data,) = _CRC.unpack_from(data, begin - _CRC.size)
+    view = memoryview(data)
+    whole = of_data and zlib.crc32(view[:ends]) == of_data
+    last = len(data) - len(MAGIC) - _CRC.size
+    return begin if whole and zlib.crc32(view[begin:last]) == of_summary else None
+
+
+def _glance(data: bytes, begin: int) -> Glance:
     topics: dict[int, str] = {}
-    starts: list[dict[str, str]] = []
-    ends: list[dict[str, str]] = []
+    found: dict[str, list[dict[str, str]]] = {SEGMENT_METADATA: [], FACTS_METADATA: [], END_METADATA: []}
     counts = Counter[str]()
-    for kind, content in _records(file.read(end - begin)):
+    for kind, content in _records(data[begin:]):
         stream = ReadDataStream(BytesIO(content))
         if kind == Opcode.CHANNEL:
             channel = Channel.read(stream)
@@ -76,18 +88,14 @@ def _glance(file: BinaryIO) -> Glance | None:
             counts.update({topics[channel]: count for channel, count in numbers.items() if channel in topics})
         elif kind == Opcode.METADATA_INDEX:
             index = MetadataIndex.read(stream)
-            if index.name in (SEGMENT_METADATA, END_METADATA):
-                (starts if index.name == SEGMENT_METADATA else ends).append(_metadata_at(file, index))
-    return Glance(tuple(starts), tuple(ends), counts)
+            if index.name in found:
+                found[index.name].append(_metadata(data[index.offset + _HEAD.size : index.offset + index.length]))
+    starts, facts, ends = (tuple(found[name]) for name in (SEGMENT_METADATA, FACTS_METADATA, END_METADATA))
+    return Glance(starts, facts, ends, counts)
 
 
-def _metadata_at(file: BinaryIO, index: MetadataIndex) -> dict[str, str]:
-    file.seek(index.offset + _HEAD.size)
-    return _metadata(file.read(index.length - _HEAD.size)).metadata
-
-
-def _metadata(content: bytes) -> Metadata:
-    found: Metadata = Metadata.read(ReadDataStream(BytesIO(content)))
+def _metadata(content: bytes) -> dict[str, str]:
+    found: dict[str, str] = Metadata.read(ReadDataStream(BytesIO(content))).metadata
     return found
 
 

@@ -11,6 +11,7 @@ import os
 import queue
 import threading
 import time
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,6 +55,7 @@ class Disk:
         backlog: int = BACKLOG,
     ) -> None:
         self.failure: Exception | None = None
+        self.crc = 0  # of all that was written
         self.durable_steps = 0  # how many are fsynced
         self.late = 0  # writes that a picture did not wait for to their end
         self.longest_wait_s = 0.0
@@ -64,7 +66,6 @@ class Disk:
         self._put = put
         self._bound_s = bound_s
         self._backlog = backlog
-        self._bytes = 0  # that the file must have
         self._given = 0  # jobs
         self._written = 0
         self._settled = 0  # jobs that are durable, or never will be
@@ -132,8 +133,8 @@ class Disk:
         with self._file:
             while rest:
                 taken = self._put(self._fd, rest)
-                self._bytes += taken
                 rest = rest[taken:]
+            self.crc = zlib.crc32(piece.data, self.crc)
 
     def _sync_all(self) -> None:
         closing, broken = False, False

@@ -7,32 +7,24 @@ if it could not be read to its end, put aside.
 
 import itertools
 import os
-from collections import Counter
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from google.protobuf.message import Message
-from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import Writer
 
 from minihuman.errors import LogError
 from minihuman.log import topics
-from minihuman.log.decode import decode
-from minihuman.log.encode import for_viewers
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_guest
-from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.file import segment_starts
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.claim import is_live, sync_folder, taken
+from minihuman.log.record.copy import Copy
 from minihuman.log.record.live_file import LIBRARY
-from minihuman.log.topics import schema_bytes
 from minihuman.recorded.episode import CUT_OFF
-from minihuman.study.events import SessionEnded
 
-CHUNK_BYTES = 1024 * 1024
-NOT_COUNTED = 0  # the sequence of a message that only repeats another for viewers
-_FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
+CHUNK_BYTES = 64 * 1024  # what a damaged bit can cost
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +32,7 @@ class Promised:
     """What a recorder has written, so that it can be told from what is found."""
 
     messages: int
-    steps: int
+    crc: int  # of all bytes
     late_writes: int  # that the disk did not take before their picture was shown
     longest_wait_s: float  # of a write
 
@@ -57,13 +49,20 @@ class Finished:
     stopped: str  # where and why reading stopped before the live file's end; "" if it did not
     messages: int = 0  # of this segment that hold the truth
     aside: Path | None = None  # where the live file was kept as it was found, if it was not whole
+    chain: str = ""  # the head of the log's hash chain
+
+    @property
+    def damaged(self) -> bool:
+        """Whether something in it was harmed; a last write that a cut tore is not."""
+        return bool(self.stopped) and self.readable and not self.stopped.startswith("cut off")
 
     def line(self) -> str:
         """Say it in one line."""
         if not self.readable:
             return f"{self.path}: kept nothing; {self.stopped}"
         told = f"{self.path}: kept {self.steps} steps of {self.episodes} episodes; ended: {self.end_reason}"
-        return f"{told}; the file was {self.stopped}" if self.stopped else told
+        kept = f"; it is kept as it was found: {self.aside}" if self.damaged else ""
+        return f"{told}; the file was {self.stopped}{kept}" if self.stopped else told
 
 
 def finish(where: SegmentPath, *, clean: bool, promised: Promised | None = None) -> Finished:
@@ -91,8 +90,7 @@ def finish(where: SegmentPath, *, clean: bool, promised: Promised | None = None)
             sync_folder(where.log.parent)
     finally:
         temporary.unlink(missing_ok=True)
-    if result.stopped or (promised is not None and result.messages < promised.messages):
-        # what could not be read may yet be of use to somebody
+    if result.stopped:  # what could not be read may yet be of use to somebody
         return replace(result, aside=_put_aside(where.part, "as-found"))
     where.part.unlink()
     sync_folder(where.part.parent)
@@ -114,136 +112,108 @@ def recover(part: Path) -> Finished:
             raise LogError(f"{part} could not be finished and stays as it is: {error.strerror}") from error
 
 
+def repair(log: Path) -> Finished:
+    """Rewrite a damaged finished log with all that is whole in it; the damaged file is kept beside it.
+
+    Raises:
+        LogError: if it cannot be opened, is no session log, holds no plan, is whole, or the disk is full; it stays.
+    """
+    try:
+        segment_starts(log)
+    except LogError:
+        pass
+    else:
+        raise LogError(f"{log} is whole: there is nothing to recover in it")
+    temporary = log.with_name(f"{log.name}.finishing")
+    try:
+        scan = Scan(log)
+        with _written(temporary) as copy:
+            copy.all_of(scan)
+            segments = {int(facts["segment"]) for facts in copy.starts}
+            if not segments:
+                raise LogError(f"{log} is {scan.damage or 'empty'}: no session plan is left in it; it stays as it is")
+            copy.missing(gap for gap in scan.missing if gap not in scan.declared)
+            for segment in sorted(segments - {int(facts["segment"]) for facts in copy.ends}):
+                copy.end({"segment": segment, "reason": CUT_OFF, "clean": False, "stopped": scan.damage})
+            copy.metadata(topics.REPAIRED_METADATA, {"damage": scan.damage})
+        aside = _put_aside(log, "as-found", linked=True)
+        os.replace(temporary, log)
+        sync_folder(log.parent)
+    except OSError as error:
+        raise LogError(f"{log} could not be rewritten and stays as it is: {error.strerror}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+    steps, episodes = copy.total[topics.STEP], copy.total[topics.EPISODE_START]
+    return Finished(log, True, steps, episodes, copy.end_reason or CUT_OFF, scan.damage, aside=aside)
+
+
 def leftovers(folder: Path) -> list[Path]:
     """List the cut-off logs anywhere below a folder, those still being written and other programs' files left out."""
     return [part for part in sorted(folder.rglob(f"*{PART_SUFFIX}")) if not is_guest(part) and not is_live(part)]
 
 
 def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, promised: Promised | None) -> Finished:
-    with target.open("wb") as file:
-        writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
-        writer.start(profile=topics.PROFILE, library=LIBRARY)
-        copy = _Copy(writer)
+    with _written(target) as copy:
         if with_log:
             copy.all_of(Scan(where.log))
         part = Scan(where.part)
         copy.all_of(part, draw=True)
         end_reason = copy.end_reason or CUT_OFF
         messages = sum(copy.counts[topic.name] for topic in topics.TOPICS if not topic.for_viewers)
-        clean = clean and (promised is None or promised.messages == messages)
-        facts = {"segment": where.segment, "reason": end_reason, "clean": clean, "steps": copy.counts[topics.STEP]}
-        facts |= {"stopped": part.stopped}
+        damage = part.damage
+        if promised is not None and not damage and (messages, part.crc) != (promised.messages, promised.crc):
+            damage = "not what was written"
+        facts = {
+            "segment": where.segment,
+            "reason": end_reason,
+            "clean": clean and not damage,
+            "steps": copy.counts[topics.STEP],
+            "last_message": copy.last_sequence if promised is None else promised.messages,
+            "stopped": damage,
+            "planned": copy.planned,
+            "completed": len(copy.completed),
+            "lasted_ns": copy.lasted_ns,
+        }
         if promised is not None:
             facts |= {
-                "messages_written": promised.messages,
                 "late_writes": promised.late_writes,
                 "longest_wait_ms": round(1e3 * promised.longest_wait_s),
             }
-        writer.flush()
-        writer.add_metadata(topics.END_METADATA, {name: str(value).lower() for name, value in facts.items()})
-        writer.finish()
-        file.flush()
-        os.fsync(file.fileno())
+        copy.missing(part.missing)
+        copy.end(facts)
     return Finished(
         path=where.log,
         readable=True,
         steps=copy.counts[topics.STEP],
         episodes=copy.counts[topics.EPISODE_START],
         end_reason=end_reason,
-        stopped=part.stopped,
+        stopped=damage,
         messages=messages,
+        chain=copy.chain.head,
     )
 
 
-class _Copy:
-    """Copies whole files into one writer, giving schemas and channels that recur one number."""
-
-    def __init__(self, writer: Writer) -> None:
-        self._writer = writer
-        self._schemas: dict[tuple[str, bytes], int] = {}
-        self._channels: dict[tuple[str, int], int] = {}
-        self._attachments: set[tuple[str, bytes]] = set()
-        self.counts: Counter[str] = Counter()  # messages a topic
-        self.end_reason = ""  # of the last file copied; "" if it holds none
-        self._started_ns: int | None = None  # None: nothing is to be added for viewers
-
-    def all_of(self, scan: Scan, *, draw: bool = False) -> None:
-        """Copy every record that the scan finds; add what viewers draw, unless the file has it already."""
-        self.counts.clear()
-        self.end_reason = ""
-        self._started_ns = None
-        for record in scan:
-            match record:
-                case LogMessage():
-                    self._message(record, scan)
-                case Metadata():
-                    if draw and record.name == topics.SEGMENT_METADATA:
-                        self._started_ns = int(record.metadata["started_unix_ns"])
-                    self._writer.flush()  # else it would come before the messages that it follows
-                    self._writer.add_metadata(record.name, record.metadata)
-                case Attachment() if (record.name, record.data) not in self._attachments:
-                    self._attachments.add((record.name, record.data))
-                    self._writer.add_attachment(
-                        record.create_time, record.log_time, record.name, record.media_type, record.data
-                    )
-
-    def _message(self, message: LogMessage, scan: Scan) -> None:
-        topic = message.channel.topic
-        if topic in _FOR_VIEWERS:
-            self._started_ns = None  # a file of an earlier version
-        self._for_viewers(message)
-        self._writer.add_message(
-            self._channel(message.channel, scan.schemas.get(message.channel.schema_id)),
-            log_time=message.log_time,
-            data=message.data,
-            publish_time=message.publish_time,
-            sequence=message.sequence,
-        )
-        self.counts[topic] += 1
-        if topic == topics.PLAN:
-            self._writer.flush()  # a chunk of its own: without it nothing else can be read
-        if topic == topics.SESSION_END and isinstance(ended := decode(topic, message.data), SessionEnded):
-            self.end_reason = ended.reason
-
-    def _for_viewers(self, message: LogMessage) -> None:
-        """Add what viewers draw of a message, before it: a step whose own message is there is whole."""
-        if self._started_ns is None:
-            return
-        drawings: list[tuple[str, Message]] = []
-        with suppress(Exception):  # of bytes that a foreign hand wrote; the message itself is kept all the same
-            drawings += for_viewers(message.channel.topic, message.data, started_ns=self._started_ns)
-        for topic, drawn in drawings:
-            name = drawn.DESCRIPTOR.full_name
-            schema = Schema(id=0, data=schema_bytes(type(drawn)), encoding="protobuf", name=name)
-            self._writer.add_message(
-                self._channel(Channel(0, topic, "protobuf", {}, 0), schema),
-                log_time=message.log_time,
-                data=drawn.SerializeToString(deterministic=True),
-                publish_time=message.publish_time,
-                sequence=NOT_COUNTED,
-            )
-            self.counts[topic] += 1
-
-    def _channel(self, channel: Channel, schema: Schema | None) -> int:
-        known = ("", b"") if schema is None else (schema.name, schema.data)
-        if schema is None:
-            self._schemas[known] = 0  # as MCAP says that there is none; another program's topic may have none
-        elif known not in self._schemas:
-            self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        key = (channel.topic, self._schemas[known])
-        if key not in self._channels:
-            self._channels[key] = self._writer.register_channel(
-                channel.topic, channel.message_encoding, self._schemas[known], channel.metadata
-            )
-        return self._channels[key]
+@contextmanager
+def _written(target: Path) -> Iterator[Copy]:
+    """A new finished log, durable when this is over."""
+    with target.open("wb") as file:
+        writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
+        writer.start(profile=topics.PROFILE, library=LIBRARY)
+        yield Copy(writer)
+        writer.finish()
+        file.flush()
+        os.fsync(file.fileno())
 
 
-def _put_aside(part: Path, why: str) -> Path:
-    """Keep a live file as it is, under a name that nothing else has."""
+def _put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
+    """Keep a file as it is, under a name that nothing else has; ``linked``: under its own, too."""
     for number in itertools.count(1):
         aside = part.with_name(f"{part.name}.{why}-{number}")
         if not aside.exists():
             break
-    part.rename(aside)
+    if linked:
+        os.link(part, aside)
+    else:
+        part.rename(aside)
     sync_folder(part.parent)
     return aside

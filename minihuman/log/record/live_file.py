@@ -8,9 +8,12 @@ from importlib.metadata import distributions
 from typing import IO, cast
 
 import msgspec
+from mcap.data_stream import RecordBuilder
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, IndexType, Writer
 
 import minihuman
+from minihuman.log import segment_head
 from minihuman.log.encode import caused_ns, truth
 from minihuman.log.topics import (
     BY_NAME,
@@ -61,13 +64,12 @@ class LiveLog:
         for event in events:
             if not self._channels:
                 assert isinstance(event, SessionStarted), f"a log starts with SessionStarted, not {event!r}"
-                self._start(event)
+                pieces.append(Piece(self._start(event)))
+                continue
             if isinstance(event, EpisodeStarted):
                 pieces.append(Piece(self._flushed(), room_for))
                 room_for = event.plan
             self._add(event)
-            if isinstance(event, SessionStarted):
-                self._writer.flush()  # the plan has a chunk of its own
         pieces.append(Piece(self._flushed(), room_for))
         return [piece for piece in pieces if piece.data]
 
@@ -75,34 +77,50 @@ class LiveLog:
         self._writer.flush()
         return self._bytes.take()
 
-    def _start(self, event: SessionStarted) -> None:
+    def _start(self, event: SessionStarted) -> bytes:
+        """The bytes of a segment's start: the plan has a chunk of its own, and a copy before it."""
         writer, started_ns = self._writer, self._started_ns
         writer.start(profile=PROFILE, library=LIBRARY)
-        writer.add_metadata(SEGMENT_METADATA, _segment_facts(event.plan, started_ns))
-        writer.add_metadata(FACTS_METADATA, event.facts)
+        head = [
+            Metadata(SEGMENT_METADATA, _segment_facts(event.plan, started_ns)),
+            Metadata(FACTS_METADATA, event.facts),
+        ]
+        for record in head:
+            writer.add_metadata(record.name, record.metadata)
+        begin = self._flushed()
         for name, media_type, content in _attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
-        schemas: dict[str, int] = {}
+        schemas: dict[str, Schema] = {}
+        channels: list[Channel] = []
         for topic in TOPICS:
             if topic.for_viewers:
                 continue
-            kind = topic.message.DESCRIPTOR.full_name
+            kind, data = topic.message.DESCRIPTOR.full_name, schema_bytes(topic.message)
             if kind not in schemas:
-                schemas[kind] = writer.register_schema(kind, "protobuf", schema_bytes(topic.message))
-            self._channels[topic.name] = writer.register_channel(topic.name, "protobuf", schemas[kind])
+                schemas[kind] = Schema(writer.register_schema(kind, "protobuf", data), data, "protobuf", kind)
+            self._channels[topic.name] = writer.register_channel(topic.name, "protobuf", schemas[kind].id)
+            channels.append(Channel(self._channels[topic.name], topic.name, "protobuf", {}, schemas[kind].id))
+        plan = self._add(event)
+        rest = self._flushed()
+        builder = RecordBuilder()
+        copied = segment_head.packed(head, list(schemas.values()), channels, plan)
+        Attachment(started_ns, started_ns, segment_head.NAME, segment_head.MEDIA_TYPE, copied).write(builder)
+        return begin + bytes(builder.end()) + rest
 
-    def _add(self, event: Event) -> None:
+    def _add(self, event: Event) -> Message:
         topic, message = truth(event)
         assert isinstance(message, BY_NAME[topic].message)
         self.messages += 1
-        self._writer.add_message(
-            self._channels[topic],
+        self.steps += isinstance(event, Stepped)
+        added = Message(
+            channel_id=self._channels[topic],
             log_time=self._started_ns + event.t_ns,
             data=message.SerializeToString(deterministic=True),
             publish_time=self._started_ns + caused_ns(event),
             sequence=self.messages,
         )
-        self.steps += isinstance(event, Stepped)
+        self._writer.add_message(added.channel_id, added.log_time, added.data, added.publish_time, added.sequence)
+        return added
 
 
 class _Taken:

@@ -106,7 +106,7 @@ class McapRecorder(Recorder):
         self._disk.close()
         try:
             self._refuse_after_failure()
-            promised = Promised(self._live.messages, self._live.steps, self._disk.late, self._disk.longest_wait_s)
+            promised = Promised(self._live.messages, self._disk.crc, self._disk.late, self._disk.longest_wait_s)
             return self._whole(finish(self.where, clean=self._ended, promised=promised)).path
         except OSError as error:
             self._disk.failure = error
@@ -115,12 +115,12 @@ class McapRecorder(Recorder):
             os.close(self._fd)
 
     def _whole(self, finished: Finished) -> Finished:
-        if (finished.messages, finished.steps) == (self._live.messages, self._live.steps):
+        if not finished.stopped or not self._live.messages:  # nothing was written, so nothing is lost
             return finished
         raise LossError(
             f"{finished.path}: kept {finished.steps} of {self._live.steps} steps, {finished.messages} of "
             f"{self._live.messages} messages; somebody or something changed the live file while it was written "
-            f"({finished.stopped or 'a part of it is gone'}); it is kept as it was found: {finished.aside}"
+            f"({finished.stopped}); it is kept as it was found: {finished.aside}"
         )
 
     def _refuse_after_failure(self) -> None:

@@ -65,19 +65,28 @@ class MinigridLike(NativeWorld):
 
     def state_hash(self) -> int:
         """Cells (box contents included), pose, load, mission, step count and the random stream."""
+        return hash64(self._scene() | {"steps": int(self._env.step_count)})
+
+    def scene_hash(self) -> int:
+        """The same without the step count."""
+        return hash64(self._scene())
+
+    def advance(self, action: int) -> tuple[float, bool, bool]:
+        """A step; the environment knows none without an observation."""
+        _, reward, terminated, truncated, _ = self._env.step(action)
+        return float(reward), bool(terminated), bool(truncated)
+
+    def _scene(self) -> dict[str, Any]:
         env = self._env
         contents = [_nested(cell) for cell in env.grid.grid if cell is not None and cell.contains is not None]
-        return hash64(
-            {
-                "cells": env.grid.encode(),
-                "contents": contents,
-                "agent": [int(env.agent_pos[0]), int(env.agent_pos[1]), int(env.agent_dir)],
-                "carrying": _nested(env.carrying),
-                "mission": str(env.mission),
-                "steps": int(env.step_count),
-                "random": env.np_random.bit_generator.state,
-            }
-        )
+        return {
+            "cells": env.grid.encode(),
+            "contents": contents,
+            "agent": [int(env.agent_pos[0]), int(env.agent_pos[1]), int(env.agent_dir)],
+            "carrying": _nested(env.carrying),
+            "mission": str(env.mission),
+            "random": env.np_random.bit_generator.state,
+        }
 
     def save(self) -> Any:
         """A deep copy of the environment's attributes."""

@@ -48,17 +48,26 @@ class MiniworldLike(NativeWorld):
 
     def state_hash(self) -> int:
         """Agent, entities, walls, load, step count and the random stream."""
+        return hash64(self._scene() | {"steps": int(self._env.step_count)})
+
+    def scene_hash(self) -> int:
+        """The same without the step count."""
+        return hash64(self._scene())
+
+    def advance(self, action: int) -> tuple[float, bool, bool]:
+        """A step; the environment knows none without an observation."""
+        _, reward, terminated, truncated, _ = self._env.step(action)
+        return float(reward), bool(terminated), bool(truncated)
+
+    def _scene(self) -> dict[str, Any]:
         env = self._env
         carrying = env.agent.carrying
-        return hash64(
-            {
-                "entities": [_state(entity) for entity in env.entities],
-                "walls": np.asarray(env.wall_segs, dtype=np.float64),
-                "carrying": -1 if carrying is None else env.entities.index(carrying),
-                "steps": int(env.step_count),
-                "random": env.np_random.bit_generator.state,
-            }
-        )
+        return {
+            "entities": [_state(entity) for entity in env.entities],
+            "walls": np.asarray(env.wall_segs, dtype=np.float64),
+            "carrying": -1 if carrying is None else env.entities.index(carrying),
+            "random": env.np_random.bit_generator.state,
+        }
 
     def save(self) -> Any:
         """Its state is tied to an OpenGL context and cannot be copied."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.adapt.minigrid_like import MinigridLike, is_minigrid_like
 from minihuman.worlds.adapt.miniworld_like import MiniworldLike, is_miniworld_like
-from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.contract import UNKNOWN, Bounds, NativeWorld, Palette, View
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
 
@@ -134,6 +134,25 @@ class World:
             return self._known.state_hash()
         random = self._env.unwrapped.np_random.bit_generator.state
         return hash64({"observation": self._observation_hash(), "random": random, "steps": self._steps})
+
+    def scene_hash(self) -> int:
+        """The same without the number of steps taken, where the world tells them apart."""
+        return self._known.scene_hash() if self._known else self.state_hash()
+
+    def way(self) -> tuple[str, ...] | None:
+        """Names of actions that lead to success from here, turns counted; empty if there are none.
+
+        None where the world cannot tell.
+
+        Raises:
+            WorldError: if it would take too long to tell.
+        """
+        found = self._known.way() if self._known else None
+        return None if found is None else tuple(self.action_names[action] for action in found)
+
+    def bounds(self) -> Bounds:
+        """How many steps success takes from here."""
+        return self._known.bounds() if self._known else UNKNOWN
 
     def frame(
         self, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"

@@ -1,8 +1,6 @@
 """A first-person world as a Gymnasium environment: subclass it, say what stands where and when it ends."""
 
-import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -22,6 +20,7 @@ from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position,
 from minihuman.worlds.first_person.map import floor_map
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.picture import Pictures
+from minihuman.worlds.first_person.saved import Saved, put_back, take
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
 from minihuman.worlds.pose import Map, Pose
@@ -38,19 +37,11 @@ _NOT_STATE = frozenset(
         "render_mode",
         "view",
     }
-    | {"window_px", "spec", "_pictures"}
+    | {"window_px", "spec", "_pictures", "_over"}
 )
 
 EntityT = TypeVar("EntityT", bound=Entity)
 FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
-
-
-@dataclass(frozen=True, slots=True)
-class Saved:
-    """A state of one world in mid-episode; made by ``save`` and read by ``restore`` only."""
-
-    world: str
-    state: dict[str, Any]
 
 
 class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
@@ -114,6 +105,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.window_px = (window_width, window_height)
         self.step_count = 0
         self._stage: Stage | None = None
+        self._over = False  # the episode has ended
         self._pictures = Pictures(
             (obs_width, obs_height), str(assets or self.assets) if assets or self.assets else None
         )
@@ -276,6 +268,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """A reset without its observation."""
         super().reset(seed=seed)
         self.step_count = 0
+        self._over = False
         self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
         self.build()
         _ = self._stage.floor  # closes the plan, or says that it has no room
@@ -287,11 +280,15 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """A step without its observation: reward, terminated, truncated."""
         self.check(action)
         stage = self.stage
+        if self._over:
+            raise WorldError(f"{type(self).__name__} is not in an episode; call reset() again after an end")
         name = self.action_names[action]
         self.step_count += 1
         rules.act(stage, self.motions.get(name, name))
         reward, terminated = self.judge(name)
-        return reward, terminated, self.max_steps is not None and self.step_count >= self.max_steps
+        truncated = self.max_steps is not None and self.step_count >= self.max_steps
+        self._over = terminated or truncated
+        return reward, terminated, truncated
 
     def check(self, action: Any) -> None:
         """Raise what ``step`` would raise for this action now; nothing changes."""
@@ -334,9 +331,16 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """A uint64 over floor plan, things, step count, random stream and the world's own attributes."""
         return state_hash(type(self).__name__, self._state())
 
+    def scene_hash(self) -> int:
+        """The same without the step count."""
+        state = self._state()
+        del state["step_count"]
+        return state_hash(type(self).__name__, state)
+
     def save(self) -> Saved:
         """An exact copy of the state; it may be pickled, and restored into any world of the same class."""
-        return Saved(type(self).__name__, copy.deepcopy(self._state()))
+        _ = self.stage  # or there is nothing to save
+        return take(type(self).__name__, self._over, self._state())
 
     def restore(self, saved: Any) -> None:
         """Go back to a saved state.
@@ -346,9 +350,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """
         if not isinstance(saved, Saved) or saved.world != type(self).__name__:
             raise WorldError(f"{saved!r} was not saved by a {type(self).__name__}; restore what this world saved")
-        for name in self._state().keys() - saved.state.keys():
+        for name in self._state().keys() - saved.own.plain.keys() - saved.own.rest.keys():
             delattr(self, name)
-        vars(self).update(copy.deepcopy(saved.state))
+        vars(self).update(put_back(saved, here=self._stage is saved.stage))
+        self._over = saved.over
 
     def _not_reset(self) -> WorldError:
         return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")

@@ -1,14 +1,17 @@
 """GoToObj in 3D: a square room, four objects at the middles of its walls, stand before the one that is named."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from minihuman.errors import WorldError
+from minihuman.worlds.contract import Bounds
 from minihuman.worlds.first_person.entities import Ball, Box, Entity, Key
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.first_person.rules import MOVES
 from minihuman.worlds.go_to_obj import arrange
+from minihuman.worlds.look_ahead import first_success
 
 
 class GoToObj(FirstPersonEnv):
@@ -74,6 +77,17 @@ class GoToObj(FirstPersonEnv):
         target_x, _, target_z = self.target.pos
         off_m = math.hypot(x + self.reach_m * ahead_x - target_x, z + self.reach_m * ahead_z - target_z)
         return (self.prompt_reward(), True) if off_m <= self.tolerance_m else (0.0, False)
+
+    def way(self) -> Sequence[int] | None:
+        """The shortest list of turns and steps to where the target is just ahead."""
+        names = ("turn_left", "turn_right", "move_forward")
+        found = first_success(self, [self.action_names.index(name) for name in names if name in self.action_names])
+        return found or ()
+
+    def bounds(self) -> Bounds:
+        """The length of that way, twice."""
+        count = len(self.way() or ()) or None
+        return Bounds(count, count)
 
     def _make(self, colour: str, kind: str) -> Entity:
         match kind:

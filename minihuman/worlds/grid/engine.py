@@ -1,10 +1,10 @@
 """GridEngine: what every grid world is. Holds one row of state; what an action does is in ``rules``."""
 
 import abc
+from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass
 from operator import index
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -12,11 +12,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.contract import UNKNOWN, Bounds, NativeWorld, Palette, View
 from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.compile_apart import PIECES
+from minihuman.worlds.grid.core.cells import kind_of
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
-from minihuman.worlds.grid.core.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, step
+from minihuman.worlds.grid.core.own import OWN
+from minihuman.worlds.grid.core.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, act, step
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     FAILED,
@@ -26,6 +28,7 @@ from minihuman.worlds.grid.core.state import (
     PHASE,
     PLAYING,
     SEE_THROUGH,
+    STEP,
     TASK,
     WIDTH,
     Row,
@@ -40,7 +43,9 @@ from minihuman.worlds.grid.floor_plan import floor_plan
 from minihuman.worlds.grid.instructions.block import instructed_length
 from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.instructions.verify import hand_over
+from minihuman.worlds.grid.kinds import Kind, check_kinds
 from minihuman.worlds.grid.missions import MissionSpace
+from minihuman.worlds.grid.planner import bounds, plan
 from minihuman.worlds.grid.text import to_text
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
@@ -49,14 +54,18 @@ from minihuman.worlds.whole import check_max_steps
 YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Saved:
+class Saved(NamedTuple):
     """An exact copy of a grid world in mid-episode, its random stream included."""
 
     row: Row
     words: Words
     mission: str
     kept: dict[str, Any]
+
+
+def _hashed(saved: Saved) -> int:
+    words = saved.words[: 6 if saved.words[4] else 4]  # without a buffered half draw its value means nothing
+    return hash64([saved.row, words, saved.mission, saved.kept])
 
 
 class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
@@ -77,6 +86,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
     compile_apart = PIECES
+    kinds: ClassVar[tuple[Kind, ...]] = ()  # things of its own, at most five kinds
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 
     def __init__(
@@ -120,7 +130,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
             width,
             height,
             check_max_steps(max_steps),
-            see_through_walls,
+            bool(see_through_walls) | check_kinds(self.kinds),
             actions,
         )
         self._words: Words = np.zeros(6, np.uint64)
@@ -164,6 +174,13 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self._words_know = self._words_ahead = True
         return self._words
 
+    def _now(self) -> Words:
+        """Where the random stream is, in words that are only read."""
+        if not self._words_know:
+            read_words(self.np_random, self._words)
+            self._words_know = True
+        return self._words
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -182,6 +199,14 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         if self._row[TASK] == INSTRUCTED:
             hand_over(self._row)
         return observation, {}
+
+    def advance(self, action: int) -> tuple[float, bool, bool]:
+        """A step without its observation: reward, terminated, truncated."""
+        number = self._number(action)
+        status, reward = act(self._row, number, self._stream() if self._draws else self._words)
+        if status < 0:
+            raise self._refusal(status, action)
+        return reward, status & TERMINATED != 0, status & TRUNCATED != 0
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
@@ -227,7 +252,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         if self.render_mode == "ansi":
             return self.text()
         row = self._in_world().row
-        return draw(row, view="full", view_size=self.image_shape[0], tile_px=self.tile_size, palette=self.palette)
+        size = self.image_shape[0]
+        return draw(row, view="full", view_size=size, tile_px=self.tile_size, palette=self.palette, kinds=self.kinds)
 
     def pose(self) -> Pose:
         """The agent's cell (column, 0, row) and direction."""
@@ -237,20 +263,34 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
 
     def map(self) -> Map:
         """The floor plan with doors, objects and goal where they are now."""
-        return floor_plan(self._in_world(), self.palette)
+        return floor_plan(self._in_world(), self.palette, self.kinds)
+
+    def way(self) -> Sequence[int] | None:
+        """The shortest list of actions to success; empty if there is none, None where an instruction says it."""
+        if self._row[TASK] == INSTRUCTED:
+            return None
+        return plan(self._in_world(), self._now()) or ()
+
+    def bounds(self) -> Bounds:
+        """The length of that list, twice; where it would take too long to find, what it cannot be shorter than."""
+        if self._row[TASK] == INSTRUCTED:
+            return UNKNOWN
+        return bounds(self._in_world(), self._now())
 
     def state_hash(self) -> int:
         """A uint64 over layout, agent, task, mission and random stream."""
+        return _hashed(self.save())
+
+    def scene_hash(self) -> int:
+        """The same without the number of steps taken."""
         saved = self.save()
-        words = saved.words[: 6 if saved.words[4] else 4]  # without a buffered half draw its value means nothing
-        return hash64([saved.row, words, saved.mission, saved.kept])
+        saved.row[STEP] = 0
+        return _hashed(saved)
 
     def save(self) -> Saved:
         """An exact copy of the state in mid-episode."""
-        words = np.empty_like(self._words)
-        read_words(self.np_random, words)
-        kept = {name: deepcopy(getattr(self, name)) for name in self.kept}
-        return Saved(self._row.copy(), words, self.mission, kept)
+        kept = {name: deepcopy(getattr(self, name)) for name in self.kept} if self.kept else {}
+        return Saved(self._row.copy(), self._now().copy(), self.mission, kept)
 
     def restore(self, saved: Saved) -> None:
         """Go back to a saved state; it may be restored again, here or in another world of the same size."""
@@ -260,7 +300,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
                 f"{self._row[WIDTH]} x {self._row[HEIGHT]}; restore it into a world of its own kind"
             )
         self._row[:] = saved.row
-        write_words(saved.words, self.np_random)
+        self._words[:] = saved.words
+        self._words_know = self._words_ahead = True
         self.mission = saved.mission
         for name in self.kept:
             setattr(self, name, deepcopy(saved.kept[name]))
@@ -273,11 +314,23 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
         # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
-        return draw(self._in_world().row, view=view, view_size=size, tile_px=tile_px, palette=palette, by_bytes=True)
+        return draw(
+            self._in_world().row,
+            view=view,
+            view_size=size,
+            tile_px=tile_px,
+            palette=palette,
+            kinds=self.kinds,
+            by_bytes=True,
+        )
+
+    def is_kind(self, code: int, kind: Kind) -> bool:
+        """Whether a cell's code, or that of what is carried, is of a kind of this world's own."""
+        return kind_of(int(code)) >= OWN and self.kinds[kind_of(int(code)) - OWN] == kind
 
     def text(self) -> str:
         """A diagram of the grid in characters; ``text.py`` says which."""
-        return to_text(self._in_world())
+        return to_text(self._in_world(), self.kinds)
 
     def __str__(self) -> str:
         return type(self).__name__ if self.spec is None else self.spec.id

@@ -1,10 +1,13 @@
 """Items: what a layout written in Python puts into cells. ``goal()``, ``door("red", locked=True)``, ``key("red")``."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES, KINDS
+
+if TYPE_CHECKING:
+    from minihuman.worlds.grid.kinds import Kind
 
 Colour = Literal["red", "green", "blue", "purple", "yellow", "grey"]
 
@@ -17,22 +20,28 @@ class Item:
     colour: str
     state: str = "open"  # doors: open, closed or locked
     contains: "Item | None" = None  # boxes
+    own: "Kind | None" = None  # what made it, where it is of no kind of ours
 
     def __post_init__(self) -> None:
         """Refuse what there is not."""
-        if self.kind not in KINDS[2:10]:
+        if self.own is None and self.kind not in KINDS[2:10]:
             raise WorldError(f"{self.kind!r} is no kind of item; there are {', '.join(KINDS[2:10])}")
         if self.colour not in COLOURS:
             raise WorldError(f"{self.colour!r} is no colour; there are {', '.join(COLOURS)}")
         if self.state not in DOOR_STATES:
             raise WorldError(f"{self.state!r} is no state of a door; there are {', '.join(DOOR_STATES)}")
-        if self.contains is not None and (self.kind != "box" or self.contains.kind not in ("key", "ball", "box")):
-            raise WorldError(f"a {self.kind} cannot contain a {self.contains.kind}; a box holds a key, ball or box")
+        if self.contains is not None and (self.kind != "box" or not self.contains.is_carried):
+            raise WorldError(f"a {self.kind} cannot contain a {self.contains.kind}; a box holds what can be carried")
 
     @property
     def has_identity(self) -> bool:
-        """Whether each one put is an object of its own: doors, keys, balls, boxes."""
-        return self.kind in ("door", "key", "ball", "box")
+        """Whether each one put is an object of its own: doors, keys, balls, boxes, and what is like them."""
+        return self.kind == "door" or self.is_carried if self.own is None else self.own.has_identity
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether it can be picked up."""
+        return self.kind in ("key", "ball", "box") if self.own is None else self.own.carried
 
 
 def wall(colour: Colour = "grey") -> Item:

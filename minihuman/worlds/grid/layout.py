@@ -9,8 +9,10 @@ from minihuman.errors import WorldError
 from minihuman.worlds.grid.core import place as verbs
 from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES, EMPTY, KINDS, pack
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
+from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.state import FAILED, HEIGHT, TARGET, TASK, WIDTH, Row, contents_index, make, put
 from minihuman.worlds.grid.items import Item, wall
+from minihuman.worlds.grid.kinds import Kind
 
 T = TypeVar("T")
 Place = tuple[int, int]  # column, row
@@ -27,9 +29,10 @@ class Lying(NamedTuple):
 class Layout:
     """One episode's layout in the making. Draws come from the world's ``np_random``, one draw order a layout."""
 
-    def __init__(self, row: Row, np_random: np.random.Generator, mission: str) -> None:
+    def __init__(self, row: Row, np_random: np.random.Generator, mission: str, kinds: Sequence[Kind] = ()) -> None:
         self.width, self.height = int(row[WIDTH]), int(row[HEIGHT])
         self.mission = mission  # set it to give this episode another
+        self.kinds = tuple(kinds)  # of the world's own
         self._row = row
         self._np_random = np_random
         self._words: Words = np.zeros(6, np.uint64)
@@ -114,13 +117,20 @@ class Layout:
         self._row[TARGET : TARGET + len(target)] = target
 
     def _make(self, item: Item) -> int:
-        kind, colour, state = KINDS.index(item.kind), COLOURS.index(item.colour), DOOR_STATES.index(item.state)
+        kind, colour, state = self._number(item), COLOURS.index(item.colour), DOOR_STATES.index(item.state)
         if not item.has_identity:
             return pack(kind, colour, 0, 0)
         code = make(self._row, kind, colour, state)
         if item.contains is not None:
             self._row[contents_index(self._row, code >> 9)] = self._make(item.contains)
         return int(code)
+
+    def _number(self, item: Item) -> int:
+        if item.own is None:
+            return KINDS.index(item.kind)
+        if item.own not in self.kinds:
+            raise WorldError(f"{item.kind!r} is no kind of this world; name it in its kinds = (...)")
+        return OWN + self.kinds.index(item.own)
 
     def _draw(
         self, what: str, top: Place, size: Place | None, reject: Callable[[int, int], bool] | None, tries: int

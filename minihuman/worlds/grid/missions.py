@@ -9,7 +9,7 @@ import numpy as np
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import COLOURS, KINDS
 from minihuman.worlds.grid.core.state import FAILED, MISSION, Row
-from minihuman.worlds.sentences import Sentences
+from minihuman.worlds.sentences import Sentences, words_in
 
 
 class MissionSpace(Sentences):
@@ -36,8 +36,12 @@ class MissionSpace(Sentences):
         )
         texts = (template.replace("{}", " "), *(word for words in self.choices for word in words.values()))
         longest = template.format(*(max(words.values(), key=len) for words in self.choices))
-        wordiest = template.format(*(max(words.values(), key=lambda text: len(text.split())) for words in self.choices))
-        super().__init__(" ".join(texts).split(), max_length=len(longest), most_words=len(wordiest.split()), seed=seed)
+        wordiest = template.format(
+            *(max(words.values(), key=lambda text: len(words_in(text))) for words in self.choices)
+        )
+        super().__init__(
+            words_in(" ".join(texts)), max_length=len(longest), most_words=len(words_in(wordiest)), seed=seed
+        )
 
     @property
     def varies(self) -> bool:

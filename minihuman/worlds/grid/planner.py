@@ -4,7 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.contract import UNKNOWN, Bounds
 from minihuman.worlds.grid.core.cells import GOAL
+from minihuman.worlds.grid.core.chance import Words
 from minihuman.worlds.grid.core.search import FAR, FOUND, FULL, distances, search
 from minihuman.worlds.grid.core.state import TARGET, TASK, State
 from minihuman.worlds.grid.core.tasks import (
@@ -22,11 +24,12 @@ from minihuman.worlds.grid.core.tasks import (
     STAND_BY,
     is_open,
 )
+from minihuman.worlds.grid.dodging import among_obstacles
 
 FIRST_LIMIT = 1 << 12  # nodes of the first search; each next one may keep 16 times as many
 
 
-def plan(state: State, *, limit: int = 1 << 20) -> list[int] | None:
+def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> list[int] | None:
     """The shortest list of actions that succeeds from this state, which is not changed; None if there is none.
 
     The step limit is not looked at. Doors, keys, boxes and things in the way are dealt with by search, which is
@@ -34,14 +37,17 @@ def plan(state: State, *, limit: int = 1 << 20) -> list[int] | None:
 
     Args:
         state: Where to start.
-        limit: States to look at before giving up; 2**20 take about a second and 100 MB.
+        words: Where the random stream is, by which obstacles move; it is not changed. Without it, they are not planned.
+        limit: States to look at before giving up; 2**20 take about a second and 200 MB.
 
     Raises:
-        WorldError: if obstacles move by themselves, so that no list of actions is sure, or if the search gave up.
+        WorldError: if the search gave up, or obstacles move and it is not known how.
     """
     row = state.row
     if row[TASK] == DODGE:
-        raise WorldError("obstacles move by chance in this world; no list of actions is sure to succeed")
+        if words is None:
+            raise WorldError("obstacles move by chance in this world; no list of actions is sure to succeed")
+        return among_obstacles(row, words, _relaxed(state)[0])
     poses, extra = _nearest(state)
     sources = _numbers(state, poses)
     if len(sources) == 0:
@@ -66,12 +72,35 @@ def plan(state: State, *, limit: int = 1 << 20) -> list[int] | None:
         allowed = min(16 * allowed, limit)
 
 
+def bounds(state: State, words: Words, *, limit: int = 1 << 20) -> Bounds:
+    """How many actions success takes: the plan's number twice, or the least there can be where the search gave up."""
+    try:
+        found = plan(state, words, limit=limit)
+    except WorldError:
+        table, extra = _relaxed(state)
+        return Bounds(at_least=int(table[(*state.position, state.direction)]) + extra)
+    return UNKNOWN if found is None else Bounds(len(found), len(found))
+
+
+def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
+    """The shortest list of turns and steps to one of the poses (n, 3: x, y, direction); None if there is none."""
+    steps = distances(state.row, _numbers(state, poses), False)
+    here = (*state.position, state.direction)
+    return None if steps[here] >= FAR else _descend(steps, *here)
+
+
+def _relaxed(state: State) -> tuple[NDArray[np.int32], int]:
+    """At least how many actions each pose is away from the last ones of a plan, and how many those are."""
+    poses, extra = _nearest(state)
+    return distances(state.row, _numbers(state, poses), True), extra
+
+
 def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
     """Poses of which one must be reached, and how many actions at least follow."""
     row = state.row
     task, target = int(row[TASK]), row[TARGET : TARGET + 4].tolist()
     kinds, colours = state.kinds, state.colours
-    if task == REACH:
+    if task in (REACH, DODGE):
         return _standing(np.argwhere(kinds == GOAL)), 0
     if task == MATCH:
         return _standing(np.array([target[:2]])), 0
@@ -79,15 +108,15 @@ def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
         return _standing(np.add(target[:2], ((1, 0), (-1, 0), (0, 1), (0, -1)))), 1
     if task == PICK:
         found = np.argwhere(state.cells >> 9 == target[0])
-        return (_facing(found), 1) if len(found) else (_anywhere(state), 0)
+        return (facing(found), 1) if len(found) else (_anywhere(state), 0)
     if task == FETCH:
-        return _facing(np.argwhere((kinds == target[0]) & (colours == target[1]))), 1
+        return facing(np.argwhere((kinds == target[0]) & (colours == target[1]))), 1
     if task == OPEN_DOOR:
-        return _facing(np.array([target[:2]])), 1
+        return facing(np.array([target[:2]])), 1
     if task == IN_ORDER and not is_open(row, *target[:2]):
-        return _facing(np.array([target[:2]])), 2
+        return facing(np.array([target[:2]])), 2
     if task == IN_ORDER:
-        return _facing(np.array([target[2:]])), 1
+        return facing(np.array([target[2:]])), 1
     assert task == PUT_NEAR
     return _anywhere(state), 0
 
@@ -104,7 +133,8 @@ def _standing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array([(x, y, direction) for x, y in cells for direction in range(4)], np.int64).reshape(-1, 3)
 
 
-def _facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+def facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The poses before cells (n, 2), looking at them."""
     steps = ((1, 0), (0, 1), (-1, 0), (0, -1))
     poses = [(x - dx, y - dy, direction) for x, y in cells for direction, (dx, dy) in enumerate(steps)]
     return np.array(poses, np.int64).reshape(-1, 3)

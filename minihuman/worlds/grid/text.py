@@ -2,8 +2,10 @@
 
 The first character is the kind, the second the colour (r g b p y, and - for grey). ``WW`` is a grey wall, two spaces
 an empty cell, the agent ``>>`` ``vv`` ``<<`` ``^^``. A door is ``D`` closed, ``L`` locked, ``O`` open. What the agent
-stands on, what it carries and what boxes contain is not shown.
+stands on, what it carries and what boxes contain is not shown. Kinds of a world's own have letters of their own.
 """
+
+from collections.abc import Sequence
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import (
@@ -12,12 +14,15 @@ from minihuman.worlds.grid.core.cells import (
     EMPTY,
     GREY_WALL,
     KINDS,
+    OPEN,
     colour_of,
     kind_of,
     state_of,
 )
+from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.grid.items import Item
+from minihuman.worlds.grid.kinds import Kind
 from minihuman.worlds.grid.layout import Layout
 
 AGENT = (">>", "vv", "<<", "^^")  # by direction
@@ -26,11 +31,11 @@ KIND_LETTERS = {"wall": "W", "floor": "F", "key": "K", "ball": "A", "box": "B", 
 DOOR_LETTERS = {"open": "O", "closed": "D", "locked": "L"}
 
 
-def to_text(state: State) -> str:
+def to_text(state: State, kinds: Sequence[Kind] = ()) -> str:
     """A diagram of the grid."""
     lines = []
     for y in range(state.height):
-        cells = [_cell(int(state.cells[x, y])) for x in range(state.width)]
+        cells = [_cell(int(state.cells[x, y]), kinds) for x in range(state.width)]
         if state.position[1] == y:
             cells[state.position[0]] = AGENT[state.direction]
         lines.append("".join(cells))
@@ -49,20 +54,24 @@ def from_text(diagram: str, grid: Layout) -> None:
             if cell in AGENT:
                 grid.put_agent(x // 2, y, AGENT.index(cell))
             elif cell != "  ":
-                grid.put(_item(cell, x // 2, y), x // 2, y)
+                grid.put(_item(cell, x // 2, y, grid.kinds), x // 2, y)
 
 
-def _cell(code: int) -> str:
+def _cell(code: int, kinds: Sequence[Kind]) -> str:
     if kind_of(code) == EMPTY:
         return "  "
     if code == GREY_WALL:
         return "WW"
+    colour = COLOUR_LETTERS[colour_of(code)]
+    if kind_of(code) >= OWN:
+        own = kinds[kind_of(code) - OWN]
+        return (own.letter.lower() if own.opens and state_of(code) == OPEN else own.letter) + colour
     kind = KINDS[kind_of(code)]
     letter = DOOR_LETTERS[DOOR_STATES[state_of(code)]] if kind == "door" else KIND_LETTERS[kind]
-    return letter + COLOUR_LETTERS[colour_of(code)]
+    return letter + colour
 
 
-def _item(cell: str, x: int, y: int) -> Item:
+def _item(cell: str, x: int, y: int, kinds: Sequence[Kind]) -> Item:
     if cell == "WW":
         return Item("wall", "grey")
     letter, colour = cell[0], cell[1]
@@ -74,6 +83,9 @@ def _item(cell: str, x: int, y: int) -> Item:
         for kind, other in KIND_LETTERS.items():
             if letter == other:
                 return Item(kind, name)
+        for own in kinds:
+            if letter == own.letter or (own.opens and letter == own.letter.lower()):
+                return own(name, is_open=letter.islower())
     raise WorldError(
         f"{cell!r} in column {x}, row {y} of the diagram means nothing; docs/grid-worlds.md lists the cells"
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES
 from minihuman.worlds.grid.engine import GridEngine
-from minihuman.worlds.sentences import Sentences
+from minihuman.worlds.sentences import Sentences, words_in
 
 MOST_KINDS = 16  # what a cell's number has room for
 PADDING = 0  # the token after a mission's last word
@@ -64,7 +64,7 @@ class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
         Raises:
             WorldError: if it has a word without a number, or too many words.
         """
-        said = mission.split()
+        said = words_in(mission)
         if len(said) > self.length:
             raise WorldError(f"mission {mission!r} has {len(said)} words; make Tokens(env, length={len(said)})")
         tokens = np.full(self.length, PADDING, np.int64)

@@ -1,15 +1,20 @@
 """GoToObj in the grid: an empty room, four objects at the middles of its walls, face the one that is named."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from minihuman.errors import WorldError
+from minihuman.worlds.contract import Bounds
 from minihuman.worlds.go_to_obj import COLOURS, KINDS, arrange
 from minihuman.worlds.grid.core.state import TARGET
-from minihuman.worlds.grid.core.tasks import REACH, TOGGLE, front, prize
+from minihuman.worlds.grid.core.tasks import FORWARD, REACH, TOGGLE, front, prize
 from minihuman.worlds.grid.env import in_view
 from minihuman.worlds.grid.items import Item
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.missions import MissionSpace
+from minihuman.worlds.grid.planner import facing, walk
 from minihuman.worlds.grid.world import GridWorld
 
 
@@ -68,6 +73,17 @@ class GoToObj(GridWorld):
         if front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return prize(self._row), True
         return reward, terminated or (self.toggle_ends and action == TOGGLE)
+
+    def way(self) -> Sequence[int] | None:
+        """Turns and steps to where the target is ahead."""
+        if front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
+            return [FORWARD]  # which stays where it is, and is judged
+        return walk(self._in_world(), facing(np.array([self._row[TARGET : TARGET + 2]], np.int64))) or ()
+
+    def bounds(self) -> Bounds:
+        """The length of that way, twice."""
+        count = len(self.way() or ()) or None
+        return Bounds(count, count)
 
 
 def make(**options: Any) -> Any:

@@ -3,7 +3,6 @@
 import abc
 from typing import Any, ClassVar
 
-from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import OVER, PHASE
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.layout import Layout
@@ -34,7 +33,7 @@ class GridWorld(GridEngine, abc.ABC):
         return reward, terminated
 
     def _lay_out(self) -> None:
-        grid = Layout(self._row, self.np_random, self.mission_space.first())
+        grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)
         self.mission = grid.mission
 
@@ -42,11 +41,16 @@ class GridWorld(GridEngine, abc.ABC):
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
         if not self._judges:
             return super().step(action)
-        action = self._number(action)
-        status, reward = act(self._row, action, self._words)
-        if status < 0:
-            raise self._refusal(status, action)
-        reward, terminated = self.judge(action, reward, status & TERMINATED != 0)
-        if terminated:
-            self._row[PHASE] = OVER
-        return self.observation(), float(reward), bool(terminated), status & TRUNCATED != 0, {}
+        reward, terminated, truncated = self.advance(action)
+        return self.observation(), reward, terminated, truncated, {}
+
+    def advance(self, action: int) -> tuple[float, bool, bool]:
+        """A step without its observation: reward, terminated, truncated."""
+        reward, terminated, truncated = super().advance(action)
+        if self._judges:
+            reward, terminated = self.judge(int(action), reward, terminated)
+            if terminated:
+                self._row[PHASE] = OVER
+        return float(reward), bool(terminated), truncated
+
+    way, bounds = GridEngine.way, GridEngine.bounds

@@ -74,22 +74,27 @@ class Pictures(NewImage):
             view_size=self.grid.image_shape[0],
             tile_px=self.tile_px,
             palette=self.palette,
+            kinds=self.grid.kinds,
             lit=self.lit,
         )
 
 
 class OneHot(NewImage):
-    """The image's kinds, colours and states as zeros and ones, uint8[size, size, 11 + 6 + 3]."""
+    """The image's kinds, colours and states as zeros and ones, uint8[size, size, 11 + 6 + 3].
+
+    A world with kinds of its own has so many more.
+    """
 
     def __init__(self, env: Env) -> None:
         size = _parts(env)["image"].shape
         assert size is not None
-        super().__init__(env, spaces.Box(0, 1, (*size[:2], len(KINDS) + len(COLOURS) + len(DOOR_STATES)), np.uint8))
+        self.lengths = len(KINDS) + len(grid_of(env).kinds), len(COLOURS), len(DOOR_STATES)
+        super().__init__(env, spaces.Box(0, 1, (*size[:2], sum(self.lengths)), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
         """The image in zeros and ones."""
         kinds, colours, states = np.moveaxis(observation["image"], -1, 0)
-        hot = (np.eye(len(words), dtype=np.uint8) for words in (KINDS, COLOURS, DOOR_STATES))
+        hot = (np.eye(length, dtype=np.uint8) for length in self.lengths)
         return np.concatenate([eye[part] for eye, part in zip(hot, (kinds, colours, states), strict=True)], axis=-1)
 
 
@@ -116,7 +121,7 @@ class Symbolic(NewImage):
         low = np.zeros((state.width, state.height, 3), np.int64)
         low[..., 2] = -1
         high = np.empty_like(low)
-        high[...] = state.width - 1, state.height - 1, AGENT
+        high[...] = state.width - 1, state.height - 1, AGENT + len(grid_of(env).kinds)
         super().__init__(env, spaces.Box(low, high, dtype=np.int64))
 
     def image(self, observation: Observation) -> NDArray[np.int64]:

@@ -1,5 +1,6 @@
 """A grid world's state as a scene: walls between cells, doors, things on the floor. A cell is a metre wide."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,9 @@ from minihuman.worlds.contract import Palette
 from minihuman.worlds.first_person.render.scene import BoxLook, Look, MeshLook, SceneRoom, Surface
 from minihuman.worlds.grid.art.palettes import colour_rgb
 from minihuman.worlds.grid.core import cells
+from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.state import State
+from minihuman.worlds.grid.kinds import Block, Kind, Shape
 
 WALL_HEIGHT_M = 1.1
 _DOOR_M = 0.08  # how thick a door is
@@ -53,19 +56,23 @@ def rooms(state: State) -> tuple[SceneRoom, ...]:
     return (SceneRoom(outline, surfaces),)
 
 
-def things(state: State, palette: Palette) -> list[Seen]:
+def things(state: State, palette: Palette, kinds: Sequence[Kind] = ()) -> list[Seen]:
     """Everything but walls, sorted by look and then by place: the looks stay the same while a thing moves."""
     found = []
     for x, z in zip(*np.nonzero(state.cells != cells.EMPTY), strict=True):
-        found += _in_cell(state, int(state.cells[x, z]), int(x), int(z), palette)
+        found += _in_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
     return sorted(found, key=repr)
 
 
-def carried(code: int, eye: tuple[float, float, float], yaw_rad: float, palette: Palette) -> list[Seen]:
+def carried(
+    code: int, eye: tuple[float, float, float], yaw_rad: float, palette: Palette, kinds: Sequence[Kind] = ()
+) -> list[Seen]:
     """The thing in the agent's hand, low in the picture."""
     x, y, z = eye
     ahead = _CARRIED_AHEAD_M
     place = x + ahead * np.cos(yaw_rad), y - _CARRIED_LOW_M, z - ahead * np.sin(yaw_rad), yaw_rad
+    if cells.kind_of(code) >= OWN:
+        return _own(kinds[cells.kind_of(code) - OWN], code, place, palette, height_m=0.08)
     match cells.KINDS[cells.kind_of(code)]:
         case "key" | "ball" as kind:
             return [Seen(MeshLook(f"{kind}_white", 0.08, _rgb(code, palette)), place)]
@@ -75,8 +82,23 @@ def carried(code: int, eye: tuple[float, float, float], yaw_rad: float, palette:
             return []
 
 
-def _in_cell(state: State, code: int, x: int, z: int, palette: Palette) -> list[Seen]:
+def _own(kind: Kind, code: int, place: Place, palette: Palette, *, height_m: float | None = None) -> list[Seen]:
+    """A thing of a world's own, as large as it is, or as high as it may be in the hand."""
+    is_open = kind.opens and cells.state_of(code) == cells.OPEN
+    match kind.inside_open if is_open else kind.inside:
+        case Block((along, up, deep)):
+            scale = 1.0 if height_m is None else height_m / max(along, up, deep)
+            return [Seen(BoxLook((along * scale, up * scale, deep * scale), _rgb(code, palette)), place)]
+        case Shape(mesh, up):
+            return [Seen(MeshLook(mesh, up if height_m is None else height_m, _rgb(code, palette)), place)]
+        case _:
+            return []
+
+
+def _in_cell(state: State, code: int, x: int, z: int, palette: Palette, kinds: Sequence[Kind]) -> list[Seen]:
     middle = (float(x), 0.0, float(z), 0.0)
+    if cells.kind_of(code) >= OWN:
+        return _own(kinds[cells.kind_of(code) - OWN], code, middle, palette)
     match cells.KINDS[cells.kind_of(code)]:
         case "door":
             return _door(state, code, x, z, palette)

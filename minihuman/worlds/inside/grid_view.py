@@ -1,6 +1,7 @@
 """A grid world seen from inside: the same state, rules, actions and rewards, another picture."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.contract import Bounds, NativeWorld, Palette, View
 from minihuman.worlds.first_person.compile_apart import colours, faces
 from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render
@@ -18,6 +19,7 @@ from minihuman.worlds.grid.compile_apart import rules
 from minihuman.worlds.grid.core import cells
 from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.kinds import Kind
 from minihuman.worlds.inside.grid_scene import Seen, carried, rooms, things, walled
 from minihuman.worlds.pose import Map, Pose
 
@@ -51,7 +53,7 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         spaces = dict(grid.observation_space.spaces)  # type: ignore[attr-defined]
         spaces["image"] = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
         self.observation_space = gymnasium.spaces.Dict(spaces)
-        self._drawn = _Drawn()
+        self._drawn = _Drawn(grid.kinds)
 
     @property
     def mission(self) -> str:
@@ -92,6 +94,22 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         """The grid's."""
         return self.grid.state_hash()
 
+    def scene_hash(self) -> int:
+        """The grid's."""
+        return self.grid.scene_hash()
+
+    def advance(self, action: int) -> tuple[float, bool, bool]:
+        """The grid's step without an observation."""
+        return self.grid.advance(action)
+
+    def way(self) -> Sequence[int] | None:
+        """The grid's."""
+        return self.grid.way()
+
+    def bounds(self) -> Bounds:
+        """The grid's."""
+        return self.grid.bounds()
+
     def save(self) -> Any:
         """The grid's exact state."""
         return self.grid.save()
@@ -109,7 +127,7 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         return self._draw(self.grid.pose(), size_px, palette)
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_drawn": _Drawn()}
+        return vars(self) | {"_drawn": _Drawn(self.grid.kinds)}
 
     def _seen(self, observation: dict[str, Any]) -> dict[str, Any]:
         return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
@@ -124,7 +142,8 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
 class _Drawn:
     """What was laid out for the last picture, to be used again as far as nothing has changed."""
 
-    def __init__(self) -> None:
+    def __init__(self, kinds: tuple[Kind, ...]) -> None:
+        self._kinds = kinds
         self._rooms: tuple[bytes, tuple[SceneRoom, ...]] = (b"", ())
         self._things: tuple[bytes, Palette, list[Seen]] = (b"", "classic", [])
         self._scene: tuple[list[Look], Scene] | None = None
@@ -132,13 +151,13 @@ class _Drawn:
     def scene(self, state: State, eye: tuple[float, float, float], yaw_rad: float, palette: Palette) -> Scene:
         """The scene of a state, with what is carried before the eye."""
         if (state.cells.tobytes(), palette) != self._things[:2]:
-            self._things = state.cells.tobytes(), palette, things(state, palette)
+            self._things = state.cells.tobytes(), palette, things(state, palette, self._kinds)
             walls = walled(state).tobytes()
             if walls != self._rooms[0]:
                 self._rooms, self._scene = (walls, rooms(state)), None
         seen = self._things[2]
         if state.carrying != cells.EMPTY:
-            seen = seen + carried(state.carrying, eye, yaw_rad, palette)
+            seen = seen + carried(state.carrying, eye, yaw_rad, palette, self._kinds)
         looks = [thing.look for thing in seen]
         if self._scene is None or self._scene[0] != looks:
             with library_lock:

@@ -92,14 +92,19 @@ def test_random_tails_cost_no_step(live: Live, tmp_path: Path) -> None:
         assert _recovered(live.bytes + rng.bytes(int(length)), tmp_path) == EVENTS
 
 
-def test_a_flipped_bit_costs_only_what_follows_it(live: Live, tmp_path: Path) -> None:
+def test_a_flipped_bit_costs_its_own_write_and_nothing_behind_it(live: Live, tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     for at in rng.integers(len(live.bytes) - TAIL_BYTES, len(live.bytes), count(10, 500)):
         flipped = bytearray(live.bytes)
         flipped[at] ^= 1 << int(rng.integers(8))
-        kept = _recovered(bytes(flipped), tmp_path)
-        assert kept == EVENTS[: len(kept)]
-        assert _steps(kept) >= live.steps_within(int(at))
+        part = _part(bytes(flipped), tmp_path)
+        finished = recover(part)
+        kept = list(read_events(finished.path))
+        assert [event for event in EVENTS if event in kept] == kept
+        assert len(kept) >= len(EVENTS) - 1
+        assert finished.stopped
+        assert not open_log(finished.path).clean
+        assert part.with_name(f"{part.name}.as-found-1").read_bytes() == flipped
 
 
 def test_a_chunk_that_is_taken_for_something_else_is_missed(live: Live, tmp_path: Path) -> None:
@@ -107,9 +112,25 @@ def test_a_chunk_that_is_taken_for_something_else_is_missed(live: Live, tmp_path
     taken = bytearray(live.bytes)
     assert taken[at] == 0x06, "a chunk starts where the one before ended"
     taken[at] = 0x07  # an index record, which a reader may skip
-    kept = _recovered(bytes(taken), tmp_path)
-    assert kept == EVENTS[: len(kept)]
-    assert _steps(kept) == live.steps_within(at)
+    finished = recover(_part(bytes(taken), tmp_path))
+    kept = list(read_events(finished.path))
+    (lost,) = [number for number, event in enumerate(EVENTS, 1) if event not in kept]
+    assert finished.stopped == f"without messages {lost} to {lost}"
+
+
+@pytest.mark.parametrize("hurt", ["the segment's facts", "the plan", "the copy of the plan"])
+def test_a_damaged_start_is_read_from_its_copy(live: Live, tmp_path: Path, hurt: str) -> None:
+    flipped = bytearray(live.bytes)
+    at = {
+        "the segment's facts": flipped.index(b"minihuman.segment"),
+        "the plan": flipped.index(b"Find the green square."),
+        "the copy of the plan": flipped.index(b"session_plan.zst") + 60,
+    }[hurt]
+    flipped[at] ^= 1
+    finished = recover(_part(bytes(flipped), tmp_path))
+    assert list(read_events(finished.path)) == EVENTS
+    assert open_log(finished.path).metadata["segments"][0]["study"] == "fourrooms"
+    assert finished.stopped.startswith("damaged at bytes")
 
 
 def _part(content: bytes, folder: Path) -> Path:

@@ -27,7 +27,8 @@ def play(env, steps, seed=0):
     rng = np.random.default_rng(seed)
     hashes = []
     for _ in range(steps):
-        env.step(int(rng.integers(env.action_space.n)))
+        if any(env.step(int(rng.integers(env.action_space.n)))[2:4]):
+            env.reset()
         hashes.append(env.state_hash())
     return hashes
 
@@ -73,8 +74,12 @@ def test_what_is_carried_is_still_carried_after_a_restore():
 def test_sixteen_worlds_in_one_process_are_each_as_they_are_alone():
     ids = IDS[:16]
 
+    def picture(env, step):
+        seen, _, terminated, truncated, _ = env.step(step % env.action_space.n)
+        return env.reset()[0] if terminated or truncated else seen
+
     def pictures(env, steps):
-        return [env.step(step % env.action_space.n)[0] for step in range(steps)]
+        return [picture(env, step) for step in range(steps)]
 
     def flat(seen):
         return [frame["obs"] if isinstance(frame, dict) else frame for frame in seen]
@@ -90,7 +95,7 @@ def test_sixteen_worlds_in_one_process_are_each_as_they_are_alone():
     seen = [[] for _ in together]
     for step in range(5):
         for frames, env in zip(seen, together, strict=True):
-            frames += flat([env.step(step % env.action_space.n)[0]])
+            frames += flat([picture(env, step)])
     assert all(np.array_equal(a, b) for a, b in zip(alone, seen, strict=True))
 
 

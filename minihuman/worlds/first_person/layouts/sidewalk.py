@@ -33,6 +33,8 @@ class Sidewalk(GoalEnv):
         x, _, z = self.agent.pos
         return reward, arrived or self.street.contains(x, z)
 
+    way, bounds = GoalEnv.way, GoalEnv.bounds  # which keep out of the street
+
     def off_limits(self) -> tuple[Room, ...]:
         """The street."""
         return (self.street,)

@@ -1,6 +1,7 @@
 """The way to a goal by a world's real motion rules, and how many steps any way takes at least."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,15 +9,17 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.building.floor import FloorPlan
 from minihuman.worlds.first_person.entities import Entity
-from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.way.route import clearance_map, distance_map, search
 from minihuman.worlds.first_person.way.sight import lies_on, shortest_way
 
+if TYPE_CHECKING:
+    from minihuman.worlds.first_person.env import FirstPersonEnv
+
 _MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that rounding never decides a move
 
 
-def plan(world: FirstPersonEnv, goal: Entity) -> tuple[int, ...] | None:
+def plan(world: "FirstPersonEnv", goal: Entity) -> tuple[int, ...] | None:
     """Actions that bring the agent from where it is near the goal; None where none were found.
 
     It takes one action at the goal too: a world looks whether the agent is near after a step.
@@ -57,7 +60,7 @@ def plan(world: FirstPersonEnv, goal: Entity) -> tuple[int, ...] | None:
     return tuple(moves[move] for move in found.tolist()) or None
 
 
-def least_steps(world: FirstPersonEnv, goal: Entity) -> int:
+def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     """A number of steps that no way to the goal undercuts: what it takes to cover the ground, and to turn first.
 
     It is 1 at the goal too: a world looks whether the agent is near after a step.
@@ -86,7 +89,7 @@ def least_steps(world: FirstPersonEnv, goal: Entity) -> int:
     return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
 
 
-def _moves(world: FirstPersonEnv) -> tuple[int, ...]:
+def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
     """The world's actions for a turn left, a turn right and a step."""
     try:
         return tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
@@ -111,7 +114,7 @@ def _reach(stage: Stage, goal: Entity) -> float:
     return math.sqrt(max(threshold * threshold - rise * rise, 0.0))
 
 
-def _zones(world: FirstPersonEnv) -> NDArray[np.float64]:
+def _zones(world: "FirstPersonEnv") -> NDArray[np.float64]:
     """The rooms that end the episode, (rooms, edges, 4): where each edge starts, and its normal into the room."""
     rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
     most = max(map(len, rooms), default=0)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +23,17 @@ from minihuman.worlds.grid.core.cells import (
     WALL,
     pack,
 )
+from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.kernels import inlined, kernel, part
 
+if TYPE_CHECKING:
+    from minihuman.worlds.grid.kinds import Kind
+
 LOOKS = 512  # kind, colour and state make nine bits
 LIT = 0.13  # how much lighter a cell is that the agent sees
+RUN = 16  # words of a tile's line that are copied at once
 CARRIED = 0.56  # the size of a carried object's picture, in tiles
 Pixels = NDArray[np.uint8]
 Words = NDArray[np.uint64] | Pixels  # pixels in runs of eight bytes, where a tile's line is whole runs, or byte by byte
@@ -44,20 +50,22 @@ class Atlas:
 
 
 @lru_cache(maxsize=16)
-def atlas(tile_px: int, palette: Palette) -> Atlas:
+def atlas(tile_px: int, palette: Palette, kinds: "tuple[Kind, ...]" = ()) -> Atlas:
     """Draw every tile of a size once."""
     looks = [EMPTY, RED_LAVA]
     for colour in range(len(COLOURS)):
         looks += [pack(kind, colour, 0, 0) for kind in (WALL, FLOOR, KEY, BALL, BOX, GOAL)]
         looks += [pack(DOOR, colour, state, 0) for state in range(len(DOOR_STATES))]
+        for own, kind in enumerate(kinds, OWN):
+            looks += [pack(own, colour, state, 0) for state in range(len(DOOR_STATES) if kind.opens else 1)]
     number = np.zeros(LOOKS, np.int64)
     number[looks] = np.arange(1, len(looks) + 1)
-    plain = np.stack([unseen(tile_px).rgb] + [tile(look, tile_px, palette).rgb for look in looks])
+    plain = np.stack([unseen(tile_px).rgb] + [tile(look, tile_px, palette, kinds).rgb for look in looks])
     lit = plain + (255 - plain) * LIT
     small = max(1, round(tile_px * CARRIED))
     carried = np.zeros((len(looks) + 1, small, small, 4), np.uint8)
     for look in looks:
-        canvas = in_hand(look, small, palette)
+        canvas = in_hand(look, small, palette, kinds)
         carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
     tiles = np.stack([plain, lit]).round().astype(np.uint8).reshape(2, -1, tile_px, 3 * tile_px)
     agents = [agent(direction, tile_px, palette) for direction in range(4)]
@@ -76,6 +84,7 @@ def draw(
     view_size: int,
     tile_px: int,
     palette: Palette,
+    kinds: "tuple[Kind, ...]" = (),
     lit: bool = True,
     by_bytes: bool = False,
 ) -> Pixels:
@@ -87,10 +96,11 @@ def draw(
         view_size: Cells on a side of the agent's view.
         tile_px: Pixels on a side of a tile.
         palette: The colours.
+        kinds: Kinds of the world's own.
         lit: In the full view, make the cells lighter that the agent sees.
         by_bytes: Copy tiles byte by byte whatever their size, which is one kernel for all sizes, and slower.
     """
-    drawn = atlas(tile_px, palette)
+    drawn = atlas(tile_px, palette, kinds)
     columns, rows = (view_size, view_size) if view == "partial" else (row[WIDTH], row[HEIGHT])
     out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
     lines = out.reshape(rows * tile_px, -1)
@@ -168,9 +178,14 @@ def draw_cells(
 def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
     """Copy a tile into a picture, to a column and row of cells."""
     height, width = tiles.shape[2], tiles.shape[3]
+    whole = width - width % RUN
     for v in range(height):
-        for word in range(width):
-            words[row * height + v, column * width + word] = tiles[lit, tile, v, word]
+        line, start = row * height + v, column * width
+        for run in range(0, whole, RUN):
+            for word in range(RUN):  # a number of turns that is known becomes one move or two
+                words[line, start + run + word] = tiles[lit, tile, v, run + word]
+        for word in range(whole, width):
+            words[line, start + word] = tiles[lit, tile, v, word]
 
 
 @inlined

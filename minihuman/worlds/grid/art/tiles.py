@@ -1,6 +1,8 @@
 """Tiles: how each thing is drawn, at any size. Our own art: flat, soft-cornered, told apart by shape before colour."""
 
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from minihuman.worlds.contract import Palette
 from minihuman.worlds.grid.art.palettes import AGENT_COLOURS, GRID_LINE, RGB, UNSEEN, colour_rgb
@@ -11,6 +13,7 @@ from minihuman.worlds.grid.core.cells import (
     BALL,
     BOX,
     DOOR,
+    DOOR_STATES,
     EMPTY,
     FLOOR,
     GOAL,
@@ -22,6 +25,10 @@ from minihuman.worlds.grid.core.cells import (
     kind_of,
     state_of,
 )
+from minihuman.worlds.grid.core.own import OWN
+
+if TYPE_CHECKING:
+    from minihuman.worlds.grid.kinds import Kind
 
 Colour = tuple[float, float, float]
 
@@ -33,7 +40,7 @@ def shade(colour: RGB, amount: float) -> Colour:
     return red, green, blue
 
 
-def tile(code: int, size_px: int, palette: Palette) -> Canvas:
+def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[Kind]" = ()) -> Canvas:
     """A cell with what lies in it, opaque."""
     canvas = Canvas(size_px)
     kind = kind_of(code)
@@ -50,7 +57,7 @@ def tile(code: int, size_px: int, palette: Palette) -> Canvas:
     if kind == FLOOR:
         canvas.fill(canvas.box(line, line, 1 - line, 1 - line), shade(colour, -0.55))
     elif kind != EMPTY:
-        paint(canvas, code, palette)
+        paint(canvas, code, palette, kinds)
     return canvas
 
 
@@ -61,11 +68,11 @@ def unseen(size_px: int) -> Canvas:
     return canvas
 
 
-def in_hand(code: int, size_px: int, palette: Palette) -> Canvas:
+def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[Kind]" = ()) -> Canvas:
     """A carried object on a dark plate, the corners transparent."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
-    paint(canvas, code, palette)
+    paint(canvas, code, palette, kinds)
     return canvas
 
 
@@ -81,10 +88,12 @@ def agent(direction: int, size_px: int, palette: Palette) -> Canvas:
     return canvas
 
 
-def paint(canvas: Canvas, code: int, palette: Palette) -> None:
+def paint(canvas: Canvas, code: int, palette: Palette, kinds: "Sequence[Kind]" = ()) -> None:
     """Paint an object on a canvas."""
     colour = colour_rgb(code, palette)
     match kind_of(code):
+        case k if k >= OWN:
+            kinds[k - OWN].draw(canvas, colour, DOOR_STATES[state_of(code)])
         case k if k == GOAL:
             canvas.fill(canvas.box(0.04, 0.04, 0.96, 0.96, 0.08), shade(colour, -0.25))
             canvas.fill(canvas.box(0.12, 0.12, 0.88, 0.88, 0.06), colour)

@@ -13,15 +13,14 @@ from minihuman.worlds.grid.core.cells import (
     LAVA,
     LOCKED,
     OPEN,
-    can_be_carried,
     colour_of,
     identity_of,
     in_state,
     kind_of,
-    lets_pass,
     state_of,
 )
 from minihuman.worlds.grid.core.chance import Words
+from minihuman.worlds.grid.core.own import OPENS, carries, nature, passes
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     CARRYING,
@@ -131,7 +130,7 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
     x, y = front(row)
     code = cell_at(row, x, y)
     if action == FORWARD:
-        if lets_pass(code):
+        if passes(row, code):
             row[X], row[Y] = x, y
         if kind_of(code) == GOAL:
             return prize(row), True
@@ -139,7 +138,7 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
         return 0.0, False
     if action == PICKUP:
-        if row[CARRYING] == EMPTY and can_be_carried(code):
+        if row[CARRYING] == EMPTY and carries(row, code):
             row[CARRYING] = lift(row, x, y)
     elif action == DROP:
         if row[CARRYING] != EMPTY and code == EMPTY:
@@ -152,8 +151,8 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
 
 @inlined
 def toggle(row: Row, x: int, y: int, code: int) -> None:
-    """Open or close a door, unlock it with the key of its colour, or open a box, which leaves its contents."""
-    if kind_of(code) == DOOR:
+    """Open or close a door or its like, unlock it with the key of its colour, or open a box: its contents stay."""
+    if kind_of(code) == DOOR or nature(row, code) & OPENS:
         state = state_of(code)
         if state == LOCKED:
             held = row[CARRYING]

@@ -1,6 +1,6 @@
 """Best-first search over what a grid world can become, on the world's own rules.
 
-A node is what actions can change, packed into int16: agent x, y, direction, the object in hand, the object put down
+A node is what actions can change, packed into int32: agent x, y, direction, the object in hand, the object put down
 last, and for each object the cell it lies in with its state. The cost of an action is 1 and the bound never
 overestimates, so the first success found is a shortest one.
 """
@@ -20,6 +20,7 @@ from minihuman.worlds.grid.core.cells import (
     kind_of,
     state_of,
 )
+from minihuman.worlds.grid.core.own import passes
 from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.state import (
     CARRYING,
@@ -48,7 +49,7 @@ FAR = 1 << 20  # more actions than any plan has
 FOUND, NONE, FULL = 0, 1, 2  # how a search ends: a plan, no plan exists, too many nodes
 
 _HELD, _LAST, _OBJECTS = 3, 4, 5  # places in a node, after x, y and direction
-_STATE_BIT = 12  # a cell number plus one is in the bits below
+_STATE_BIT = 24  # a cell number plus one is in the bits below
 
 
 @kernel()
@@ -82,12 +83,12 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
             else:
                 from_x -= (1 - direction) * (1 - direction % 2)
                 from_y -= (2 - direction) * (direction % 2)
-                if not stands_or_ends(row[HEADER + x * height + y], through):
+                if not stands_or_ends(row, row[HEADER + x * height + y], through):
                     continue
             if from_x < 0 or from_y < 0 or from_x >= width or from_y >= height:
                 continue
             other = (from_x * height + from_y) * 4 + before
-            if steps[other] == FAR and stands(row[HEADER + from_x * height + from_y], through):
+            if steps[other] == FAR and stands(row, row[HEADER + from_x * height + from_y], through):
                 steps[other] = steps[pose] + 1
                 queue[tail] = other
                 tail += 1
@@ -95,18 +96,18 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
 
 
 @part()
-def stands(code: int, through: bool) -> bool:
+def stands(row: Row, code: int, through: bool) -> bool:
     """Whether an agent that has not yet succeeded can be in this cell."""
     kind = kind_of(code)
     if kind == WALL or kind == LAVA or kind == GOAL:
         return False
-    return through or kind <= 3 or (kind == DOOR and state_of(code) == OPEN)
+    return through or passes(row, code)
 
 
 @part()
-def stands_or_ends(code: int, through: bool) -> bool:
+def stands_or_ends(row: Row, code: int, through: bool) -> bool:
     """Whether a step into this cell is possible and no failure."""
-    return kind_of(code) == GOAL or stands(code, through)
+    return kind_of(code) == GOAL or stands(row, code, through)
 
 
 @kernel()
@@ -133,11 +134,12 @@ def search(
     codes = object_codes(row)
     carriable = count_carriable(codes)
     may_drop = carriable > 1 or row[TASK] == PUT_NEAR
-    nodes = np.empty((limit, length), np.int16)
+    nodes = np.empty((limit, length), np.int32)
     cost, parent, cause = np.empty(limit, np.int32), np.empty(limit, np.int32), np.empty(limit, np.int8)
     closed = np.zeros(limit, np.bool_)
     table = np.full(4 * limit, -1, np.int32)  # open addressing
-    bucket = np.full(4096, -1, np.int64)  # by cost plus bound: the newest entry
+    # by cost plus bound: the newest entry. A way through every cell, turning in each, for every object there is
+    bucket = np.full(4096 + 4 * row[WIDTH] * row[HEIGHT] * (1 + objects), -1, np.int64)
     entry_node, entry_next = np.empty(4 * limit, np.int32), np.empty(4 * limit, np.int64)
     entries = 0
     none = np.empty(0, np.int64)
@@ -247,7 +249,7 @@ def count_carriable(codes: NDArray[np.int64]) -> int:
 
 
 @part()
-def store(row: Row, node: NDArray[np.int16], last: int) -> None:
+def store(row: Row, node: NDArray[np.int32], last: int) -> None:
     """Pack what actions can change."""
     node[0], node[1], node[2] = row[X], row[Y], row[DIRECTION]
     node[_HELD] = identity_of(row[CARRYING])
@@ -258,7 +260,7 @@ def store(row: Row, node: NDArray[np.int16], last: int) -> None:
 
 
 @part()
-def load(row: Row, node: NDArray[np.int16], codes: NDArray[np.int64]) -> None:
+def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
     """Bring a row to a node."""
     row[X], row[Y], row[DIRECTION] = node[0], node[1], node[2]
     row[CARRYING] = EMPTY if node[_HELD] == 0 else codes[node[_HELD] - 1]
@@ -275,7 +277,7 @@ def load(row: Row, node: NDArray[np.int16], codes: NDArray[np.int64]) -> None:
 
 
 @part()
-def slot(nodes: NDArray[np.int16], table: NDArray[np.int32], node: int) -> int:
+def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
     """Where in the table an equal node is, or the free place for this one."""
     key = 17
     for number in nodes[node]:

@@ -5,15 +5,15 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import AGENT, DOOR, GREY_WALL, OPEN, RED, WALL, colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.own import hiding_looks
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
 from minihuman.worlds.kernels import inlined, kernel, part
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
 USUAL_VIEW = 7
 
-LOOKS = 512  # kind, colour and state of a cell make nine bits
-_LOOK = np.arange(LOOKS)
-LETS_SEE = ((_LOOK & 15) != WALL) & (((_LOOK & 15) != DOOR) | ((_LOOK >> 7) == OPEN))  # what is behind it
+# what hides what is behind it: bit ``kind | state << 4`` of a number, for all four states that a cell has room for
+HIDING = np.int64(sum(1 << (WALL | state << 4) | (state != OPEN) << (DOOR | state << 4) for state in range(4)))
 
 
 def see_size(size: int) -> int:
@@ -59,7 +59,8 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
         rows, left, right, aside, onward = y + 1, x, width - 1 - x, height, -1
     first, last = half - left, half + right
     everything = (1 << size) - 1
-    hiding = row[SEE_THROUGH] == 0
+    hiding = row[SEE_THROUGH] & 1 == 0
+    showing = ~(HIDING | hiding_looks(row))
     seen = everything
     ahead = 1 << half  # bit i: cell i of the next row is seen
     start = HEADER + x * height + y - half * aside  # of the row's first cell
@@ -74,7 +75,8 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
             for i in range(size):
                 inside = (first <= i) & (i <= last)
                 place = np.uint64(start + i * aside if inside else 0)  # unsigned: not looked for from the end
-                clear |= int(LETS_SEE[row[place] & LOOKS - 1] & inside) << i
+                code = row[place]
+                clear |= (showing >> (code & 15 | code >> 3 & 48) & inside) << i
             giving = spread_right(ahead, clear) & everything >> 1
             seen = ahead | giving << 1
             ahead = giving | giving << 1

@@ -1,0 +1,140 @@
+"""Which bytes are a whole record: framed, of a size that can be, and with the checksum that it states.
+
+Where a file is damaged, the next whole record behind the damage is looked for here.
+"""
+
+import mmap
+import re
+import struct
+import zlib
+from io import BytesIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Chunk, Metadata
+
+from minihuman.log.read.chunk import HEAD
+
+LARGEST_BYTES = 64 * 1024 * 1024  # of a record, packed or unpacked; ours are a thousand times smaller
+TRIES = 256  # candidates whose checksum is wrong, before a damaged file's rest is given up
+_HEAD_OF_RECORD = re.compile(rb"[\x06\x09\x0c\x0f]....\x00\x00\x00\x00", re.DOTALL)  # shorter than 4 GiB
+_DATA_END = struct.Struct("<BQI")
+_TIMES = struct.Struct("<QQ")
+_ZSTD = "zstd"
+
+
+def chunk_of(content: bytes) -> bytes:
+    """The records in a chunk's content.
+
+    Raises:
+        ValueError: if its checksum is wrong, or it is or says it is larger than any chunk may be.
+    """
+    chunk: Chunk = Chunk.read(stream(content))
+    size, data = chunk.uncompressed_size, chunk.data
+    if size > LARGEST_BYTES:
+        raise ValueError(f"a chunk of {size} bytes; {LARGEST_BYTES} are the most")
+    if chunk.compression == _ZSTD:
+        data = _unpacked(data, size)
+    if len(data) != size or zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("a chunk's checksum is wrong")
+    return data
+
+
+def times_of(content: bytes) -> tuple[int, int]:
+    """The first and the last log time that a chunk says it holds."""
+    first, last = _TIMES.unpack_from(content)
+    return first, last
+
+
+def unpacked(data: bytes) -> bytes:
+    """What was packed with zstd, up to the size that a record may have.
+
+    Raises:
+        ValueError: if it is more, or nothing that zstd has packed.
+    """
+    try:
+        return _unpacked(data, zstandard.get_frame_parameters(data).content_size)
+    except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from error
+
+
+def _unpacked(data: bytes, size: int) -> bytes:
+    said = zstandard.get_frame_parameters(data).content_size
+    if not 0 <= size <= LARGEST_BYTES:
+        raise ValueError(f"what unpacks to {size} bytes; {LARGEST_BYTES} are the most")
+    if said == size:
+        return zstandard.decompress(data)
+    if said != zstandard.CONTENTSIZE_UNKNOWN:
+        raise ValueError(f"a chunk of {size} bytes says that it unpacks to {said}")
+    with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+        found: bytes = reader.read(size + 1)  # one more than it says is too much already
+    return found
+
+
+def next_whole(view: mmap.mmap, begin: int) -> int | None:
+    """The byte at which the next whole record begins, from a byte on; None if none is found soon."""
+    tries = 0
+    while (found := _HEAD_OF_RECORD.search(view, begin)) is not None and tries < TRIES:
+        begin = found.start()
+        try:
+            if _is_whole(view, begin):
+                return begin
+            tries += 1
+        except Exception:  # garbage can make a parser raise anything
+            tries += 1
+        begin += 1
+    return None
+
+
+def _is_whole(view: mmap.mmap, begin: int) -> bool:
+    opcode, length = HEAD.unpack_from(view, begin)
+    end = begin + HEAD.size + length
+    if length > LARGEST_BYTES or end > len(view):
+        return False
+    content = view[begin + HEAD.size : end]
+    match opcode:
+        case Opcode.CHUNK:
+            chunk_of(content)
+            return True
+        case Opcode.ATTACHMENT:
+            attachment_of(content)
+            return True
+        case Opcode.METADATA:  # it has no checksum: known by its name
+            name: str = metadata_of(content).name
+            return name.startswith("minihuman.")
+        case Opcode.DATA_END:
+            return bool(length == _DATA_END.size - HEAD.size and end < len(view))
+    return False
+
+
+def attachment_of(content: bytes) -> Attachment:
+    """The attachment in a record's content.
+
+    Raises:
+        ValueError: if its checksum is wrong.
+    """
+    (crc,) = struct.unpack("<I", content[-4:])
+    if crc not in (0, zlib.crc32(content[:-4])):
+        raise ValueError("an attachment's checksum is wrong")
+    attachment: Attachment = Attachment.read(stream(content))
+    return attachment
+
+
+def metadata_of(content: bytes) -> Metadata:
+    """The metadata in a record's content.
+
+    Raises:
+        ValueError: if there is more in it than it says.
+    """
+    metadata: Metadata = Metadata.read(stream(content))
+    size = 4 + len(metadata.name.encode()) + 4
+    size += sum(8 + len(key.encode()) + len(value.encode()) for key, value in metadata.metadata.items())
+    if size != len(content):
+        raise ValueError("a metadata record is of another size than it says")
+    return metadata
+
+
+def stream(content: bytes) -> ReadDataStream:
+    """Bytes as the readers of mcap want them."""
+    return ReadDataStream(BytesIO(content))

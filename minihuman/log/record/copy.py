@@ -1,0 +1,206 @@
+"""Logs copied record by record into one finished log: numbers, chunks, the second copy of the plan, the hash chain."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+
+from google.protobuf.message import Message as Protobuf
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import Writer
+
+from minihuman.log import segment_head, topics
+from minihuman.log.chain import Chain
+from minihuman.log.decode import decode
+from minihuman.log.encode import for_viewers
+from minihuman.log.read.chunk import LogMessage
+from minihuman.log.read.scan import Missing, Scan
+from minihuman.study.events import EpisodeEnded, Event, SessionEnded, SessionStarted
+
+NOT_COUNTED = 0  # the sequence of a message that only repeats another for viewers
+EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
+_FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
+_TOLD = frozenset({topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # what the end's metadata says comes of these
+_HEAD = (topics.SEGMENT_METADATA, topics.FACTS_METADATA)
+
+
+class Copy:
+    """Copies whole files into one writer, giving schemas and channels that recur one number."""
+
+    def __init__(self, writer: Writer) -> None:
+        self.chain = Chain()
+        self.starts: list[dict[str, str]] = []  # the segments' metadata
+        self.ends: list[dict[str, str]] = []
+        self.counts: Counter[str] = Counter()  # messages a topic, of the last file copied
+        self.total: Counter[str] = Counter()  # of all files
+        self.end_reason = ""  # of the last file copied; "" if it holds none
+        self.last_sequence = 0  # of the last file copied
+        self.planned = 0  # episodes of the session
+        self.completed: set[int] = set()  # of them, in all files copied: with an outcome other than abandoned
+        self.lasted_ns = 0  # from the last file's first message to its last
+        self._first_ns = 0
+        self._writer = writer
+        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._channels: dict[tuple[str, int], int] = {}
+        self._attachments: set[tuple[str, bytes]] = set()
+        self._head: dict[str, Metadata] = {}  # of the segment whose plan is next
+        self._attached: list[Attachment] = []  # to it
+        self._held: list[tuple[LogMessage, Schema | None]] = []  # for viewers, before that plan
+        self._draw = False
+        self._started_ns: int | None = None  # None: nothing is to be added for viewers
+        self._chunk_bytes = 0
+
+    def all_of(self, scan: Scan, *, draw: bool = False) -> None:
+        """Copy every record that the scan finds; add what viewers draw, unless the file has it already."""
+        self.counts.clear()
+        self.end_reason, self.last_sequence = "", 0
+        self.lasted_ns = self._first_ns = 0
+        self._started_ns, self._draw = None, draw
+        for record in scan:
+            match record:
+                case LogMessage():
+                    self._message(record, scan.schemas.get(record.channel.schema_id))
+                case Metadata() if record.name in _HEAD:
+                    self._head[record.name] = record
+                case Metadata():
+                    self.metadata(record.name, record.metadata)
+                case Attachment() if record.name != segment_head.NAME and self._head:
+                    self._attached.append(record)
+                case Attachment() if record.name != segment_head.NAME:
+                    self._attachment(record)
+        self._write_head()
+
+    def metadata(self, name: str, facts: Mapping[str, object]) -> None:
+        """Add a metadata record."""
+        record = Metadata(name, {key: _text(value) for key, value in facts.items()})
+        self._flush()  # else it would come before the messages that it follows
+        self._writer.add_metadata(record.name, record.metadata)
+        self.chain.metadata(record)
+        if name == topics.SEGMENT_METADATA:
+            self.starts.append(record.metadata)
+        elif name == topics.END_METADATA:
+            self.ends.append(record.metadata)
+
+    def missing(self, gaps: Iterable[Missing]) -> None:
+        """Say which messages were lost."""
+        for gap in gaps:
+            self.metadata(topics.MISSING_METADATA, {"segment": gap.segment, "first": gap.first, "last": gap.last})
+
+    def end(self, facts: Mapping[str, object]) -> None:
+        """Say how a segment ended; the head of the chain goes with it."""
+        self.metadata(topics.END_METADATA, {**facts, "chain": self.chain.head})
+
+    def _attachment(self, record: Attachment) -> None:
+        if (record.name, record.data) in self._attachments:
+            return
+        self._attachments.add((record.name, record.data))
+        self._flush()
+        self._writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+        self.chain.attachment(record)
+
+    def _message(self, message: LogMessage, schema: Schema | None) -> None:
+        topic = message.channel.topic
+        if topic in _FOR_VIEWERS:
+            self._started_ns = None  # a file of an earlier version
+        if self._head and topic in _FOR_VIEWERS:
+            self._held.append((message, schema))  # a line about the plan that comes next
+            return
+        if topic == topics.PLAN:
+            self._start(message, schema)
+        if topic in topics.BY_NAME and topic not in _FOR_VIEWERS:
+            self.last_sequence = message.sequence
+        self._write_head()
+        self._for_viewers(message)
+        self._add(message, schema)
+        if topic == topics.PLAN or (topic == topics.EPISODE_END and self._chunk_bytes > EPISODE_BYTES):
+            self._flush()
+        self._first_ns = self._first_ns or message.log_time
+        self.lasted_ns = max(self.lasted_ns, message.log_time - self._first_ns)
+        if topic in _TOLD:
+            with suppress(Exception):  # as in _for_viewers
+                self._tell(decode(topic, message.data))
+
+    def _tell(self, event: Event | None) -> None:
+        match event:
+            case SessionStarted(plan=plan):
+                self.planned = len(plan.episodes)
+            case EpisodeEnded(outcome=outcome, episode=episode) if outcome != "abandoned":
+                self.completed.add(episode)
+            case SessionEnded(reason=reason):
+                self.end_reason = reason
+
+    def _start(self, message: LogMessage, schema: Schema | None) -> None:
+        """Put the second copy of a segment's start behind its metadata."""
+        self._flush()
+        if self._draw and topics.SEGMENT_METADATA in self._head:
+            self._started_ns = int(self._head[topics.SEGMENT_METADATA].metadata["started_unix_ns"])
+        number = self._channel(message.channel, schema)
+        topic, encoding = message.channel.topic, message.channel.message_encoding
+        schemas, channels = [], [Channel(number, topic, encoding, message.channel.metadata, schema_id=0)]
+        if schema is not None:
+            channels[0].schema_id = self._schemas[schema.name, schema.data]
+            schemas.append(Schema(channels[0].schema_id, schema.data, schema.encoding, schema.name))
+        plan = Message(number, message.log_time, message.data, message.publish_time, message.sequence)
+        copied = segment_head.packed(self._head.values(), schemas, channels, plan)
+        self._write_head(copied, message.log_time)
+
+    def _write_head(self, copied: bytes = b"", log_time: int = 0) -> None:
+        head, self._head = self._head, {}
+        attached, self._attached = self._attached, []
+        held, self._held = self._held, []
+        for record in head.values():
+            self.metadata(record.name, record.metadata)
+        if copied:
+            self._writer.add_attachment(log_time, log_time, segment_head.NAME, segment_head.MEDIA_TYPE, copied)
+        for attachment in attached:
+            self._attachment(attachment)
+        for message, schema in held:
+            self._add(message, schema)
+
+    def _for_viewers(self, message: LogMessage) -> None:
+        """Add what viewers draw of a message, before it: a step whose own message is there is whole."""
+        if self._started_ns is None:
+            return
+        drawings: list[tuple[str, Protobuf]] = []
+        with suppress(Exception):  # of bytes that a foreign hand wrote; the message itself is kept all the same
+            drawings += for_viewers(message.channel.topic, message.data, started_ns=self._started_ns)
+        for topic, drawn in drawings:
+            name, data = drawn.DESCRIPTOR.full_name, drawn.SerializeToString(deterministic=True)
+            schema = Schema(id=0, data=topics.schema_bytes(type(drawn)), encoding="protobuf", name=name)
+            channel = Channel(id=0, topic=topic, message_encoding="protobuf", metadata={}, schema_id=0)
+            self._add(LogMessage(channel, NOT_COUNTED, message.log_time, message.publish_time, data), schema)
+
+    def _add(self, message: LogMessage, schema: Schema | None) -> None:
+        self._writer.add_message(
+            self._channel(message.channel, schema),
+            log_time=message.log_time,
+            data=message.data,
+            publish_time=message.publish_time,
+            sequence=message.sequence,
+        )
+        self.chain.message(message, schema)
+        self.counts[message.channel.topic] += 1
+        self.total[message.channel.topic] += 1
+        self._chunk_bytes += 1 + len(message.data)
+
+    def _flush(self) -> None:
+        """End the chunk, if there is a message in it."""
+        if self._chunk_bytes:
+            self._writer.flush()
+            self._chunk_bytes = 0
+
+    def _channel(self, channel: Channel, schema: Schema | None) -> int:
+        known = ("", b"") if schema is None else (schema.name, schema.data)
+        if schema is None:
+            self._schemas[known] = 0  # as MCAP says that there is none; another program's topic may have none
+        elif known not in self._schemas:
+            self._schemas[known] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        key = (channel.topic, self._schemas[known])
+        if key not in self._channels:
+            self._channels[key] = self._writer.register_channel(
+                channel.topic, channel.message_encoding, self._schemas[known], channel.metadata
+            )
+        return self._channels[key]
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

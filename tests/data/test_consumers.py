@@ -1,0 +1,198 @@
+"""One study through every consumer: curves, tables, paths, statistics, replay, clone and every export count the same.
+
+Ten people in two groups: one whom the protocol excludes, one episode that a reviewer marked, a group that mostly times
+out, an episode that was abandoned, and two versions of the protocol.
+"""
+
+import json
+import shutil
+from pathlib import Path
+
+import minari
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from datasets import load_from_disk
+from rerun.chunk import RrdReader
+
+from minihuman.data.marks import Mark, add_mark
+from minihuman.data.selection import Selection
+from minihuman.data.study import Sessions, readable
+from minihuman.data.versions import version_name
+from minihuman.export.port import exporters
+from minihuman.export.run import export
+from minihuman.figures.gallery import draw_all, rewards
+from minihuman.figures.learning import learning_curves
+from minihuman.learn.agent.observe import Eyesight
+from minihuman.learn.clone.demonstrations import read_demonstrations
+from minihuman.log.read.open_log import open_log
+from minihuman.replay.recording import save_recording
+from minihuman.report.build import build
+from minihuman.report.results import results
+from minihuman.study.expand import enrol, participant_index
+from minihuman.study.protocol import decode
+from tests.golden.make import segment
+
+pytestmark = pytest.mark.program
+
+WORLD = "minihuman/MiniGrid-Empty-5x5-v0"
+PROTOCOL = """
+[study]
+name = "counted"
+version = "{version}"
+seed = 11
+participants = 10
+[keys]
+pool = ["1", "2", "3", "4"]
+[[groups]]
+name = "good"
+blocks = ["small"]
+[[groups]]
+name = "lost"
+blocks = ["small"]
+[[blocks]]
+name = "small"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+actions = ["left", "right", "forward"]
+max_steps = 9
+episodes = 3
+[[exclusions]]
+reason = "went home"
+level = "participant"
+measure = "completed_share"
+below = 0.5
+"""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
+    data = tmp_path_factory.mktemp("data")
+    versions = [decode(PROTOCOL.format(version=version).encode()) for version in "12"]
+    for number in range(1, 11):
+        who, protocol = f"sub-{number:02}", versions[number > 5]
+        how = {"after_steps": 2, "key": "escape"} if number == 3 else {}  # in the first episode
+        if number == 7:
+            how = {"after_steps": 11, "key": "escape"}  # in the third
+        group = enrol(protocol, participant_index(who), None).group
+        segment(data, protocol, "optimal" if group == "good" or how else "random", participant=who, **how)
+    folder = data / "counted"
+    marked = next((folder / "sub-01").rglob("*.mcap"))
+    add_mark(open_log(marked), Mark("exclude", "2026-11-22T09:00:00Z", episode=2, note="the phone rang"))
+    shutil.copytree(folder / "sub-05", folder / "backup")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def counting(study) -> set[tuple[str, int, int]]:
+    """Participant, episode and attempt of what counts, worked out here by hand: three a person, less what was said."""
+    everything = {(f"sub-{number:02}", episode, 1) for number in range(1, 11) for episode in (1, 2, 3)}
+    gone = {("sub-03", episode, 1) for episode in (1, 2, 3)}
+    return everything - gone - {("sub-01", 2, 1), ("sub-07", 3, 1)}
+
+
+def places(rows) -> set[tuple[str, int, int]]:
+    return {(row["participant"], row["episode"], row["attempt"]) for row in rows}
+
+
+def test_the_selection_itself(study, counting):
+    sessions = Sessions(study)
+    found = [(one.log, episode) for one in sessions for episode in one.episodes]
+    assert {(log.plan.participant.id, one.number, one.attempt) for log, one in found} == counting
+    assert sessions.account.episodes == len(counting)
+    assert sessions.account.left_out == {
+        ("participant", "went home"): 1,
+        ("episode", "tagged exclude"): 1,
+        ("episode", "not played to an end"): 1,
+    }
+    assert len(sessions.account.versions) == 2
+    told = "\n".join(sessions.account.lines())
+    assert f"{len(counting)} episodes of 9 sessions count" in told
+    assert "session 1 of sub-05" in told
+    assert "several versions of the protocol: 1 (" in told
+
+
+@pytest.mark.parametrize("name", sorted(exporters()))
+def test_every_export(study, counting, tmp_path, monkeypatch, name):
+    written, card = export(name, study, tmp_path / "out", Selection())
+    assert written.episodes == card.account.episodes == len(counting)
+    text = (tmp_path / "out" / "README.md").read_text()
+    for said in (f"{len(counting)} episodes", "went home", "tagged exclude", "not played to an end", "sub-05"):
+        assert said in text
+    out = tmp_path / "out"
+    match name:
+        case "minari":
+            monkeypatch.setenv("MINARI_DATASETS_PATH", str(out))
+            (dataset_id,) = minari.list_local_datasets()
+            storage = minari.load_dataset(dataset_id).storage
+            assert places(storage.get_episode_metadata(range(storage.total_episodes))) == counting
+        case "lerobot":
+            (meta,) = out.glob("*/meta/episodes/*/*.parquet")
+            rows = [
+                {key.removeprefix("minihuman/"): value for key, value in row.items()}
+                for row in pq.read_table(meta).to_pylist()
+            ]
+            assert places(rows) == counting
+        case "imitation":
+            (data,) = (path for path in out.iterdir() if path.is_dir())
+            assert places(json.loads(row["infos"][0]) for row in load_from_disk(str(data))) == counting
+        case "parquet":
+            rows = pq.read_table(out / "episodes.parquet").to_pylist()
+            assert places(row for row in rows if not row["left_out"]) == counting
+            assert len(rows) == 28  # all that was begun: of sub-03 one episode
+
+
+def test_the_report_its_curves_and_its_statistics(study, counting, tmp_path):
+    sessions = Sessions(study, processes=1)
+    page, *_ = build(sessions, tmp_path / "out")
+    frames = [
+        pd.read_parquet(tmp_path / f"out/tables/{name}.parquet") for name in ("episodes", "blocks", "participants")
+    ]
+    found = results(*frames)
+    assert found.kept == (9, len(counting))
+    assert found.subjects["episodes"].sum() == len(counting)
+    (reward,) = [one for one in found.comparisons if one.measure == "reward_mean"]
+    assert sum(reward.n) == 9
+    assert found.model is None or found.model.episodes == len(counting)
+    counted = frames[0][frames[0]["left_out"] == ""]
+    assert sum(int((~np.isnan(curve)).sum()) for curve in learning_curves(counted).values()) == len(counting)
+    text = page.read_text()
+    assert "2 versions of the protocol are pooled here" in text
+    assert "10 sessions read, 1 skipped" in text
+
+
+def test_figures_of_the_study_and_of_each_person(study, counting, tmp_path):
+    logs, account = readable([study], Selection())
+    assert account.episodes == sum(len(log.episodes) for log in logs) == len(counting)
+    curves = learning_curves(rewards(logs))
+    assert sum(int((~np.isnan(curve)).sum()) for curve in curves.values()) == len(counting)
+    assert sum(len(curve) for curve in curves.values()) == 9
+    drawn = {path.parent.name for path in draw_all(Sessions(study, Selection(participant=("sub-03",))), tmp_path)}
+    assert not drawn  # who does not count has no paths
+
+
+def test_a_replay_shows_what_counts_and_what_was_not_finished(study, counting, tmp_path):
+    """The command takes unfinished episodes, and people whom a rule leaves out, too: who looks wants to see those."""
+    for selection, expected in ((Selection(), len(counting)), (Selection(with_=("unfinished", "rules")), 27)):
+        logs, account = readable([study], selection)
+        saved = save_recording(logs, tmp_path / "all.rrd")
+        rows = [row for chunk in RrdReader(saved).stream().to_chunks() for row in chunk.to_record_batch().to_pylist()]
+        lines = [str(row.get("TextLog:text")) for row in rows]
+        assert sum(" begins: " in line for line in lines) == account.episodes == expected
+
+
+def test_what_a_clone_learns_from(study, counting):
+    found = read_demonstrations(study, WORLD, Eyesight(missions=False), Selection())
+    assert len(found.episodes) == len(counting)
+    assert found.account.episodes == len(counting)
+
+
+def test_what_is_left_out_can_be_taken_back_in_and_one_version_taken_alone(study):
+    def count(**selection) -> int:
+        return sum(len(one.episodes) for one in Sessions(study, Selection(**selection)))
+
+    assert count(with_=("exclude",)) == 26
+    assert count(with_=("exclude", "unfinished", "rules")) == 28
+    assert count(version=("1",)) + count(version=("2",)) == 25
+    (first,) = {version_name(one.log.plan) for one in Sessions(study, Selection(version=("1",))) if any(one.asked)}
+    assert count(version=(first,)) == count(version=("1",))

@@ -1,0 +1,49 @@
+"""A log at a glance: what its end says is what its messages say, and a changed byte is never passed over."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from minihuman.lab.summary import summarise
+from minihuman.log.read.glance import first_facts, glance
+from minihuman.study.events import SessionEnded
+from tests.log.played import record
+from tests.log.samples import session_events, session_plan
+
+
+def resumed(data: Path) -> Path:
+    plan = session_plan(episodes=3)
+    first = [event for event in session_events(plan, steps=20) if not isinstance(event, SessionEnded)]
+    record(data, plan, first[: len(first) // 2])
+    again = msgspec.structs.replace(session_plan(episodes=3, segment=2), first_episode=1)
+    return record(data, again, session_events(again, steps=6))
+
+
+@pytest.mark.parametrize("make", [lambda data: record(data, session_plan(), session_events(session_plan())), resumed])
+def test_a_summary_at_a_glance_is_the_one_read_message_by_message(tmp_path, monkeypatch, make):
+    log = make(tmp_path)
+    quickly = summarise([log])
+    assert glance(log) is not None
+    monkeypatch.setattr("minihuman.lab.summary.glance", lambda path: None)
+    assert quickly == summarise([log])
+    assert quickly.episodes_completed == 3
+
+
+def test_whose_session_it_is_is_known_from_the_first_kilobytes(tmp_path):
+    facts = first_facts(record(tmp_path, session_plan(), session_events(session_plan())))
+    assert (facts["study"], facts["participant"], facts["session"]) == ("fourrooms", "sub-07", "1")
+    (tmp_path / "empty.mcap").touch()
+    assert first_facts(tmp_path / "empty.mcap") == first_facts(tmp_path / "none.mcap") == {}
+
+
+def test_no_changed_byte_is_passed_over(tmp_path):
+    log = record(tmp_path, session_plan(), session_events(session_plan()))
+    whole = log.read_bytes()
+    for at in range(9, len(whole) - 9, 97):
+        log.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        assert glance(log) is None
+    for cut in (0, 3, len(whole) // 2, len(whole) - 1):
+        log.write_bytes(whole[:cut])
+        assert glance(log) is None
+    assert glance(tmp_path / "none.mcap") is None

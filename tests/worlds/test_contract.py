@@ -1,0 +1,183 @@
+"""What every world of ours answers for players, measures and whoever looks ahead."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+import minihuman  # noqa: F401
+from minihuman.errors import WorldError
+from minihuman.worlds.adapt.world import World
+from minihuman.worlds.catalogue import ENTRIES
+from minihuman.worlds.contract import UNKNOWN, Bounds
+from minihuman.worlds.first_person.layouts.one_room import OneRoom
+from minihuman.worlds.grid.items import door, goal, key, wall
+from minihuman.worlds.grid.layout import Layout
+from minihuman.worlds.grid.world import GridWorld
+from tests.counts import count
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # some ids are kept for their published results
+IDS = [entry.id for entry in ENTRIES]
+
+
+def made(world_id: str, **options):
+    env = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
+    env.reset(seed=1)
+    return env
+
+
+@pytest.mark.parametrize("world_id", IDS)
+def test_a_step_without_an_observation_is_the_same_step(world_id):
+    env, other = made(world_id), made(world_id)
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        action = int(rng.integers(env.action_space.n))
+        _, *told, _ = env.step(action)
+        assert other.advance(action) == tuple(told)
+        assert other.state_hash() == env.state_hash()
+        if told[1] or told[2]:
+            break
+
+
+@pytest.mark.parametrize("world_id", IDS)
+def test_a_step_after_the_end_is_refused_and_changes_nothing(world_id):
+    env = made(world_id, max_steps=1)
+    env.step(0)
+    before = env.state_hash()
+    with pytest.raises(WorldError, match=r"reset\(\)"):
+        env.step(0)
+    with pytest.raises(WorldError, match=r"reset\(\)"):
+        env.advance(0)
+    assert env.state_hash() == before
+
+
+@pytest.mark.parametrize("world_id", IDS)
+def test_looking_ahead_leaves_no_trace(world_id):
+    env = made(world_id)
+    before, seen, drawn = env.state_hash(), env.scene_hash(), env.picture(size_px=(64, 48))
+    saved = env.save()
+    for action in range(env.action_space.n):
+        env.advance(action)
+        env.picture(size_px=(64, 48))
+        env.restore(saved)
+        assert (env.state_hash(), env.scene_hash()) == (before, seen)
+    assert np.array_equal(env.picture(size_px=(64, 48)), drawn)
+
+
+@pytest.mark.parametrize("world_id", ["minihuman/MiniGrid-FourRooms-v0", "minihuman/MiniWorld-GoToObj-Transfer-v0"])
+def test_ways_that_meet_have_the_same_scene_and_another_state(world_id):
+    env = made(world_id)
+    saved, scene, state = env.save(), env.scene_hash(), env.state_hash()
+    for _ in range(4):
+        env.advance(env.action_names.index("left" if "left" in env.action_names else "turn_left"))
+    if "MiniGrid" in world_id:
+        assert env.scene_hash() == scene
+    assert env.state_hash() != state
+    env.restore(saved)
+    assert (env.scene_hash(), env.state_hash()) == (scene, state)
+
+
+def test_what_was_on_stage_is_the_same_thing_after_going_back():
+    env = made("minihuman/MiniWorld-PutNext-v0")
+    saved, box, stage = env.save(), env.red_box, env.stage
+    box.pos = (1.0, 0.0, 1.0)
+    env.restore(saved)
+    assert (env.red_box, env.stage) == (box, stage)
+    assert box.pos != (1.0, 0.0, 1.0)
+    other = made("minihuman/MiniWorld-PutNext-v0")
+    other.restore(saved)
+    assert other.red_box is not box
+    assert other.red_box in other.entities
+    assert other.state_hash() == env.state_hash()
+
+
+class Judged(GridWorld):
+    """Success takes a step, whatever the goal says."""
+
+    def __init__(self):
+        super().__init__(width=9, height=9, max_steps=50)
+
+    def layout(self, grid: Layout) -> None:
+        grid.wall_rect()
+        grid.put(goal(), 7, 7)
+        grid.put_agent(1, 1, 0)
+
+    def judge(self, action, reward, terminated):
+        return 1.0, True
+
+
+class Helped(Judged):
+    """It knows how."""
+
+    def way(self):
+        return [0]
+
+
+class JudgedRoom(OneRoom):
+    def judge(self, action):
+        return 1.0, True
+
+
+@pytest.mark.parametrize("world", [Judged, JudgedRoom])
+def test_of_a_world_that_judges_itself_nothing_is_claimed(world):
+    env = world()
+    env.reset(seed=0)
+    assert env.way() is None
+    assert env.bounds() == UNKNOWN
+
+
+def test_a_world_may_say_its_way_itself():
+    env = Helped()
+    env.reset(seed=0)
+    assert list(env.way()) == [0]
+    assert env.bounds() == Bounds(None, 1)
+
+
+def follow(world: World, most: int) -> float:
+    """What a world's own way earns, made anew where it ends."""
+    for _ in range(most):
+        for name in world.way():
+            made = world.step(world.action_names.index(name))
+            if made.terminated or made.truncated:
+                return made.reward
+    return 0.0
+
+
+@pytest.mark.parametrize("view", ["grid", "first_person"])
+@pytest.mark.parametrize("name", ["DoorKey-6x6-v0", "GoToObj-Transfer-v0", "Dynamic-Obstacles-6x6-v0", "MemoryS7-v0"])
+def test_the_way_leads_to_success_in_both_views(name, view):
+    world = World(f"minihuman/MiniGrid-{name}", {"view": view})
+    for seed in range(count(3, 50)):
+        world.reset(seed)
+        bounds, way = world.bounds(), world.way()
+        assert len(way) == bounds.at_least == bounds.feasible
+        assert follow(world, 1) > 0
+
+
+class Wide(GridWorld):
+    """A wall with a locked door across a wide grid, the key in the far corner on this side."""
+
+    def __init__(self, size: int):
+        super().__init__(width=size, height=size, max_steps=10_000)
+        self.size = size
+
+    def layout(self, grid: Layout) -> None:
+        size = self.size
+        grid.wall_rect()
+        for y in range(1, size - 1):
+            grid.put(door("red", locked=True) if y == size // 2 else wall(), size - 3, y)
+        grid.put(key("red"), 1, size - 2)
+        grid.put(goal(), size - 2, 1)
+        grid.put_agent(1, 1, 0)
+
+
+@pytest.mark.parametrize("size", [20, 70, 128, 200])
+def test_wide_grids_with_doors_are_planned_right(size):
+    env = Wide(size)
+    env.reset(seed=0)
+    way = env.way()
+    walked = (size - 4) + (size - 2 - size // 2) + (size - 3) + (size // 2 - 1)  # to the key, to the door's row, on, up
+    assert len(way) == walked + 1 + 1 + 4  # taking the key, opening the door, four turns
+    for action in way:
+        reward, terminated, _ = env.advance(action)
+    assert terminated
+    assert reward > 0
