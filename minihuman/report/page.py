@@ -14,7 +14,9 @@ from minihuman.report.html import STYLE, figure, interval, number, p_value, reco
 from minihuman.report.published import SOURCE, published
 from minihuman.report.recorded import answers, left_out, quality, skipped
 from minihuman.report.results import MEASURES, BlockResults, Results, group_rewards
-from minihuman.report.statistics import Comparison, MixedModel, Power
+from minihuman.statistics.compare import Comparison
+from minihuman.statistics.growth import LEAST_EPISODES, Growth
+from minihuman.statistics.power import Power
 
 FEW = 5  # participants a group, below which an effect size says little
 
@@ -121,7 +123,7 @@ def _block(one: BlockResults, facts: Page, *, is_target: bool) -> list[str]:
         *(f'<p class="key">{escape(difference_statement(each, one.block))}</p>' for each in rewards),
         f'<div class="beside">{_measures(one)}{_subjects(one)}</div>',
         _comparisons(one.comparisons, one.block),
-        _model(one.model) if len(one.groups) > 1 else "",
+        _growth(one.growth),
         *(f"<p>{escape(power_statement(each))}</p>" for each in one.powers),
         *(figure(path, caption) for block, path, caption in facts.figures if block == one.block),
     ]
@@ -158,35 +160,39 @@ def _comparisons(found: Sequence[Comparison], block: str) -> str:
     rows = [
         (
             MEASURES[one.measure], f"{one.first} \N{MINUS SIGN} {one.second}",
-            f"{one.n[0]}, {one.n[1]}", number(one.means[0]), number(one.means[1]),
+            number(one.means[0]), number(one.means[1]),
             number(one.difference), interval(one.interval),
-            p_value(one.p), p_value(one.p_holm), number(one.g, 2), interval(one.g_interval, 2),
+            f"{one.n[0]}, {one.n[1]}", p_value(one.p), p_value(one.p_holm), p_value(one.smallest_p),
+            number(one.g, 2), interval(one.g_interval, 2), one.reason or "\N{EN DASH}",
         )
         for one in found
     ]  # fmt: skip
-    heads = ("measure", "groups", "n", "first", "second", "difference", "95 % interval", "p", "p (Holm)", "g", "of g")
+    heads = (
+        *("measure", "groups", "first", "second", "difference", "95 % interval"),
+        *("n", "p", "p (Holm)", "smallest p", "g", "95 % interval of g", "not compared because"),
+    )
     caption = (
-        f"Groups compared in block {block}, one value a participant. p: two-sided permutation test of the means; "
-        "interval: Welch's t; g: Hedges', with its 95 % interval."
+        f"Groups compared in block {block}, one value a participant. p: two-sided permutation test of Welch's t; "
+        "interval: Welch's t; smallest p: what groups of these sizes can come to; g: Hedges'."
     )
     return table(caption, heads, rows, words=2) if rows else ""
 
 
-def _model(model: MixedModel | None) -> str:
-    if model is None:
-        needed = "two groups of two participants or more, two episodes, and rewards that differ enough"
-        return f"<p>A mixed model needs {needed}.</p>"
+def _growth(found: Growth | None) -> str:
+    if found is None:
+        return (
+            f"<p>How it changed over the episodes: needs two participants of a group with {LEAST_EPISODES} or more.</p>"
+        )
     rows = [
-        (term, number(estimate), interval(bounds), p_value(p))
-        for term, estimate, bounds, p in zip(model.terms, model.estimates, model.intervals, model.p, strict=True)
+        (term.name, str(term.people), number(term.estimate), interval(term.interval), p_value(term.p))
+        for term in found.terms
     ]
-    note = f" {model.note}" if model.note else ""
     caption = (
-        f"Mixed model of {model.measure}: group and episode in the block, a random intercept a participant, "
-        f"t with between-within degrees of freedom "
-        f"({model.participants} participants, {model.episodes} episodes).{note}"
+        f"{found.measure.capitalize()} over the block's episodes: a line for each participant, then the participants' "
+        f"lines compared (t, Welch's between groups). What is compared is compared with {found.reference}."
     )
-    return table(caption, ("term", "estimate", "95 % interval", "p"), rows)
+    others = f" Not in it: {'; '.join(found.left_out)}." if found.left_out else ""
+    return table(caption + others, ("term", "participants", "estimate", "95 % interval", "p"), rows)
 
 
 def _measures(one: BlockResults) -> str:

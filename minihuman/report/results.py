@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from minihuman.report.statistics import Comparison, MixedModel, Power, compare_groups, mixed_model, power
+from minihuman.statistics.compare import Comparison, compare_groups
+from minihuman.statistics.growth import Growth, growth
+from minihuman.statistics.power import Power, power
 
 MEASURES = {  # columns of the block table that groups are compared on, and what they are called
     "reward_mean": "reward",
@@ -32,7 +34,7 @@ class BlockResults:
     groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
     measures: pd.DataFrame  # measure, group, n, mean, sd; of measures that have a value in this block
     comparisons: tuple[Comparison, ...]
-    model: MixedModel | None
+    growth: Growth | None  # of the reward over the block's episodes
     powers: tuple[Power, ...]  # one for each pair of groups, in the order of the comparisons of reward
 
 
@@ -73,6 +75,7 @@ def block_results(block: str, rows: pd.DataFrame, episodes: pd.DataFrame, order:
     rows = rows.sort_values(["group", "participant", "session"])
     told = [measure for measure in MEASURES if rows[measure].notna().any()]
     each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
+    order = [group for group in order if (each["group"] == group).any()]
     comparisons = compare_groups(each, told, order=order)
     return BlockResults(
         block=block,
@@ -84,7 +87,7 @@ def block_results(block: str, rows: pd.DataFrame, episodes: pd.DataFrame, order:
         groups=group_rewards(each),
         measures=_measures(each, told),
         comparisons=comparisons,
-        model=mixed_model(episodes, "reward"),
+        growth=growth(episodes, "reward", order=order),
         powers=tuple(power(one.n) for one in comparisons if one.measure == "reward_mean"),
     )
 

@@ -80,7 +80,7 @@ def test_the_page_holds_everything_and_fetches_nothing(built):
     for words in (
         "Transfer effect. Reward in block room: direct minus grid_first",
         "Power: with 2 and 2",
-        "Mixed model",
+        "needs two participants of a group",
     ):
         assert words in text
     assert "Published: Chevalier-Boisvert" in text

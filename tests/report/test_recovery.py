@@ -12,8 +12,8 @@ from minihuman.data.selection import Selection
 from minihuman.data.study import Sessions
 from minihuman.data.tables import session_tables
 from minihuman.report.results import results
-from minihuman.report.statistics import compare_groups
 from minihuman.seats.simulate import simulate
+from minihuman.statistics.compare import permutation_p
 from minihuman.study.protocol import decode
 from tests.builders import made, plan, session_of
 from tests.counts import count
@@ -58,7 +58,7 @@ def estimates(seed):
     medians = tables["participants"]["reaction_median_ms"]
     interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
     keys = tables["keys"]
-    return compared, target.model, interval, keys.loc[keys["action"].notna(), "found_steps"].to_numpy(float)
+    return compared, target.growth, interval, keys.loc[keys["action"].notna(), "found_steps"].to_numpy(float)
 
 
 @pytest.mark.long
@@ -66,7 +66,7 @@ def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
     studies = [estimates(seed) for seed in range(count(2, 400))]
     covered = {
         "effect of the group": [_holds(one["reward_mean"], -EFFECT) for one, *_ in studies],
-        "effect in the model": [_covers(model, EFFECT) for _, model, *_ in studies],
+        "effect of lines": [_covers(found, -EFFECT) for _, found, *_ in studies],
         "groups find keys alike": [_holds(one["found_all_s"], 0.0) for one, *_ in studies],
         "reaction time": [low <= REACTION_MS <= high for _, _, (low, high), _ in studies],
     }
@@ -85,8 +85,7 @@ def test_without_an_effect_p_is_small_as_rarely_as_it_should_be():
     small = []
     for seed in range(count(5, 2_000)):
         rng = np.random.default_rng([7, seed])
-        rows = pd.DataFrame({"group": ["a", "b"] * 6, "reward": rng.normal(0.7, 0.1, 12)})
-        small.append(_p(rows) < 0.05)
+        small.append(permutation_p(rng.normal(0.7, 0.1, 6), rng.normal(0.7, 0.1, 6)) < 0.05)
     assert stats.binomtest(sum(small), len(small), 0.05, alternative="greater").pvalue > 0.001
 
 
@@ -134,10 +133,6 @@ def _holds(comparison, truth):
     return low <= truth <= high
 
 
-def _covers(model, truth):
-    low, high = model.intervals[model.terms.index("group: trained")]
-    return low <= truth <= high
-
-
-def _p(rows):
-    return compare_groups(rows, ["reward"])[0].p
+def _covers(found, truth):
+    (term,) = (term for term in found.terms if term.name.startswith("control minus trained: reward"))
+    return term.interval[0] <= truth <= term.interval[1]

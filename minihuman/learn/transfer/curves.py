@@ -1,6 +1,5 @@
 """Learning curves: area, improvement over a baseline, and how sure one can be. Numbers only, no training."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,17 +70,6 @@ def improvement(transfer: NDArray[np.float64], baseline: NDArray[np.float64]) ->
         runs=len(ours),
         baselines=len(base),
     )
-
-
-def holm(ps: Sequence[float]) -> list[float]:
-    """p values corrected for how many there are (Holm, 1979); NaN stays NaN and counts as none."""
-    corrected = [float("nan")] * len(ps)
-    known = sorted((p, place) for place, p in enumerate(ps) if not np.isnan(p))
-    largest = 0.0
-    for rank, (p, place) in enumerate(known):
-        largest = max(largest, min(1.0, p * (len(known) - rank)))
-        corrected[place] = largest
-    return corrected
 
 
 def interquartile_mean(areas: NDArray[np.float64]) -> float:

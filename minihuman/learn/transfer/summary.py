@@ -10,9 +10,10 @@ import pandas as pd
 
 from minihuman.errors import LearnError
 from minihuman.learn.agent.policy_file import versions
-from minihuman.learn.transfer.curves import holm, improvement, interquartile_mean
+from minihuman.learn.transfer.curves import improvement, interquartile_mean
 from minihuman.learn.transfer.job import Result, write_atomically
 from minihuman.learn.transfer.plan import BASELINE, COMMITS, DEFECTS, SOURCE, Job, Study
+from minihuman.statistics.compare import holm
 
 COLUMNS = (
     *("runs", "area", "iqm", "final_reward", "runs_solved", "steps_to_solve"),

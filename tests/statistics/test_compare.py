@@ -1,0 +1,138 @@
+"""Statistics where the answer is known."""
+
+import itertools
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+from statsmodels.stats.meta_analysis import effectsize_smd
+from statsmodels.stats.multitest import multipletests
+from statsmodels.stats.power import TTestIndPower
+
+from minihuman.statistics.compare import compare_groups, hedges, holm, permutation_p, smallest_p
+from minihuman.statistics.power import power, t_test_power
+from tests.counts import count
+
+
+def groups(**values):
+    return pd.DataFrame([{"group": group, "reward": value} for group, them in values.items() for value in them])
+
+
+def test_p_is_the_share_of_all_regroupings_at_least_as_far_apart():
+    a, b = [3.0, 4.0, 6.0], [1.0, 2.0, 2.5]
+    (found,) = compare_groups(groups(a=a, b=b), ["reward"])
+    everyone = np.array(a + b)
+    apart = []
+    for chosen in itertools.combinations(range(6), 3):
+        rest = [place for place in range(6) if place not in chosen]
+        apart.append(abs(stats.ttest_ind(everyone[list(chosen)], everyone[rest], equal_var=False).statistic))
+    observed = abs(stats.ttest_ind(a, b, equal_var=False).statistic)
+    assert found.p == pytest.approx(np.mean(np.array(apart) >= observed - 1e-9))
+    assert found.difference == pytest.approx(np.mean(a) - np.mean(b))
+    assert found.n == (3, 3)
+
+
+def test_the_interval_is_welchs():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(1, 1, 12), rng.normal(0, 3, 7)
+    (found,) = compare_groups(groups(a=a, b=b), ["reward"])
+    variances = a.var(ddof=1) / 12, b.var(ddof=1) / 7
+    error = math.sqrt(sum(variances))
+    freedom = sum(variances) ** 2 / (variances[0] ** 2 / 11 + variances[1] ** 2 / 6)
+    half = stats.t.ppf(0.975, freedom) * error
+    assert found.interval == pytest.approx((found.difference - half, found.difference + half))
+    pooled = math.sqrt((11 * a.var(ddof=1) + 6 * b.var(ddof=1)) / 17)
+    assert found.g == pytest.approx(found.difference / pooled * (1 - 3 / (4 * 17 - 1)), rel=1e-3)
+
+
+def test_groups_without_any_spread_still_have_a_difference():
+    (found,) = compare_groups(groups(a=[1.0, 1.0], b=[1.0, 1.0]), ["reward"])
+    assert (found.difference, found.p) == (0.0, 1.0)
+    assert math.isnan(found.g)
+
+
+def test_a_group_of_one_stays_in_the_table_with_the_reason():
+    (found,) = compare_groups(groups(a=[1.0, 2.0], b=[1.0]), ["reward"])
+    assert found.reason == "1 in b: two a group are the least"
+    assert found.means == (1.5, 1.0)
+    assert math.isnan(found.p)
+    assert math.isnan(found.p_holm)
+
+
+def test_a_group_where_everybody_timed_out_has_a_difference_and_no_standardised_one():
+    (found,) = compare_groups(groups(a=[40.0, 60.0, 50.0], b=[250.0, 250.0, 250.0]), ["reward"])
+    assert found.reason == "everybody in b is at 250: no standardised difference"
+    assert found.interval[0] < -200 < found.interval[1]
+    assert math.isnan(found.g)
+
+
+def test_nobody_differs_next_to_nothing_means_no_huge_g():
+    (found,) = compare_groups(groups(a=[1.0, 1.001, 1.0], b=[2.0, 2.0, 2.001]), ["reward"])
+    assert found.reason == "spreads are next to nothing: no standardised difference"
+
+
+def test_the_smallest_p_of_the_papers_five_and_five_cannot_survive_ten_measures():
+    assert smallest_p((5, 5)) == pytest.approx(2 / 252)
+    apart = compare_groups(groups(a=np.arange(5.0), b=np.arange(5.0) + 100), ["reward"])[0]
+    assert apart.p == pytest.approx(apart.smallest_p)
+    assert holm([apart.p] + [0.5] * 9)[0] > 0.05
+    assert smallest_p((4, 7)) == pytest.approx(1 / 330)
+    assert smallest_p((40, 40)) == pytest.approx(1e-4)
+
+
+def test_hedges_g_agrees_with_statsmodels():
+    rng = np.random.default_rng(3)
+    a, b = rng.normal(1, 1, 9), rng.normal(0, 2, 14)
+    g, variance = effectsize_smd(a.mean(), a.std(ddof=1), 9, b.mean(), b.std(ddof=1), 14)
+    found, half = hedges(a, b)
+    assert found == pytest.approx(g, rel=2e-3)
+    assert half == pytest.approx(1.96 * math.sqrt(variance), rel=0.02)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("sizes", "spreads", "at_most"),
+    [((5, 25), (3, 1), 0.08), ((8, 16), (2, 1), 0.08), ((10, 10), (3, 1), 0.065), ((12, 12), (1, 1), 0.065)],
+)
+def test_a_true_null_is_rejected_as_rarely_as_it_should_be(sizes, spreads, at_most):
+    rng, studies = np.random.default_rng(11), count(60, 1000)
+    rejected = 0
+    for _ in range(studies):
+        a, b = (rng.normal(0, spread, size) for size, spread in zip(sizes, spreads, strict=True))
+        rejected += permutation_p(a, b) < 0.05
+    print(f"{sizes} SD {spreads}: {rejected / studies:.3f} of {studies} studies reject a true null")
+    assert stats.binomtest(rejected, studies, at_most, alternative="greater").pvalue > 0.01
+    if sizes[0] == sizes[1]:
+        assert stats.binomtest(rejected, studies, 0.035, alternative="less").pvalue > 0.01
+
+
+def test_three_groups_make_three_pairs_and_p_is_corrected_over_all():
+    found = compare_groups(groups(a=[1.0, 2, 3], b=[2.0, 3, 4], c=[9.0, 10, 11]), ["reward"])
+    assert [(one.first, one.second) for one in found] == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert all(one.p_holm >= one.p for one in found)
+    smallest = min(found, key=lambda one: one.p)
+    assert smallest.p_holm == pytest.approx(3 * smallest.p)
+
+
+def test_power_is_the_textbooks():
+    found = power((26, 26))
+    assert found.needed_for_large == 26
+    assert found.power_for_large == pytest.approx(0.807, abs=0.002)
+    assert found.detectable_g == pytest.approx(0.79, abs=0.01)
+    assert math.isnan(power((1, 5)).power_for_large)
+
+
+@pytest.mark.parametrize(("d", "n"), [(0.8, (26, 26)), (0.3, (5, 25)), (1.5, (4, 4))])
+def test_power_agrees_with_statsmodels(d, n):
+    peer = TTestIndPower().power(d, n[0], 0.05, ratio=n[1] / n[0])
+    assert t_test_power(d, n) == pytest.approx(peer, abs=1e-6)
+
+
+def test_holm_agrees_with_statsmodels_and_passes_over_what_is_unknown():
+    ps = [0.04, 0.001, 0.03, 0.2]
+    assert holm(ps) == pytest.approx(list(multipletests(ps, method="holm")[1]))
+    with_unknown = holm([0.04, float("nan"), 0.03])
+    assert np.isnan(with_unknown[1])
+    assert with_unknown[::2] == pytest.approx([0.06, 0.06])

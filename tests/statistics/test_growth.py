@@ -1,0 +1,75 @@
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from minihuman.statistics.growth import growth
+from tests.counts import count
+
+
+def people(rng, groups, *, episodes=8, slope_sd=0.0, slopes=None, level_sd=0.2):
+    """Rows of people whose own levels and slopes vary round those of their group."""
+    rows = []
+    for group, size in groups.items():
+        for person in range(size):
+            own, slope = rng.normal(0, level_sd), (slopes or {}).get(group, 0.0) + rng.normal(0, slope_sd)
+            rows += [
+                {
+                    "participant": f"{group}-{person}",
+                    "group": group,
+                    "episode_in_block": episode,
+                    "reward": 0.5 + own + slope * episode + rng.normal(0, 0.1),
+                }
+                for episode in range(1, episodes + 1)
+            ]
+    return pd.DataFrame(rows)
+
+
+def named(found):
+    return {term.name: term for term in found.terms}
+
+
+def test_it_finds_levels_slopes_and_their_difference_against_a_named_reference():
+    rows = people(np.random.default_rng(1), {"a": 20, "b": 20}, slopes={"a": 0.0, "b": 0.05})
+    found = growth(rows, "reward", order=("b", "a"))
+    assert found.reference == "a"
+    terms = named(found)
+    assert list(terms) == [
+        "a: reward in the middle of the block",
+        "b minus a: reward in the middle of the block",
+        "a: change an episode",
+        "b minus a: change an episode",
+    ]
+    assert terms["b minus a: change an episode"].estimate == pytest.approx(0.05, abs=0.01)
+    assert terms["b minus a: change an episode"].p < 0.001
+    assert terms["a: change an episode"].interval[0] < 0 < terms["a: change an episode"].interval[1]
+
+
+def test_a_group_of_one_is_left_out_by_name_and_the_others_stay():
+    rows = people(np.random.default_rng(2), {"a": 6, "b": 3, "c": 1})
+    found = growth(rows, "reward")
+    assert found.left_out == ("c: 1 with 3 episodes or more",)
+    assert found.reference == "b"
+    assert growth(rows[rows["group"] == "c"], "reward") is None
+
+
+def test_people_who_are_all_alike_have_an_estimate_and_no_interval():
+    rows = people(np.random.default_rng(3), {"a": 2, "b": 2}).assign(reward=0.5)
+    terms = named(growth(rows, "reward"))
+    assert terms["b: change an episode"].estimate == pytest.approx(0)
+    assert all(math.isnan(term.p) for term in terms.values())
+
+
+@pytest.mark.long
+def test_where_peoples_own_slopes_differ_a_true_null_is_rejected_as_rarely_as_it_should_be():
+    rng, studies = np.random.default_rng(5), count(60, 1000)
+    small = {"b: change an episode": 0, "a minus b: change an episode": 0}
+    for _ in range(studies):
+        terms = named(growth(people(rng, {"a": 10, "b": 10}, episodes=10, slope_sd=0.01), "reward"))
+        for name in small:
+            small[name] += terms[name].p < 0.05
+    for name, rejected in small.items():
+        print(f"{name}: {rejected / studies:.3f} of {studies} studies reject a true null")
+        assert stats.binomtest(rejected, studies, 0.05).pvalue > 0.001
