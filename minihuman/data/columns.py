@@ -246,6 +246,75 @@ MARKS = (
     Column("at", "text", "UTC", "When it was marked, ISO 8601."),
     Column("taken_back", "yes_no", "", "Whether this line undoes an earlier mark of that tag."),
 )
+_PART = Column("part", "whole", "", "The session's part, 1 for the first.")
+ANSWERS = (
+    *_WHO,
+    *_SEGMENT,
+    _PART,
+    Column("questions", "text", "", "The part's name in the protocol."),
+    Column("item", "text", "", "The question's name in the protocol or the form."),
+    Column("kind", "text", "", "likert, slider, choice, choices, number, text or long_text."),
+    Column("attempt", "whole", "", "1, or more where the questions were asked again."),
+    Column("t_ns", "whole", "ns", "When the answer was given, session time."),
+    Column("answer", "text", "", "The option's code, the number or the text; several codes as a JSON list."),
+    Column("number", "number", "", "The same as a number, where it is one."),
+    Column("said", "text", "", "What the participant saw of it: the option's words."),
+    Column("right", "yes_no", "", "Whether it is the right answer; empty where there is none."),
+    Column("shown_ns", "whole", "ns", "When the question reached the display, session time."),
+    Column("first_ms", "number", "ms", "From then to the first change."),
+    Column("answer_ms", "number", "ms", "From then until it was given."),
+    Column("changes", "whole", "", "How often it changed before it was given."),
+)
+ANSWER_CHANGES = (
+    *_WHO,
+    *_SEGMENT,
+    _PART,
+    Column("item", "text", "", "The question's name."),
+    Column("t_ns", "whole", "ns", "When, session time."),
+    Column("answer", "text", "", "What it was changed to, as JSON."),
+)
+PARTS = (
+    *_WHO,
+    *_SEGMENT,
+    _T_NS,
+    _PART,
+    Column("what", "text", "", "started, or how it ended: done, failed, again or over."),
+    Column("kind", "text", "", "The kind of activity: page, questions, keyboard_check, play or another."),
+    Column("name", "text", "", "The part's name in the protocol."),
+    Column("next", "whole", "", "The part that follows; one past the last where none does. Empty at a start."),
+)
+PAGES = (
+    *_WHO,
+    *_SEGMENT,
+    _T_NS,
+    _PART,
+    Column("name", "text", "", "The part's name in the protocol."),
+    Column("page", "whole", "", "The page that was shown, 1 for the first."),
+    Column("pages", "whole", "", "How many the text has."),
+    Column("submit_ns", "whole", "ns", "When it was handed to the display, session time."),
+    Column("flip_ns", "whole", "ns", "When it was there, session time."),
+)
+POINTS = (
+    *_WHO,
+    *_SEGMENT,
+    _T_NS,
+    Column("episode", "whole", "", "The session's episode, 1 for the first; the first of those that were skipped."),
+    Column("points", "number", "", "What it was worth; empty where it was skipped."),
+    Column("total", "number", "", "The session's points so far."),
+    Column("skipped", "whole", "", "How many episodes were not played; empty for one that was."),
+    Column("why", "text", "", "Why: criterion, time or given_up."),
+)
+OTHER_INPUTS = (
+    *_WHO,
+    *_SEGMENT,
+    _T_NS,
+    Column("what", "text", "", "typed, or what the pointer did: pressed, moved while pressed, released."),
+    Column("text", "text", "", "What was typed."),
+    Column("target", "text", "", "The spot the pointer went down in; empty for none."),
+    Column("x", "number", "", "0 at the left edge of the drawn picture, 1 at the right."),
+    Column("y", "number", "", "0 at its top, 1 at its bottom."),
+    Column("along", "number", "", "0 to 1 inside the spot."),
+)
 TABLES: dict[str, tuple[Column, ...]] = {
     "steps": STEPS,
     "presses": PRESSES,
@@ -261,6 +330,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "notes": NOTES,
     "samples": SAMPLES,
     "marks": MARKS,
+    "answers": ANSWERS,
+    "answer_changes": ANSWER_CHANGES,
+    "parts": PARTS,
+    "pages": PAGES,
+    "points": POINTS,
+    "other_inputs": OTHER_INPUTS,
 }
 
 
@@ -276,6 +351,15 @@ FROM_TOPICS = {
     topics.SAMPLE: ("samples",),
     topics.EPISODE_END: ("episodes",),
     topics.SESSION_END: ("segments",),
+    topics.ANSWER: ("answers",),
+    topics.ANSWER_CHANGE: ("answer_changes",),
+    topics.PART: ("parts",),
+    topics.PART_END: ("parts",),
+    topics.PAGE: ("pages",),
+    topics.POINTS: ("points",),
+    topics.SKIP: ("points",),
+    topics.TEXT: ("other_inputs",),
+    topics.POINTER: ("other_inputs",),
 }
 """Which tables hold what is said on each of the log's topics. Stored observations are no rows: exports hold them."""
 

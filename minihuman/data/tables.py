@@ -7,6 +7,7 @@ import numpy as np
 from minihuman.data.around import around
 from minihuman.data.counted import Counted
 from minihuman.data.measured import Measured, Row, place
+from minihuman.data.part_rows import part_rows
 from minihuman.data.rows import Part, Rows
 from minihuman.data.selection import about_session
 from minihuman.data.versions import version_name
@@ -59,6 +60,7 @@ def session_tables(counted: Counted, measured: Measured) -> Rows:
             "participants": Part.of([participant] if counted.wanted else []),
         }
         | around(log, played, who, counted.marks, wanted=counted.wanted)
+        | part_rows(log, who, wanted=counted.wanted)
     )
 
 

@@ -11,7 +11,7 @@ from minihuman.log.read.glance import glance
 from minihuman.recorded.episode import CUT_OFF
 from minihuman.study import events as ev
 
-_READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SESSION_END})
+_READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.SESSION_END})
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Summary:
     segments: int
     clean: bool
     end_reason: str  # an EndReason, or "cut_off"
-    episodes_planned: int
+    episodes_planned: int  # less those that were skipped
     episodes_completed: int  # with an outcome other than abandoned
     steps: int
     duration_s: float  # from a segment's start to its last message, summed
@@ -47,7 +47,7 @@ def summarise(files: Sequence[Path]) -> Summary:
     plan: ev.SessionStarted | None = None
     completed: set[int] = set()
     spans: list[tuple[int, int]] = []  # a segment's first and last log time
-    steps, end_reason = 0, CUT_OFF
+    steps, skipped, end_reason = 0, 0, CUT_OFF
     for reading, message in ((source, found) for source in readings for found in source.messages()):
         topic = message.channel.topic
         steps += topic == topics.STEP
@@ -57,6 +57,8 @@ def summarise(files: Sequence[Path]) -> Summary:
                 spans.append((message.log_time, message.log_time))
             case ev.EpisodeEnded() as ended if ended.outcome != "abandoned":
                 completed.add(ended.episode)
+            case ev.EpisodesSkipped() as passed:
+                skipped += passed.count
             case ev.SessionEnded() as over:
                 end_reason = over.reason
         if spans:
@@ -76,7 +78,7 @@ def summarise(files: Sequence[Path]) -> Summary:
         segments=len(spans),
         clean=all_clean(starts, ends),
         end_reason=end_reason,
-        episodes_planned=len(plan.plan.episodes),
+        episodes_planned=len(plan.plan.episodes) - skipped,
         episodes_completed=len(completed),
         steps=steps,
         duration_s=sum(last - first for first, last in spans) / 1e9,

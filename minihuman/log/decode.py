@@ -6,12 +6,14 @@ from typing import Any, get_args
 from minihuman.log import plan_messages as plans
 from minihuman.log import topics
 from minihuman.log.observations import unpack
+from minihuman.log.plain import readers
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.study import events as ev
 
 _VERDICTS = get_args(ev.Verdict)
 _OUTCOMES = get_args(ev.Outcome)
 _END_REASONS = get_args(ev.EndReason)
+_CAUSES = get_args(ev.EndCause)
 _PAUSES = get_args(ev.PauseReason)
 
 
@@ -121,6 +123,7 @@ def _episode_end(data: bytes) -> ev.EpisodeEnded:
         steps=message.steps,
         return_=message.episode_return,
         state_hash=message.state_hash,
+        cause=plans.one_of(_CAUSES, message.cause),
     )
 
 
@@ -144,4 +147,5 @@ _READERS: dict[str, Callable[[bytes], Any]] = {
     topics.SAMPLE: _sample,
     topics.EPISODE_END: _episode_end,
     topics.SESSION_END: _session_end,
+    **readers(),
 }

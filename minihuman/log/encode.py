@@ -5,7 +5,6 @@
 
 import math
 from collections.abc import Iterator
-from typing import assert_never
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -21,6 +20,7 @@ from minihuman.log import topics
 from minihuman.log.decode import decode
 from minihuman.log.floor_plan import floor_plan_png
 from minihuman.log.observations import pack
+from minihuman.log.plain import message_of
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.study import events as ev
 from minihuman.worlds.pose import Pose
@@ -30,6 +30,9 @@ FRAME_ID = "world"  # x right, y up, z down the page, as minihuman.worlds.pose s
 
 def truth(event: ev.Event) -> tuple[str, Message]:
     """Name the topic of an event and put all of it into one message."""
+    plain = message_of(event)
+    if plain is not None:
+        return plain
     match event:
         case ev.SessionStarted():
             return topics.PLAN, plans.session_plan_message(event.plan, t_ns=event.t_ns, facts=event.facts)
@@ -71,6 +74,7 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 steps=event.steps,
                 episode_return=event.return_,
                 state_hash=event.state_hash,
+                cause=event.cause,
             )
         case ev.Paused():
             return topics.PAUSE, v1.Pause(t_ns=event.t_ns, paused=True, reason=event.reason)
@@ -87,7 +91,7 @@ def truth(event: ev.Event) -> tuple[str, Message]:
                 detail=event.detail,
                 episodes_completed=event.episodes_completed,
             )
-    assert_never(event)
+    raise AssertionError(f"{type(event).__name__} has no message; give it a row in log/plain.py")
 
 
 def for_viewers(topic: str, data: bytes, *, started_ns: int) -> Iterator[tuple[str, Message]]:
@@ -196,6 +200,10 @@ def _line(event: ev.Event) -> tuple[Log.Level.ValueType, str, str] | None:
         case ev.KeyMapDrawn():
             keys = ", ".join(f"{key}={action}" for key, action in event.key_map.keys.items())
             return Log.INFO, "keys", f"from episode {event.episode + 1}: {keys}"
+        case ev.PartStarted():
+            return Log.INFO, "part", f"part {event.part + 1}: {event.name} ({event.kind})"
+        case ev.Answered():
+            return Log.INFO, "answer", f"{event.part_name}, {event.item}: {event.value}"
         case ev.Paused():
             return Log.WARNING, "pause", f"paused: {event.reason}"
         case ev.Resumed():

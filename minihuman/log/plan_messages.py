@@ -5,9 +5,20 @@ from typing import Any
 
 import msgspec
 
-from minihuman.errors import LogError
+from minihuman.errors import LogError, ProtocolError
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
+from minihuman.study.activities.registry import kind_of
+from minihuman.study.plan import (
+    BlockText,
+    Bonus,
+    EpisodePlan,
+    KeyMap,
+    Part,
+    Participant,
+    SessionPlan,
+    Standing,
+)
+from minihuman.study.words import ENGLISH
 from minihuman.worlds.pose import Map, Pose, Thing
 
 
@@ -125,6 +136,12 @@ def session_plan_message(plan: SessionPlan, *, t_ns: int, facts: dict[str, str])
         v1.BlockText(instruction=text.instruction, feedback=text.feedback, rest=text.rest, rest_s=text.rest_s)
         for text in plan.texts
     ]
+    fields["parts"] = [
+        v1.Part(kind=part.kind, name=part.name, plan_json=_json(part.plan)) for part in fields.pop("parts")
+    ]
+    fields["words_json"] = _json(fields.pop("words"))
+    fields["standing_json"] = _json(fields.pop("standing"))
+    fields["bonus_json"] = _json(fields.pop("bonus"))
     fields["episodes"] = [episode_plan_message(episode) for episode in plan.episodes]
     return v1.SessionPlan(t_ns=t_ns, facts=[v1.Fact(name=name, value=value) for name, value in facts.items()], **fields)
 
@@ -151,4 +168,22 @@ def read_session_plan(message: v1.SessionPlan) -> SessionPlan:
         episodes=tuple(read_episode_plan(episode) for episode in message.episodes),
         first_episode=message.first_episode,
         segment=message.segment,
+        parts=tuple(_read_part(part) for part in message.parts),
+        words=msgspec.json.decode(message.words_json) if message.words_json else {},
+        language=message.language or ENGLISH,
+        standing=msgspec.json.decode(message.standing_json or b"{}", type=Standing),
+        bonus=msgspec.json.decode(message.bonus_json or b"null", type=Bonus | None),
     )
+
+
+def _json(value: Any) -> str:
+    return msgspec.json.encode(value).decode()
+
+
+def _read_part(message: v1.Part) -> Part:
+    """A part as its kind reads it; as plain JSON where this machine has no such kind, so that the log opens even so."""
+    plan = msgspec.json.decode(message.plan_json)
+    try:
+        return Part(message.kind, message.name, kind_of(message.kind).read(plan))
+    except ProtocolError:
+        return Part(message.kind, message.name, plan)

@@ -35,6 +35,15 @@ KEY = "/input/key"
 STEP = "/step"
 FRAME = "/frame"
 OBSERVATION = "/obs"
+SKIP = "/episode/skip"
+POINTS = "/episode/points"
+PART = "/session/part"
+PART_END = "/session/part_end"
+PAGE = "/page"
+TEXT = "/input/text"
+POINTER = "/input/pointer"
+ANSWER_CHANGE = "/answer/change"
+ANSWER = "/answer"
 SAMPLE = "/sample"
 
 POSE = "/pose"
@@ -65,6 +74,15 @@ TOPICS = (
     Topic(FRAME, v1.FrameShown, "when a picture was handed over and when it was on the display"),
     Topic(SAMPLE, v1.Sample, "what a device of the protocol gave"),
     Topic(EPISODE_END, v1.EpisodeEnd, "outcome, steps, return, last state hash"),
+    Topic(SKIP, v1.EpisodesSkipped, "planned episodes that are not played: a criterion was met, or the time is up"),
+    Topic(POINTS, v1.Scored, "an episode's points, and the session's so far"),
+    Topic(PART, v1.PartStarted, "a part of the session begins"),
+    Topic(PART_END, v1.PartEnded, "a part is over, and which one is next"),
+    Topic(PAGE, v1.PageShown, "a page of a text reached the display"),
+    Topic(TEXT, v1.TextTyped, "text from the input method or the keyboard's layout"),
+    Topic(POINTER, v1.PointerUsed, "mouse or finger: down, moved while down, up, and the spot that was hit"),
+    Topic(ANSWER_CHANGE, v1.AnswerChanged, "an answer is another now, not given yet"),
+    Topic(ANSWER, v1.Answered, "an answer was given: what, when, after how many changes, right or wrong"),
     Topic(SESSION_END, v1.SessionEnd, "why the segment ended; its last message"),
     Topic(POSE, PoseInFrame, "the pose after a reset or step", for_viewers=True),
     Topic(MAP_IMAGE, CompressedImage, "the floor plan of an episode, PNG", for_viewers=True),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.recorded.columns import EventColumns
-from minihuman.recorded.segment import Note, Pauses, Segment
+from minihuman.recorded.segment import Note, PartEvent, Pauses, Segment
 from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Outcome
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.worlds.pose import Pose
@@ -104,6 +104,11 @@ class SessionLog:
     def notes(self) -> tuple[Note, ...]:
         """What was noted in all segments, in order of time."""
         return tuple(note for segment in self.segments for note in segment.notes)
+
+    @property
+    def part_events(self) -> tuple[PartEvent, ...]:
+        """What happened in the session's parts beside play, in order; nothing in logs from before there were parts."""
+        return tuple(event for segment in self.segments for event in segment.part_events)
 
     @property
     def keys(self) -> EventColumns[KeyPressed]:

@@ -9,10 +9,30 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from minihuman.recorded.columns import EventColumns
-from minihuman.study.events import KeyPressed, Noted, Paused, Resumed, Sampled
+from minihuman.study.events import (
+    AnswerChanged,
+    Answered,
+    EpisodesSkipped,
+    KeyPressed,
+    Noted,
+    PageShown,
+    PartEnded,
+    PartStarted,
+    Paused,
+    PointerUsed,
+    Resumed,
+    Sampled,
+    Scored,
+    TextTyped,
+)
 
+PartEvent = (
+    PartStarted | PartEnded | PageShown | EpisodesSkipped | Scored | AnswerChanged | Answered | TextTyped | PointerUsed
+)
 Note = Noted | Paused | Resumed
 Pauses = tuple[tuple[int, int], ...]  # begin and end of each, ns of session time
+
+_TIMES = ("t_ns", "shown_ns", "first_ns", "submit_ns", "flip_ns")  # of part events
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +51,7 @@ class Segment:
     facts: dict[str, str]  # of the station: versions, platform, display
     notes: tuple[Note, ...]  # consent, focus, pauses, errors, in order of time
     keys: EventColumns[KeyPressed]  # every press and release, outside episodes too
+    part_events: tuple[PartEvent, ...] = ()  # parts, pages, answers, points, in the order logged
     samples: Sequence[Sampled] = ()  # of the protocol's devices, read when looked at
 
     @property
@@ -51,3 +72,14 @@ class Segment:
 def in_session(notes: Iterable[Note], start_ns: int) -> tuple[Note, ...]:
     """A segment's notes as they were logged, told in session time, in order of time."""
     return tuple(sorted((replace(note, t_ns=note.t_ns + start_ns) for note in notes), key=lambda note: note.t_ns))
+
+
+def parts_in_session(events: Iterable[PartEvent], start_ns: int) -> tuple[PartEvent, ...]:
+    """What happened in a segment's parts as it was logged, told in session time."""
+    return tuple(_moved(event, start_ns) for event in events)
+
+
+def _moved(event: PartEvent, start_ns: int) -> PartEvent:
+    times = {name: getattr(event, name) for name in _TIMES if hasattr(event, name)}
+    known = {name: t_ns + start_ns for name, t_ns in times.items() if t_ns or name == "t_ns"}  # 0: nobody said
+    return replace(event, **known)

@@ -3,10 +3,12 @@
 Groups come in permuted blocks whose size varies (one to three times the number of groups), so that the next group
 cannot be guessed and the groups never drift apart. Key positions are balanced: among the participants of each
 full block of as many as there are keys in the pool, every action lies on every key exactly once; within a block
-the rows go to the participants whose group has had those positions least.
+the rows go to the participants whose group has had those positions least. Latin squares of parts are filled within
+each group, one after the other.
 """
 
 import hashlib
+from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,6 +16,7 @@ import msgspec
 
 from minihuman.errors import AllocationError
 from minihuman.study.chance import permutation, words
+from minihuman.study.design import Order
 from minihuman.study.protocol import Protocol
 
 
@@ -24,21 +27,81 @@ class Slot:
     index: int  # 0 for the first participant
     group: str
     positions: tuple[tuple[int, ...], ...]  # one row a draw: for each action, the index of its key in the pool
+    kept: tuple[int, ...] = ()  # the row of the keys that a participant keeps; () where no block asks for it
+    orders: tuple[tuple[int, ...], ...] = ()  # for each of the protocol's orders, the places of its parts
 
 
 def allocation(protocol: Protocol) -> tuple[Slot, ...]:
     """The whole list, ``study.participants`` slots long; a longer list begins with a shorter one."""
     count = protocol.study.participants
     groups = _groups(protocol, count)
-    draws = [_positions(protocol, draw, groups) for draw in range(max(len(group.blocks) for group in protocol.groups))]
+    draws = [_positions(protocol, str(draw), groups) for draw in range(_draws(protocol))]
+    kept = _positions(protocol, "kept", groups) if _keeps(protocol) else [()] * count
+    orders = _orders(protocol, groups)
     return tuple(
-        Slot(index, protocol.groups[groups[index]].name, tuple(rows[index] for rows in draws)) for index in range(count)
+        Slot(index, protocol.groups[groups[index]].name, tuple(rows[index] for rows in draws), kept[index], order)
+        for index, order in enumerate(orders)
     )
 
 
 def allocation_sha256(slots: tuple[Slot, ...]) -> str:
-    """SHA-256 of the list in its canonical JSON form, hexadecimal: what every log holds."""
-    return hashlib.sha256(msgspec.json.encode(slots)).hexdigest()
+    """SHA-256 of the list in its canonical JSON form, hexadecimal: what every log holds.
+
+    What a protocol does not ask for is left out, so that lists made before it could be asked for keep their hash.
+    """
+    asked = [name for name in ("kept", "orders") if any(getattr(slot, name) for slot in slots)]
+    fields = ["index", "group", "positions", *asked]
+    rows = [{name: getattr(slot, name) for name in fields} for slot in slots]
+    return hashlib.sha256(msgspec.json.encode(rows)).hexdigest()
+
+
+def _draws(protocol: Protocol) -> int:
+    """A draw for each place of a group's blocks, or for each block where parts are listed otherwise."""
+    if protocol.designed:
+        return len(protocol.blocks)
+    return max((len(group.blocks) for group in protocol.groups), default=0)
+
+
+def _keeps(protocol: Protocol) -> bool:
+    return any(
+        protocol.block_for(block.name, group.name).key_map == "kept"
+        for block in protocol.blocks
+        for group in protocol.groups
+    )
+
+
+def _orders(protocol: Protocol, groups: list[int]) -> list[tuple[tuple[int, ...], ...]]:
+    """For each slot, the order of each of the protocol's orders; Latin squares are filled within each group."""
+    seen: Counter[int] = Counter()
+    result = []
+    for index, group in enumerate(groups):
+        result.append(tuple(_order(protocol, order, group, seen[group], index) for order in protocol.orders))
+        seen[group] += 1
+    return result
+
+
+def _order(protocol: Protocol, order: Order, group: int, place: int, index: int) -> tuple[int, ...]:
+    count, seed = len(order.parts), protocol.study.seed
+    match order.order:
+        case "fixed":
+            return tuple(range(count))
+        case "shuffled":
+            return permutation(count, seed=seed, purpose=f"order-{order.name}", index=index)
+    square = latin_square(count)
+    rows = permutation(len(square), seed=seed, purpose=f"order-{order.name}-{group}", index=place // len(square))
+    return square[rows[place % len(square)]]
+
+
+def latin_square(count: int) -> tuple[tuple[int, ...], ...]:
+    """Orders of ``count`` things: each at each place equally often, and each right after each other one equally often.
+
+    As many rows as things where that number is even, twice as many where it is odd (Williams 1949).
+    """
+    first = [0]
+    for step in range(1, count):
+        first.append((first[-1] + (step if step % 2 else -step)) % count)
+    rows = [tuple((place + row) % count for place in first) for row in range(count)]
+    return tuple(rows + [row[::-1] for row in rows]) if count % 2 else tuple(rows)
 
 
 def slot_of(protocol: Protocol, index: int) -> Slot:
@@ -57,22 +120,23 @@ def slot_of(protocol: Protocol, index: int) -> Slot:
 
 def _groups(protocol: Protocol, count: int) -> list[int]:
     """A group number for each slot, in permuted blocks of varying size."""
-    kinds, seed = len(protocol.groups), protocol.study.seed
+    seed = protocol.study.seed
+    shares = [group for group, its in enumerate(protocol.groups) for _ in range(its.ratio)]
     result: list[int] = []
     block = 0
     while len(result) < count:
         repeats = 1 + int(words(1, seed=seed, purpose="group-block-size", index=block)[0] % 3)
-        members = [group for group in range(kinds) for _ in range(repeats)]
+        members = [group for group in shares for _ in range(repeats)]
         order = permutation(len(members), seed=seed, purpose="group-block", index=block)
         result += [members[place] for place in order]
         block += 1
     return result[:count]
 
 
-def _positions(protocol: Protocol, draw: int, groups: list[int]) -> list[tuple[int, ...]]:
+def _positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tuple[int, ...]]:
     """For each slot and one draw, where in the pool each action lies; columns for the most actions of any block."""
     pool, seed = len(protocol.keys.pool), protocol.study.seed
-    actions = max(len(block.actions) for block in protocol.blocks)
+    actions = max((len(block.actions) for block in protocol.blocks), default=0)
     used = [[[0] * pool for _ in range(actions)] for _ in protocol.groups]
     result: list[tuple[int, ...]] = []
     for block, first in enumerate(range(0, len(groups), pool)):

@@ -19,10 +19,22 @@ Verdict = Literal[
     "queued",  # real_time: replaces or waits for the tick's action
     "not_playing",  # the session was not taking actions (paused, feedback, ...)
     "release",  # a key came up
+    "typing",  # it types into a text; what it typed is TextTyped
 ]
+EndCause = Literal["", "max_s", "block_max_s"]  # what else than a step ended an episode
+SkipReason = Literal["criterion", "time", "given_up"]
+PartEnd = Literal["done", "failed", "again", "over"]
 PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question", "experimenter"]
 EndReason = Literal[
-    "complete", "aborted", "quit", "window_closed", "signal", "disk_full", "world_error", "internal_error"
+    "complete",
+    "screened_out",
+    "aborted",
+    "quit",
+    "window_closed",
+    "signal",
+    "disk_full",
+    "world_error",
+    "internal_error",
 ]
 
 
@@ -137,6 +149,107 @@ class EpisodeEnded:
     steps: int
     return_: float
     state_hash: int
+    cause: EndCause = ""  # a time limit, where no step ended it
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodesSkipped:
+    """Planned episodes that are not going to be played."""
+
+    t_ns: int
+    first: int
+    count: int
+    reason: SkipReason
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """Points for an episode, and the session's total so far."""
+
+    t_ns: int
+    episode: int
+    points: float
+    total: float
+
+
+@dataclass(frozen=True, slots=True)
+class PartStarted:
+    """A part of the session begins."""
+
+    t_ns: int
+    part: int  # index into the plan's parts
+    kind: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class PartEnded:
+    """A part of the session is over, and which part is next."""
+
+    t_ns: int
+    part: int
+    end: PartEnd
+    next: int  # index of the part that follows; one past the last where none does
+
+
+@dataclass(frozen=True, slots=True)
+class PageShown:
+    """A page of a text reached the display."""
+
+    t_ns: int
+    part: int
+    page: int  # 1 for the first
+    pages: int
+    submit_ns: int
+    flip_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class TextTyped:
+    """Text came from the input method or the keyboard's layout."""
+
+    t_ns: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PointerUsed:
+    """A pointer went down, moved while down, or came up; x and y are 0..1 of the drawn picture."""
+
+    t_ns: int
+    what: Literal["pressed", "moved", "released"]
+    x: float
+    y: float
+    target: str
+    along: float
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerChanged:
+    """An answer is another now, not given yet."""
+
+    t_ns: int
+    part: int
+    item: str
+    value: str  # JSON
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """An answer was given."""
+
+    t_ns: int
+    part: int
+    part_name: str
+    item: str  # the item's name
+    kind: str
+    attempt: int  # 1, or more where the questions were asked again
+    value: str  # JSON: a code, a list of codes, a number, a text, or null where it was left out
+    words: str  # what the participant saw of it: the option's words, the number
+    shown_ns: int  # when the question reached the display; 0 if nobody said
+    first_ns: int  # its first change; 0 if there was none
+    changes: int
+    right: bool | None  # None where there is no right answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +305,15 @@ Event = (
     | ObservationStored
     | FrameShown
     | EpisodeEnded
+    | EpisodesSkipped
+    | Scored
+    | PartStarted
+    | PartEnded
+    | PageShown
+    | TextTyped
+    | PointerUsed
+    | AnswerChanged
+    | Answered
     | Paused
     | Resumed
     | Noted

@@ -4,10 +4,13 @@ import hashlib
 import re
 
 from minihuman.errors import AllocationError
+from minihuman.study.activities.pages import PagePlan
 from minihuman.study.allocation import allocation, allocation_sha256, slot_of
 from minihuman.study.chance import permutation, seeds
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
+from minihuman.study.planned import consent_text, own_words, planned_parts, words_of
 from minihuman.study.protocol import Block, Protocol
+from minihuman.study.resolve import KEYBOARD, part_names
 
 _CODE = re.compile(r"sub-(?P<number>\d{2,6})")
 MOST_SLOTS = 100_000  # of an allocation list; codes from there on are of those who take a slot over
@@ -56,17 +59,30 @@ def expand(
     resumed session goes on, and change nothing else.
     """
     slots = allocation(protocol)
-    group = protocol.group(participant.group)
-    blocks = [protocol.block(name) for name in group.blocks]
-    positions = slots[participant.index].positions
+    slot = slots[participant.index]
+    names = part_names(protocol, slot, participant.group, session)
+    blocks = [protocol.block_for(name, participant.group) for name in names if _is_block(protocol, name)]
     episodes: list[EpisodePlan] = []
     key_map: KeyMap | None = None
     for number, block in enumerate(blocks):
-        if key_map is None or block.key_map != "carry":
-            key_map = _draw(protocol, block, positions[number], participant, session, number)
+        place = _place(protocol, block, blocks, number)
+        if block.key_map == "fixed":
+            key_map = _deal(protocol, block, dict(block.fixed), participant, session, place)
+        elif block.key_map == "kept":
+            key_map = _on_keys(protocol, block, slot.kept, participant, session, place)
+        elif key_map is None or block.key_map != "carry":
+            key_map = _draw(protocol, block, slot.positions[place], participant, session, place)
         else:
-            key_map = _carry(protocol, blocks[number - 1], block, key_map, participant, session, number)
-        episodes += _episodes(protocol, block, number, key_map, participant, session, len(episodes))
+            key_map = _carry(protocol, blocks[number - 1], block, key_map, participant, session, place)
+        episodes += _episodes(protocol, block, number, place, key_map, participant, session, len(episodes))
+    words = words_of(protocol)
+    texts = tuple(
+        BlockText(b.instruction, b.feedback if isinstance(b.feedback, str) else "", b.rest, protocol.study.break_s)
+        for b in blocks
+    )
+    parts = tuple(planned_parts(protocol, participant, session, names, blocks, episodes))
+    agreed = [part.plan for part in parts if isinstance(part.plan, PagePlan) and part.plan.agree]
+    consent = consent_text(protocol, participant.group, names)
     return SessionPlan(
         study=protocol.study.name,
         study_version=protocol.study.version,
@@ -77,16 +93,31 @@ def expand(
         study_seed=protocol.study.seed,
         allocation_sha256=allocation_sha256(slots),
         overridden=overridden,
-        consent_text=protocol.study.consent,
-        consent_sha256=hashlib.sha256(protocol.study.consent.encode()).hexdigest(),
+        consent_text=consent if agreed else "",
+        consent_sha256=hashlib.sha256((consent if agreed else "").encode()).hexdigest(),
         key_pool=protocol.keys.pool,
-        keyboard_check=protocol.keys.check,
-        texts=tuple(BlockText(b.instruction, b.feedback, b.rest, protocol.study.break_s) for b in blocks),
-        closing_text=protocol.study.closing,
+        keyboard_check=KEYBOARD in names,
+        texts=texts,
+        closing_text=words["closing.text"] if protocol.study.closing is None else protocol.study.closing,
         episodes=tuple(episodes),
         first_episode=first_episode,
         segment=segment,
+        parts=parts,
+        words=own_words(protocol),
+        language=protocol.study.language,
+        bonus=protocol.bonus,
     )
+
+
+def _is_block(protocol: Protocol, name: str) -> bool:
+    return any(block.name == name for block in protocol.blocks)
+
+
+def _place(protocol: Protocol, block: Block, blocks: list[Block], number: int) -> int:
+    """Which draw is the block's: its place in its group, or in the file where its place in the session varies."""
+    if not protocol.designed:
+        return number
+    return next(place for place, other in enumerate(protocol.blocks) if other.name == block.name)
 
 
 def _draw(
@@ -97,6 +128,13 @@ def _draw(
         row = permutation(
             len(pool), seed=protocol.study.seed, purpose=f"key-map-{number}-session-{session}", index=participant.index
         )
+    return _on_keys(protocol, block, row, participant, session, number)
+
+
+def _on_keys(
+    protocol: Protocol, block: Block, row: tuple[int, ...], participant: Participant, session: int, number: int
+) -> KeyMap:
+    pool = protocol.keys.pool
     keys = {pool[place]: action for place, action in zip(row, block.actions, strict=False)}
     return _deal(protocol, block, keys, participant, session, number)
 
@@ -134,6 +172,7 @@ def _episodes(
     protocol: Protocol,
     block: Block,
     number: int,
+    drawn: int,
     key_map: KeyMap,
     participant: Participant,
     session: int,
@@ -151,7 +190,7 @@ def _episodes(
             seed=layout,
             actions=block.actions,
             key_map=key_map,
-            show_keys=block.key_map == "shown",
+            show_keys=block.key_map == "shown" or block.show_keys,
             pace=block.pace,
             step_period_ms=block.step_period_ms,
             noop=block.noop,
@@ -161,7 +200,7 @@ def _episodes(
             palette=block.palette,
             record_observations=block.record_observations,
         )
-        for place, layout in enumerate(_layouts(protocol, block, number, participant, session))
+        for place, layout in enumerate(_layouts(protocol, block, drawn, participant, session))
     ]
 
 

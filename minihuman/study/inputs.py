@@ -24,6 +24,50 @@ class KeyUp:
 
 
 @dataclass(frozen=True, slots=True)
+class Typed:
+    """The input method or the keyboard's layout made text; only while the screen wants text."""
+
+    t_ns: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PointerPressed:
+    """A mouse button or a finger went down at (x, y), 0..1 of the drawn picture from its top left corner.
+
+    ``target`` names the spot that was hit ("option:2", "slider", "go_on"; "" for none), ``along`` where inside it.
+    """
+
+    t_ns: int
+    x: float
+    y: float
+    target: str = ""
+    along: float = 0.0  # 0..1 from the spot's start, as text runs
+
+
+@dataclass(frozen=True, slots=True)
+class PointerMoved:
+    """The pointer moved with a button down; ``target`` is the spot in which it went down."""
+
+    t_ns: int
+    x: float
+    y: float
+    target: str = ""
+    along: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PointerReleased:
+    """The button or the finger came up; ``target`` is the spot in which it went down."""
+
+    t_ns: int
+    x: float
+    y: float
+    target: str = ""
+    along: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Tick:
     """Time passed. The session asks for ticks through ``Session.next_tick_ns``."""
 
@@ -65,4 +109,5 @@ class Asked:
     text: str = ""  # the note, or why
 
 
-Input = KeyDown | KeyUp | Tick | Shown | FocusChanged | Asked | Stop
+Pointer = PointerPressed | PointerMoved | PointerReleased
+Input = KeyDown | KeyUp | Typed | Pointer | Tick | Shown | FocusChanged | Asked | Stop

@@ -1,89 +1,93 @@
-"""The phases of a session and what leads from one to the next: one table; the docs draw their diagram from it."""
+"""The phases of a session and of the activities that come with the package, and the session's own table of moves."""
 
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from minihuman.study.moves import Move, Moves
+
+if TYPE_CHECKING:
+    from minihuman.study.session import Session
 
 
 class Phase(StrEnum):
-    """Where a session is."""
+    """Where a session is. While a part runs, the session's phase is the part's own."""
 
     START = "start"
+    PART = "part"  # never seen from outside: the part's phase is
     CONSENT = "consent"
+    PAGE = "page"
     KEYBOARD_CHECK = "keyboard_check"
+    QUESTIONS = "questions"
     INSTRUCTIONS = "instructions"
+    PREPARING = "preparing"
     READY = "ready"
+    INTERVAL = "interval"
+    FIXATION = "fixation"
     PLAYING = "playing"
-    PAUSED = "paused"
+    HOLD = "hold"
     FEEDBACK = "feedback"
     REST = "rest"
     CLOSING = "closing"
+    PAUSED = "paused"
+    UNFOCUSED = "unfocused"
     QUIT_QUESTION = "quit_question"
     ABORT_QUESTION = "abort_question"
     OVER = "over"
 
 
 class Cause(StrEnum):
-    """Why a session moves on. A phase with nothing to show is ``done`` as soon as it is entered."""
+    """Why a session, or a part of it, moves on."""
 
     BEGAN = "began"
     DONE = "done"
     EPISODE_ENDED = "episode_ended"
-    NEXT_EPISODE = "next_episode"
-    BLOCK_ENDED = "block_ended"
-    STUDY_ENDED = "study_ended"
     PAUSE = "pause"
     RESUME = "resume"
+    FOCUS_LOST = "focus_lost"
+    FOCUS_FOUND = "focus_found"
     ASK_QUIT = "ask_quit"
     ASK_ABORT = "ask_abort"
     STAY = "stay"
     END = "end"
 
 
-_MAY_ASK = (
-    Phase.CONSENT,
-    Phase.KEYBOARD_CHECK,
-    Phase.INSTRUCTIONS,
-    Phase.READY,
-    Phase.PLAYING,
-    Phase.PAUSED,
-    Phase.FEEDBACK,
-    Phase.REST,
-    Phase.CLOSING,
+def _it_is_being_played(session: "Session") -> bool:
+    return session.part.playing
+
+
+def _time_makes_its_steps(session: "Session") -> bool:
+    return session.part.playing and session.part.real_time
+
+
+def _another_part_follows(session: "Session") -> bool:
+    return session.next_part is not None
+
+
+_ASKING = (Phase.PART, Phase.PAUSED, Phase.UNFOCUSED)
+
+MOVES: "Moves[Session]" = Moves(
+    [
+        Move(Phase.START, Cause.BEGAN, Phase.PART),
+        Move(Phase.PART, Cause.DONE, Phase.PART, _another_part_follows),
+        Move(Phase.PART, Cause.DONE, Phase.OVER),
+        Move(Phase.PART, Cause.PAUSE, Phase.PAUSED, _it_is_being_played),
+        Move(Phase.PAUSED, Cause.RESUME, Phase.PART),
+        Move(Phase.PART, Cause.FOCUS_LOST, Phase.PAUSED, _time_makes_its_steps),
+        Move(Phase.PART, Cause.FOCUS_LOST, Phase.UNFOCUSED),
+        Move(Phase.UNFOCUSED, Cause.FOCUS_FOUND, Phase.PART),
+        *(Move(phase, Cause.ASK_QUIT, Phase.QUIT_QUESTION) for phase in _ASKING),
+        *(Move(phase, Cause.ASK_ABORT, Phase.ABORT_QUESTION) for phase in (*_ASKING, Phase.QUIT_QUESTION)),
+        Move(Phase.QUIT_QUESTION, Cause.STAY, None),
+        Move(Phase.ABORT_QUESTION, Cause.STAY, None),
+        *(
+            Move(phase, Cause.END, Phase.OVER)
+            for phase in (Phase.START, *_ASKING, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
+        ),
+    ]
 )
-
-BACK = None  # to the phase in which the question was asked
-
-TRANSITIONS: dict[tuple[Phase, Cause], Phase | None] = {
-    (Phase.START, Cause.BEGAN): Phase.CONSENT,
-    (Phase.CONSENT, Cause.DONE): Phase.KEYBOARD_CHECK,
-    (Phase.KEYBOARD_CHECK, Cause.DONE): Phase.INSTRUCTIONS,
-    (Phase.INSTRUCTIONS, Cause.DONE): Phase.READY,
-    (Phase.READY, Cause.DONE): Phase.PLAYING,
-    (Phase.PLAYING, Cause.EPISODE_ENDED): Phase.FEEDBACK,
-    (Phase.PLAYING, Cause.PAUSE): Phase.PAUSED,
-    (Phase.PAUSED, Cause.RESUME): Phase.PLAYING,
-    (Phase.FEEDBACK, Cause.NEXT_EPISODE): Phase.READY,
-    (Phase.FEEDBACK, Cause.BLOCK_ENDED): Phase.REST,
-    (Phase.FEEDBACK, Cause.STUDY_ENDED): Phase.CLOSING,
-    (Phase.REST, Cause.DONE): Phase.INSTRUCTIONS,
-    (Phase.CLOSING, Cause.DONE): Phase.OVER,
-    **{(phase, Cause.ASK_QUIT): Phase.QUIT_QUESTION for phase in _MAY_ASK},
-    **{(phase, Cause.ASK_ABORT): Phase.ABORT_QUESTION for phase in (*_MAY_ASK, Phase.QUIT_QUESTION)},
-    (Phase.QUIT_QUESTION, Cause.STAY): BACK,
-    (Phase.ABORT_QUESTION, Cause.STAY): BACK,
-    **{(phase, Cause.END): Phase.OVER for phase in Phase if phase is not Phase.OVER},
-}
+NOTED = frozenset({Cause.ASK_QUIT, Cause.ASK_ABORT, Cause.STAY, Cause.END})
 
 
 def mermaid() -> str:
-    """The table as a Mermaid state diagram; what any phase may do is said once, in a note."""
-    lines = ["stateDiagram-v2", f"    [*] --> {Phase.START}"]
-    for (phase, cause), target in TRANSITIONS.items():
-        if cause not in (Cause.ASK_QUIT, Cause.ASK_ABORT, Cause.END, Cause.STAY):
-            lines.append(f"    {phase} --> {target}: {cause}")
-    for cause in (Cause.ASK_QUIT, Cause.ASK_ABORT):
-        asking = [phase for (phase, why) in TRANSITIONS if why is cause]
-        question = TRANSITIONS[asking[0], cause]
-        lines.append(f"    note left of {question}: {cause} from {', '.join(asking)}; {Cause.STAY} goes back")
-    ending = [phase for (phase, cause) in TRANSITIONS if cause is Cause.END]
-    lines += [f"    note right of {Phase.OVER}: {Cause.END} from {', '.join(ending)}", f"    {Phase.OVER} --> [*]"]
-    return "\n".join(lines)
+    """The session's table as a Mermaid state diagram."""
+    return MOVES.mermaid(Phase.START, Phase.OVER, noted=NOTED)

@@ -7,7 +7,7 @@ import msgspec
 from minihuman.worlds.contract import Palette, View
 
 Spare = Literal["ignore", "distractor"]
-KeyMapPolicy = Literal["fresh", "carry", "shown"]
+KeyMapPolicy = Literal["fresh", "carry", "shown", "kept", "fixed"]
 PacePolicy = Literal["on_key", "real_time"]
 
 
@@ -61,6 +61,32 @@ class BlockText(msgspec.Struct, frozen=True):
     rest_s: float  # the shortest rest, seconds
 
 
+class Part(msgspec.Struct, frozen=True):
+    """One part of a session: what kind of activity, and that kind's own plan with no chance left in it."""
+
+    kind: str  # "play", "page", "questions", "keyboard_check", or another that is registered
+    name: str  # in the protocol
+    plan: Any  # the kind's frozen msgspec struct
+
+
+class Standing(msgspec.Struct, frozen=True):
+    """What a resumed session goes on from, beside the next episode."""
+
+    part: int = 0  # the part to begin with
+    points: float = 0.0
+    outcomes: tuple[str, ...] = ()  # of that part's episodes so far
+    tries: dict[str, int] = {}  # of questions, by the part's name
+
+
+class Bonus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What points are worth."""
+
+    per_point: float
+    currency: str = ""
+    base: float = 0.0
+    most: float | None = None  # the bonus never exceeds it
+
+
 class SessionPlan(msgspec.Struct, frozen=True):
     """The whole session: what ``expand()`` yields, and the first thing logged."""
 
@@ -82,3 +108,8 @@ class SessionPlan(msgspec.Struct, frozen=True):
     episodes: tuple[EpisodePlan, ...]
     first_episode: int  # 0, or where a resumed session goes on
     segment: int  # 1 for the first, one more after each resume
+    parts: tuple[Part, ...] = ()  # in order; empty in logs from before there were parts
+    words: dict[str, str] = {}  # the interface's words that differ from English's
+    language: str = "en"
+    standing: Standing = Standing()
+    bonus: Bonus | None = None

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.study.events import EpisodeEnded, EpisodeStarted, FrameShown, ObservationStored, Outcome, Stepped
+from minihuman.study.events import (
+    EndCause,
+    EpisodeEnded,
+    EpisodeStarted,
+    FrameShown,
+    ObservationStored,
+    Outcome,
+    Stepped,
+)
 from minihuman.study.inputs import Shown
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt.world import World
@@ -175,10 +183,10 @@ class Play:
             observation = copy.deepcopy(self.world.observation)
         return [ObservationStored(t_ns, self.plan.episode, self.steps, observation)]
 
-    def end(self, t_ns: int) -> EpisodeEnded:
-        """Say how it ended; without an outcome it was abandoned."""
-        self.outcome = self.outcome or "abandoned"
-        return EpisodeEnded(t_ns, self.plan.episode, self.outcome, self.steps, self.return_, self._state_hash)
+    def end(self, t_ns: int, cause: EndCause = "") -> EpisodeEnded:
+        """Say how it ended: by its last step, by a time limit, or abandoned where neither ended it."""
+        self.outcome = self.outcome or ("timeout" if cause else "abandoned")
+        return EpisodeEnded(t_ns, self.plan.episode, self.outcome, self.steps, self.return_, self._state_hash, cause)
 
     @property
     def _period_ns(self) -> int:

@@ -4,19 +4,26 @@ import difflib
 import hashlib
 import re
 import tomllib
-from typing import Any, Literal
+from collections.abc import Mapping
+from typing import Any, Literal, TypeVar
 
 import msgspec
 
 from minihuman.errors import ProtocolError
 from minihuman.study import about as facts
 from minihuman.study import devices as apparatus
+from minihuman.study.activities.drafts import Question
+from minihuman.study.activities.pages import Example
+from minihuman.study.activities.play_plan import Criterion, Points
+from minihuman.study.design import Day, Order, Override, Questionnaire, Text
+from minihuman.study.design_complaints import design_complaints
 from minihuman.study.keys import KEY_NAMES, RESERVED
-from minihuman.study.plan import KeyMapPolicy, PacePolicy, Spare
+from minihuman.study.plan import Bonus, KeyMapPolicy, PacePolicy, Spare
 from minihuman.worlds.contract import Palette, View
 
 MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
 
+_NO_FIELDS = frozenset({"toml", "files"})  # of Protocol, which the file itself does not have
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _FIELD = re.compile(r"unknown field `(?P<field>[^`]+)`(?: - at `(?P<path>[^`]+)`)?")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `(?P<path>[^`]+)`)?$", re.DOTALL)
@@ -30,8 +37,9 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: int  # every random choice of the study derives from it
     participants: int = 100  # length of the allocation list made up front
     consent: str = ""  # shown first; agreement is logged with this text's SHA-256; "" shows nothing
-    closing: str = "Thank you for taking part."  # the last screen
+    closing: str | None = None  # the last screen; absent: thanks in the study's language
     break_s: float = 0.0  # the shortest break between blocks, seconds
+    language: str = "en"  # of the interface's words: en de fr es zh ja ar, or another with all its [words]
 
 
 class Keys(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -43,10 +51,13 @@ class Keys(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Group(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A condition: the blocks its participants play, in order."""
+    """A condition: what its participants do, in order."""
 
     name: str
-    blocks: tuple[str, ...]  # names of blocks
+    blocks: tuple[str, ...] = ()  # names of blocks; consent, keyboard check and closing come by themselves
+    parts: tuple[str, ...] = ()  # or names of pages, questions, blocks and orders, where there are no [[sessions]]
+    ratio: int = 1  # how many participants for one of a group with ratio 1
+    instead: dict[str, str] = {}  # part -> the part this group has in its place; "" leaves it out
 
 
 class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -69,8 +80,22 @@ class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     palette: Palette = "classic"
     record_observations: bool = False  # the log holds what was observed, beside its hash
     instruction: str = ""
-    feedback: str = ""  # after each episode; {outcome} {reward} {steps} {episode} {episodes}
+    feedback: str | dict[Literal["goal", "timeout", "failure"], str] = ""  # after each episode, or by its outcome
     rest: str = ""  # after the block, when another follows
+    fixed: dict[str, str] = {}  # key_map = "fixed": physical key -> action
+    show_keys: bool = False  # the keys are on the screen, as with key_map = "shown"
+    title: str = ""  # above the instruction; absent: "Part 1 of 2"
+    mission: str = ""  # what is to be done, instead of the world's words
+    until: Criterion | None = None  # the block is over as soon as it is met
+    max_s: float = 0.0  # an episode's longest playing time, seconds; 0: none
+    block_max_s: float = 0.0  # the block's
+    interval_ms: float = 0.0  # an empty screen before each episode
+    fixation_ms: float = 0.0  # then a cross
+    hold_ms: float = 500.0  # the last picture stays
+    marks: bool = False  # and carries a mark and a colour for the outcome
+    points: Points | None = None
+    show_points: bool = False  # the running total is on the screen
+    for_group: Override = {}
 
 
 class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -88,9 +113,16 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     study: Study
     groups: tuple[Group, ...]
-    blocks: tuple[Block, ...]
+    blocks: tuple[Block, ...] = ()
     keys: Keys = Keys()
     exclusions: tuple[Exclusion, ...] = ()
+    pages: tuple[Text, ...] = ()
+    questions: tuple[Questionnaire, ...] = ()
+    orders: tuple[Order, ...] = ()
+    sessions: tuple[Day, ...] = ()
+    words: dict[str, Any] = {}  # the interface's words in other words, by table as in minihuman/study/words
+    bonus: Bonus | None = None
+    files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
     about: facts.About = facts.About()
     devices: tuple[apparatus.Device, ...] = ()
     toml: bytes = b""  # the file itself, byte for byte; not a field of the file
@@ -103,6 +135,23 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def block(self, name: str) -> Block:
         """The block of that name."""
         return next(block for block in self.blocks if block.name == name)
+
+    def block_for(self, name: str, group: str) -> Block:
+        """The block of that name as a group has it."""
+        return _as_for(self.block(name), group)
+
+    def page_for(self, name: str, group: str) -> Text | None:
+        """The page of that name as a group has it; None if there is none."""
+        return next((_as_for(page, group) for page in self.pages if page.name == name), None)
+
+    def questions_for(self, name: str, group: str) -> Questionnaire | None:
+        """The questions of that name as a group has them; None if there are none."""
+        return next((_as_for(asked, group) for asked in self.questions if asked.name == name), None)
+
+    @property
+    def designed(self) -> bool:
+        """Whether the file lists parts itself, in sessions or in groups."""
+        return bool(self.sessions) or any(group.parts for group in self.groups)
 
     def group(self, name: str) -> Group:
         """The group of that name.
@@ -117,8 +166,20 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         raise ProtocolError(f"no group {name!r} in study {self.study.name!r}; it has {names}")
 
 
-def decode(toml: bytes, source: str = "protocol") -> Protocol:
-    """Read a protocol file's bytes; ``source`` names the file in errors.
+_Named = TypeVar("_Named", Block, Text, Questionnaire)
+
+
+def _as_for(part: _Named, group: str) -> _Named:
+    """A part with the fields that are others for a group."""
+    own = part.for_group.get(group)
+    if not own:
+        return part
+    fields = {name: getattr(part, name) for name in part.__struct_fields__ if name != "for_group"}
+    return msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
+
+
+def decode(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | None = None) -> Protocol:
+    """Read a protocol file's bytes; ``source`` names the file in errors, ``files`` are those it names beside itself.
 
     Raises:
         ProtocolError: one line with file, path and the way out.
@@ -129,15 +190,15 @@ def decode(toml: bytes, source: str = "protocol") -> Protocol:
         raise ProtocolError(f"{source}: byte {error.start} is not UTF-8; save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError(f"{source}: not TOML: {error}") from None
-    if "toml" in tree:
-        raise ProtocolError(f"{source}: $.toml is not a field; {_known(Protocol)}")
+    for name in _NO_FIELDS.intersection(tree):
+        raise ProtocolError(f"{source}: $.{name} is not a field; {_known(Protocol)}")
     try:
         protocol = msgspec.convert(tree, Protocol)
     except msgspec.ValidationError as error:
         raise ProtocolError(f"{source}: {_explain(str(error))}") from None
     for path, complaint in _impossible(protocol):
         raise ProtocolError(f"{source}: {path} {complaint}")
-    return msgspec.structs.replace(protocol, toml=toml)
+    return msgspec.structs.replace(protocol, toml=toml, files=dict(files or {}))
 
 
 def _explain(message: str) -> str:
@@ -157,6 +218,15 @@ _STRUCTS: dict[str, type[msgspec.Struct]] = {
     "groups": Group,
     "blocks": Block,
     "exclusions": Exclusion,
+    "pages": Text,
+    "questions": Questionnaire,
+    "orders": Order,
+    "sessions": Day,
+    "questions.items": Question,
+    "pages.example": Example,
+    "blocks.until": Criterion,
+    "blocks.points": Points,
+    "bonus": Bonus,
     "about": facts.About,
     "about.authors": facts.Author,
     "about.participants": facts.ParticipantColumn,
@@ -170,7 +240,7 @@ def _struct_at(path: str) -> type[msgspec.Struct]:
 
 
 def _known(struct: type[msgspec.Struct], wrong: str = "") -> str:
-    names = [name for name in struct.__struct_fields__ if name != "toml"]
+    names = [name for name in struct.__struct_fields__ if name not in _NO_FIELDS]
     close = difflib.get_close_matches(wrong, names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known fields: {', '.join(names)}"
 
@@ -187,6 +257,7 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
             for field, complaint in _block_complaints(block, protocol)
         ),
         *_carry_complaints(protocol),
+        *design_complaints(protocol),
         *facts.complaints(protocol.about),
         *apparatus.complaints(protocol.devices),
         *(
@@ -227,12 +298,12 @@ def _keys_complaints(keys: Keys) -> list[tuple[str, str]]:
 def _group_complaints(protocol: Protocol) -> list[tuple[str, str]]:
     if not protocol.groups:
         return [("$.groups", "is empty; a study has one group or more")]
-    if not protocol.blocks:
-        return [("$.blocks", "is empty; a study has one block or more")]
+    if not protocol.blocks and not protocol.designed:
+        return [("$.blocks", "is empty; a study has one block or more, or parts that are not played")]
     found = [*_name_complaints("groups", protocol.groups), *_name_complaints("blocks", protocol.blocks)]
     names = [block.name for block in protocol.blocks]
     for number, group in enumerate(protocol.groups):
-        if not group.blocks:
+        if not group.blocks and not protocol.designed:
             found.append((f"$.groups[{number}].blocks", "is empty; a group plays one block or more"))
         for place, name in enumerate(group.blocks):
             if name not in names:
@@ -283,10 +354,12 @@ def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]
         found.append(("pace", "is 'on_key', which has no step_period_ms and no noop; remove them or use 'real_time'"))
     if block.pace == "real_time" and block.auto_repeat:
         found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
-    try:
-        block.feedback.format(outcome="", reward=0.0, steps=0, episode=0, episodes=0)
-    except (KeyError, IndexError, ValueError, AttributeError) as error:
-        found.append(("feedback", f"has a bad placeholder ({error}); use outcome, reward, steps, episode, episodes"))
+    for text in [block.feedback] if isinstance(block.feedback, str) else block.feedback.values():
+        try:
+            text.format(outcome="", reward=0.0, steps=0, episode=0, episodes=0, points=0.0, total=0.0)
+        except (KeyError, IndexError, ValueError, AttributeError) as error:
+            fields = "outcome, reward, steps, episode, episodes, points, total"
+            found.append(("feedback", f"has a bad placeholder ({error}); use {fields}"))
     return found
 
 

@@ -4,42 +4,60 @@
     events = session.receive(Tick(t_ns=0))    # write these
     screen = session.screen                   # then show this, and hand back what the window says was Shown
 
-Events are to be written before the new screen is shown. The same inputs give the same events.
+Events are to be written before the new screen is shown. The same inputs give the same events. The session owns the
+order of its parts, pauses, questions about itself and its end; what a part is about is its activity's.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
+from enum import StrEnum
 
 from minihuman.errors import AllocationError
 from minihuman.study import texts
+from minihuman.study.activities.port import Activity, Ended
+from minihuman.study.activities.registry import activity_of
 from minihuman.study.events import (
     EndReason,
     Event,
-    KeyMapDrawn,
-    KeyPressed,
     Noted,
-    Paused,
+    PartEnded,
+    PartStarted,
     PauseReason,
-    Resumed,
+    PointerUsed,
     SessionEnded,
     SessionStarted,
-    Stepped,
-    Verdict,
+    TextTyped,
 )
-from minihuman.study.inputs import Asked, FocusChanged, Input, KeyDown, KeyUp, Shown, Stop, Tick
-from minihuman.study.phases import TRANSITIONS, Cause, Phase
-from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, SessionPlan
-from minihuman.study.play import Play, WorldBrokeError, world_calls
-from minihuman.study.present import Scene, screen_of
+from minihuman.study.inputs import (
+    Asked,
+    FocusChanged,
+    Input,
+    KeyDown,
+    KeyUp,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    Shown,
+    Stop,
+    Tick,
+    Typed,
+)
+from minihuman.study.parts import first_part, parts_of
+from minihuman.study.phases import MOVES, Cause, Phase
+from minihuman.study.plan import SessionPlan
+from minihuman.study.play import Play, WorldBrokeError
 from minihuman.study.screens import Screen, TextScreen
-from minihuman.worlds.adapt.world import World
+from minihuman.study.stage import ENTER, MakeWorld, Stage
 
-NS_PER_S = 1_000_000_000
-ENTER = ("enter", "kp_enter")
 PAUSE = "f8"
 ABORT_CHORD = frozenset({"f9", "f12"})
+HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
 
-MakeWorld = Callable[[str, dict[str, Any]], World]
+_PAUSE_REASONS: dict[Cause, PauseReason] = {
+    Cause.PAUSE: "participant",
+    Cause.FOCUS_LOST: "focus_lost",
+    Cause.ASK_QUIT: "quit_question",
+    Cause.ASK_ABORT: "abort_question",
+}
 
 
 class Session:
@@ -52,7 +70,7 @@ class Session:
         picture_px: the largest picture wanted, width and height; None draws none (nobody looks).
 
     Raises:
-        AllocationError: if the plan has no episode left to play.
+        AllocationError: if the plan has no part left.
     """
 
     def __init__(
@@ -63,37 +81,38 @@ class Session:
         *,
         picture_px: tuple[int, int] | None = (640, 480),
     ) -> None:
-        if plan.first_episode >= len(plan.episodes):
+        self._parts = parts_of(plan)
+        self._to_do = first_part(plan, self._parts)
+        if not self._to_do:
             raise AllocationError(
                 f"{plan.participant.id} has played all {len(plan.episodes)} episodes of session {plan.session}; "
                 "nothing is left to play"
             )
         self.plan = plan
-        self.phase = Phase.START
         self.failure: BaseException | None = None  # what a broken world raised, for whoever reads tracebacks
-        self._make_world = make_world
+        self._phase = Phase.START
         self._facts = dict(facts)
-        self._picture_px = picture_px
-        self._now_ns = 0
-        self._events: list[Event] = []
+        self._stage = Stage(plan, make_world, picture_px)
+        self._part: Activity | None = None
         self._screen: Screen = TextScreen("", "", "")
-        self._asked_from: list[Phase] = []
+        self._came_from: list[Phase] = []
         self._held: set[str] = set()
-        self._checked: dict[str, str] = {}  # keyboard check: key -> symbol
-        self._next = plan.first_episode  # index of the episode being played or to be played next
-        self._world: tuple[tuple[str, dict[str, Any]], World] | None = None
-        self._play: Play | None = None  # from the ready screen to the end of the feedback
-        self._key_map: KeyMap | None = None  # in force
-        self._rest_until_ns = 0
+        self._escape_since_ns: int | None = None  # held over the question
+        self._focused = True
         self._end_reason: EndReason = "complete"
         self._end_detail = ""
 
     # What the outside looks at
 
     @property
+    def phase(self) -> StrEnum:
+        """Where it is: in a part, the part's own phase."""
+        return self.part.phase if self._phase is Phase.PART else self._phase
+
+    @property
     def over(self) -> bool:
         """Whether the last event has been given."""
-        return self.phase is Phase.OVER
+        return self._phase is Phase.OVER
 
     @property
     def screen(self) -> Screen:
@@ -103,22 +122,37 @@ class Session:
     @property
     def next_tick_ns(self) -> int | None:
         """When the session wants a Tick, if nothing else comes before; None: never."""
-        if self.phase is Phase.PLAYING and self._play:
-            return self._play.next_tick_ns
-        if self.phase is Phase.REST and self._now_ns < self._rest_until_ns:
-            return self._rest_until_ns - (self._rest_left_s - 1) * NS_PER_S
+        if self._phase is Phase.PART:
+            return self.part.next_tick_ns
+        if self._phase is Phase.QUIT_QUESTION and self._escape_since_ns is not None:
+            return self._escape_since_ns + HOLD_TO_END_NS
         return None
 
     @property
     def play(self) -> Play | None:
         """The episode that is being played, for players who may look at its world; None in every other phase."""
-        return self._play if self.phase is Phase.PLAYING else None
+        return self.part.play if self._phase is Phase.PART and self.part.playing else None
+
+    @property
+    def part(self) -> Activity:
+        """The part that runs."""
+        assert self._part is not None, "the session has not begun"
+        return self._part
+
+    @property
+    def next_part(self) -> int | None:
+        """Index of the part that follows the one that has ended; None where none does."""
+        ended = self.part.ended
+        assert ended is not None
+        if ended.reason is not None:
+            return None
+        if ended.back_to is not None:
+            self._to_do = [*range(ended.back_to, len(self._parts))]
+        return self._to_do[0] if self._to_do else None
 
     def close(self) -> None:
         """Let go of the world."""
-        if self._world:
-            self._world[1].close()
-            self._world = None
+        self._stage.close()
 
     # Inputs
 
@@ -129,69 +163,91 @@ class Session:
         """
         if self.over:
             return []
-        self._now_ns = max(self._now_ns, happened.t_ns)
-        self._events = []
+        self._stage.now_ns = max(self._now_ns, happened.t_ns)
         try:
-            if self.phase is Phase.START:
-                self._say(SessionStarted(self._now_ns, self.plan, self._facts))
+            if self._phase is Phase.START:
+                self._stage.say(SessionStarted(self._now_ns, self.plan, self._facts))
                 self._move(Cause.BEGAN)
             self._handle(happened)
         except WorldBrokeError as broke:
             self.failure = broke.__cause__
             self._end("world_error", str(broke))
-        return self._events
+        self._draw()
+        return self._stage.take_events()
 
     def _handle(self, happened: Input) -> None:
         match happened:
-            case Shown():
-                if self.phase is Phase.PLAYING and self._play:
-                    self._say(self._play.shown(happened))
-                return
             case Stop():
                 finished = self.phase is Phase.CLOSING and happened.reason in ("window_closed", "signal")
                 self._end("complete" if finished else happened.reason, happened.detail)
-                return
-        self._let_time_pass()
-        if self.over:
-            return
-        match happened:
+            case Shown():
+                self._to_part(happened)
+            case FocusChanged():
+                self._let_time_pass(happened.t_ns)
+                self._focus_changed(happened.focused)
             case KeyDown():
+                self._let_time_pass(happened.t_ns)
                 self._key_down(happened)
             case KeyUp():
-                self._held.discard(happened.key)
-                self._say_key(happened, "release")
-            case FocusChanged():
-                self._focus_changed(happened.focused)
+                self._let_time_pass(happened.t_ns)
+                self._key_up(happened)
+            case Typed():
+                self._stage.say(TextTyped(self._now_ns, happened.text))
+                self._to_part(happened)
+            case PointerPressed():
+                self._pointer("pressed", happened)
+            case PointerMoved():
+                self._pointer("moved", happened)
+            case PointerReleased():
+                self._pointer("released", happened)
             case Asked():
+                self._let_time_pass(happened.t_ns)
                 self._asked(happened)
             case Tick():
-                pass
+                self._let_time_pass(happened.t_ns)
 
-    def _let_time_pass(self) -> None:
-        """Do what was due by now, before anything that came later is looked at."""
-        play = self._play
-        if self.phase is Phase.REST:
-            self._draw()
-        elif self.phase is Phase.PLAYING and play and (stepped := play.tick(self._now_ns)):
-            self._stepped(stepped)
+    def _to_part(self, happened: Input) -> None:
+        if self._phase is Phase.PART:
+            self.part.receive(happened)
+            self._follow_part()
+
+    def _let_time_pass(self, t_ns: int) -> None:
+        """Do what was due by now, before anything that came later is looked at.
+
+        How long Escape is held is told by its own times: a machine that stalled over a tap must not end the session.
+        """
+        due_ns = self.next_tick_ns
+        if self._phase is Phase.PART:
+            self._to_part(Tick(self._now_ns))
+        elif self._phase is Phase.QUIT_QUESTION and due_ns is not None and t_ns >= due_ns:
+            self._end("quit", "the participant ended the session")
+
+    def _pointer(self, what: str, used: PointerPressed | PointerMoved | PointerReleased) -> None:
+        assert what in ("pressed", "moved", "released")
+        self._stage.say(PointerUsed(self._now_ns, what, used.x, used.y, used.target, used.along))  # type: ignore[arg-type]
+        self._to_part(used)
 
     def _focus_changed(self, focused: bool) -> None:
-        self._say(Noted(self._now_ns, "focus", "found" if focused else "lost"))
+        if self.over:
+            return
+        self._stage.say(Noted(self._now_ns, "focus", "found" if focused else "lost"))
+        self._focused = focused
         if focused:
+            self._move(Cause.FOCUS_FOUND)
             return
         self._held.clear()  # their releases go elsewhere
-        if self.phase is Phase.PLAYING and self._play and self._play.real_time:
-            self._suspend("focus_lost")
-            self._move(Cause.PAUSE)
+        self._escape_since_ns = None
+        self._move(Cause.FOCUS_LOST)
 
     def _asked(self, asked: Asked) -> None:
         """Note what the experimenter asks for, and do it where it can be done."""
-        self._say(Noted(self._now_ns, "experimenter", f"{asked.what}: {asked.text}"))
+        if self.over:
+            return
+        self._stage.say(Noted(self._now_ns, "experimenter", f"{asked.what}: {asked.text}"))
         match asked.what:
-            case "pause" if self.phase is Phase.PLAYING:
-                self._suspend("experimenter")
-                self._move(Cause.PAUSE)
-            case "go_on" if self.phase is Phase.PAUSED:
+            case "pause":
+                self._move(Cause.PAUSE, "experimenter")
+            case "go_on":
                 self._move(Cause.RESUME)
             case "abort":
                 self._end("aborted", asked.text)
@@ -199,213 +255,161 @@ class Session:
     # Keys
 
     def _key_down(self, press: KeyDown) -> None:
+        if self.over:
+            return
         self._held.add(press.key)
         chord = press.key in ABORT_CHORD and self._held >= ABORT_CHORD and not press.repeat
-        if chord and (self.phase, Cause.ASK_ABORT) in TRANSITIONS:
-            self._say_key(press, "accepted")
-            self._ask(Cause.ASK_ABORT)
+        if chord and MOVES.find(self._phase, Cause.ASK_ABORT, self):
+            self._say_key(press)
+            self._move(Cause.ASK_ABORT)
         elif press.key == "escape" and not press.repeat:
-            self._say_key(press, "accepted")
-            if self._asked_from:
-                self._move(Cause.STAY)
-            else:
-                self._ask(Cause.ASK_QUIT)
-        elif self.phase is Phase.PLAYING:
-            self._key_in_play(press)
+            self._escape(press)
+        elif press.key == PAUSE and not press.repeat and self._pausable:
+            self._say_key(press)
+            self._move(Cause.RESUME if self._phase is Phase.PAUSED else Cause.PAUSE)
+        elif self._phase is Phase.PART:
+            self._to_part(press)
         elif press.repeat:
-            self._say_key(press, "repeat")
+            self._stage.say_key(press, "repeat", self.phase)
         else:
-            self._key_outside_play(press)
+            self._key_over_part(press)
 
-    def _key_in_play(self, press: KeyDown) -> None:
-        play = self._play
-        assert play is not None
-        action = play.action_of(press.key)
-        if press.repeat and (play.real_time or not play.plan.auto_repeat or action is None):
-            self._say_key(press, "repeat", action)
-        elif action is None and press.key == PAUSE:
-            self._say_key(press, "accepted")
-            self._suspend("participant")
-            self._move(Cause.PAUSE)
-        elif action is None:
-            self._say_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped")
-        elif play.real_time:
-            self._say_key(press, "queued", action)
-            play.queue(press.t_ns, press.key, action)
+    @property
+    def _pausable(self) -> bool:
+        return self._phase is Phase.PAUSED or (self._phase is Phase.PART and self.part.playing)
+
+    def _escape(self, press: KeyDown) -> None:
+        """Ask whether to end the session; over that question, a tap goes back and holding ends it."""
+        self._say_key(press)
+        if self._phase is Phase.QUIT_QUESTION:
+            self._escape_since_ns = press.t_ns
+        elif self._phase is Phase.ABORT_QUESTION:
+            self._move(Cause.STAY)
         else:
-            self._say_key(press, "accepted", action)
-            self._stepped(play.step(self._now_ns, action, key=press.key, key_t_ns=press.t_ns))
+            self._move(Cause.ASK_QUIT)
 
-    def _key_outside_play(self, press: KeyDown) -> None:
-        """Keys of every other phase. What moves the session on is accepted before it moves."""
-        match self.phase, press.key:
-            case Phase.CONSENT, key if key in ENTER:
-                self._say_key(press, "accepted")
-                self._say(Noted(self._now_ns, "consent", f"agreed to the text with SHA-256 {self.plan.consent_sha256}"))
-                self._move(Cause.DONE)
-            case ((Phase.INSTRUCTIONS | Phase.READY | Phase.FEEDBACK | Phase.CLOSING), key) if key in ENTER:
-                self._say_key(press, "accepted")
-                self._move(self._way_on())
-            case Phase.REST, key if key in ENTER and self._now_ns >= self._rest_until_ns:
-                self._say_key(press, "accepted")
-                self._move(self._way_on())
-            case Phase.PAUSED, key if key in (*ENTER, PAUSE):
-                self._say_key(press, "accepted")
-                self._move(Cause.RESUME)
-            case Phase.QUIT_QUESTION, key if key in ENTER:
-                self._say_key(press, "accepted")
-                self._end("quit", "the participant ended the session")
-            case Phase.ABORT_QUESTION, key if (reason := texts.abort_reason(key)) is not None:
-                self._say_key(press, "accepted")
-                self._end("aborted", reason)
-            case Phase.KEYBOARD_CHECK, key if key in self.plan.key_pool:
-                self._say_key(press, "accepted")
-                self._check_key(press)
-            case _, key:
-                meant = key in ENTER or (self._play is not None and self._play.action_of(key) is not None)
-                self._say_key(press, "not_playing" if meant else "unmapped")
-
-    def _check_key(self, press: KeyDown) -> None:
-        self._checked.setdefault(press.key, press.symbol)
-        if len(self._checked) < len(set(self.plan.key_pool)):
-            self._draw()
+    def _key_up(self, release: KeyUp) -> None:
+        if self.over:
             return
-        typed = ", ".join(f"{key} types {self._checked[key]!r}" for key in self.plan.key_pool)
-        self._say(Noted(self._now_ns, "keyboard_check", f"every key arrived: {typed}"))
-        self._move(Cause.DONE)
+        self._held.discard(release.key)
+        self._stage.say_key(release, "release", self.phase)
+        if release.key == "escape" and self._escape_since_ns is not None:
+            self._escape_since_ns = None
+            self._move(Cause.STAY)
+
+    def _key_over_part(self, press: KeyDown) -> None:
+        match self._phase, press.key:
+            case Phase.PAUSED, key if key in ENTER:
+                self._say_key(press)
+                self._move(Cause.RESUME)
+            case Phase.UNFOCUSED, key if key in ENTER:  # a key that arrives is proof of the focus
+                self._say_key(press)
+                self._move(Cause.FOCUS_FOUND)
+            case Phase.QUIT_QUESTION, key if key in ENTER:
+                self._say_key(press)
+                self._move(Cause.STAY)
+            case Phase.ABORT_QUESTION, key if (reason := texts.abort_reason(key)) is not None:
+                self._say_key(press)
+                self._end("aborted", reason)
+            case _, key:
+                meant = key in ENTER or (self.part.play is not None and self.part.play.action_of(key) is not None)
+                self._stage.say_key(press, "not_playing" if meant else "unmapped", self.phase)
+
+    def _say_key(self, press: KeyDown) -> None:
+        self._stage.say_key(press, "accepted", self.phase)
 
     # Moving on
 
-    def _ask(self, question: Cause) -> None:
-        if self.phase is Phase.PLAYING:
-            self._suspend("quit_question" if question is Cause.ASK_QUIT else "abort_question")
-        self._asked_from.append(self.phase)
-        self._move(question)
+    def _move(self, cause: Cause, why: PauseReason | None = None) -> bool:
+        """Follow the table; False, and nothing changed, where no row allows it."""
+        move = MOVES.find(self._phase, cause, self)
+        if move is None:
+            return False
+        before = self._phase
+        if move.end is None:
+            self._phase = self._came_from.pop()
+        else:
+            assert isinstance(move.end, Phase)
+            self._phase = move.end
+        self._escape_since_ns = None
+        if self._phase is Phase.OVER:
+            self._finish()
+        elif cause is Cause.BEGAN or cause is Cause.DONE:
+            self._begin_part()
+        elif self._phase is Phase.PART:
+            self._return_to_part()
+        else:
+            if before is Phase.PART:
+                self.part.suspend(why or _PAUSE_REASONS[cause])
+            if cause in (Cause.ASK_QUIT, Cause.ASK_ABORT):
+                self._came_from.append(before)
+            self._stage.say(Noted(self._now_ns, "phase", self._phase))
+            if self._phase is Phase.UNFOCUSED and self._focused:  # found while a question was in front
+                self._move(Cause.FOCUS_FOUND)
+        return True
 
-    def _suspend(self, reason: PauseReason) -> None:
-        assert self._play is not None
-        self._play.suspend()
-        self._say(Paused(self._now_ns, reason))
+    def _return_to_part(self) -> None:
+        self.part.resume()
+        self._follow_part()
+
+    def _begin_part(self) -> None:
+        number = self._to_do.pop(0)
+        part = self._parts[number]
+        if self.plan.parts:  # older logs have no word of parts
+            self._stage.say(PartStarted(self._now_ns, number, part.kind, part.name))
+        self._part = activity_of(number, part, self._stage)
+        self.part.begin()
+        self._follow_part()
+
+    def _follow_part(self) -> None:
+        """If the part is over, go on with the next, or end the session."""
+        ended = self.part.ended
+        if ended is None:
+            return
+        following = self.next_part
+        if self.plan.parts:
+            past = len(self._parts) if following is None else following
+            self._stage.say(PartEnded(self._now_ns, self.part.number, ended.end, past))
+        self._conclude(ended)
+
+    def _conclude(self, ended: Ended) -> None:
+        if ended.reason is not None:
+            self._end(ended.reason, ended.detail)
+        else:
+            self._move(Cause.DONE)
 
     def _end(self, reason: EndReason, detail: str) -> None:
         self._end_reason, self._end_detail = reason, detail
         self._move(Cause.END)
 
-    def _way_on(self) -> Cause:
-        """How the present phase is left when it has been read or has nothing to show."""
-        if self.phase is not Phase.FEEDBACK:
-            return Cause.DONE
-        if self._next >= len(self.plan.episodes):
-            return Cause.STUDY_ENDED
-        played = self._current.plan
-        return Cause.NEXT_EPISODE if self.plan.episodes[self._next].block == played.block else Cause.BLOCK_ENDED
-
-    def _move(self, cause: Cause) -> None:
-        """Follow the table, and on through phases that have nothing to show."""
-        target = TRANSITIONS[self.phase, cause]
-        self.phase = self._asked_from.pop() if target is None else target
-        if self.phase is Phase.OVER:
-            self._finish()
-            return
-        if self.phase is Phase.READY:
-            self._prepare()
-        elif self.phase is Phase.REST and cause is Cause.BLOCK_ENDED:
-            self._rest_until_ns = self._now_ns + round(self._text(self._current.plan).rest_s * NS_PER_S)
-        if not self._has_something_to_show(cause):
-            self._move(self._way_on())
-            return
-        self._say(Noted(self._now_ns, "phase", self.phase))
-        if self.phase is Phase.PLAYING:
-            self._play_on()
-        self._draw()
-
-    def _has_something_to_show(self, cause: Cause) -> bool:
-        match self.phase:
-            case Phase.CONSENT:
-                return bool(self.plan.consent_text) and self.plan.segment == 1
-            case Phase.KEYBOARD_CHECK:
-                return self.plan.keyboard_check
-            case Phase.INSTRUCTIONS:
-                return bool(self._text(self.plan.episodes[self._next]).instruction)
-            case Phase.READY:  # whoever has just acknowledged the feedback is ready
-                return cause is not Cause.NEXT_EPISODE or not self._text(self._current.plan).feedback
-            case Phase.FEEDBACK:
-                return bool(self._text(self._current.plan).feedback)
-            case Phase.REST:
-                text = self._text(self._current.plan)
-                return bool(text.rest) or text.rest_s > 0
-            case Phase.CLOSING:
-                return bool(self.plan.closing_text)
-        return True
-
-    def _prepare(self) -> None:
-        """Reset the world while a text is on the screen, so that play starts at once."""
-        if self._play and self._play.outcome is None:
-            return  # back from a question
-        plan = self.plan.episodes[self._next]
-        key = (plan.world, plan.options)
-        if self._world is None or self._world[0] != key:
-            with world_calls():
-                self.close()
-                self._world = (key, self._make_world(plan.world, plan.options))
-        self._play = Play(plan, self._world[1], picture_px=self._picture_px)
-        self._play.picture()  # a world's first picture may have to be compiled: not after the key that starts play
-
-    def _play_on(self) -> None:
-        """Start the episode that is ready, or go on with the one that was suspended."""
-        play = self._current
-        if play.started:
-            self._say(Resumed(self._now_ns))
-            return
-        if self._key_map != play.plan.key_map:
-            self._key_map = play.plan.key_map
-            self._say(KeyMapDrawn(self._now_ns, play.plan.episode, self._key_map))
-        self._events += [play.start(self._now_ns), *play.stored(self._now_ns)]
-
-    def _stepped(self, stepped: Stepped) -> None:
-        play = self._current
-        self._events += [*play.stored(self._now_ns), stepped]
-        if play.outcome is None:
-            self._draw()
-            return
-        self._say(play.end(self._now_ns))
-        self._next += 1
-        self._move(Cause.EPISODE_ENDED)
-
     def _finish(self) -> None:
-        if self._play and self._play.started and self._play.outcome is None:
-            self._say(self._play.end(self._now_ns))
-        completed = self._next - self.plan.first_episode
-        self._say(SessionEnded(self._now_ns, self._end_reason, self._end_detail, completed))
-        self._screen = texts.over(self._end_reason, self._end_detail)
+        if self._part is not None:
+            self._part.stop()
+        reason, detail = self._end_reason, self._end_detail
+        self._stage.say(SessionEnded(self._now_ns, reason, detail, self._stage.completed))
 
     # Screens
 
     def _draw(self) -> None:
-        screen = screen_of(
-            self.phase, self.plan, Scene(self._next, self._play, frozenset(self._checked), self._rest_left_s)
-        )
+        screen = self._screen_now()
         if screen != self._screen:
             self._screen = screen
 
-    # Small things
+    def _screen_now(self) -> Screen:
+        words = self._stage.words
+        match self._phase:
+            case Phase.PAUSED:
+                return texts.paused(words)
+            case Phase.UNFOCUSED:
+                return texts.unfocused(words)
+            case Phase.QUIT_QUESTION:
+                return texts.quit_question(words)
+            case Phase.ABORT_QUESTION:
+                return texts.abort_question(words)
+            case Phase.OVER:
+                return texts.over(words, self._end_reason, self._end_detail)
+        return self.part.screen()
 
     @property
-    def _current(self) -> Play:
-        assert self._play is not None
-        return self._play
-
-    @property
-    def _rest_left_s(self) -> int:
-        return max(0, -(-(self._rest_until_ns - self._now_ns) // NS_PER_S))
-
-    def _text(self, episode: EpisodePlan) -> BlockText:
-        return self.plan.texts[episode.block]
-
-    def _say(self, event: Event) -> None:
-        self._events.append(event)
-
-    def _say_key(self, key: KeyDown | KeyUp, verdict: Verdict, action: int | None = None) -> None:
-        down = isinstance(key, KeyDown)
-        waited_ns = self._now_ns - key.t_ns
-        self._say(KeyPressed(self._now_ns, key.key, key.symbol, down, action, verdict, self.phase, waited_ns))
+    def _now_ns(self) -> int:
+        return self._stage.now_ns

@@ -3,13 +3,17 @@
 from collections.abc import Iterable
 
 from minihuman.study.events import (
+    Answered,
     EpisodeEnded,
+    EpisodesSkipped,
     EpisodeStarted,
     Event,
     FrameShown,
     KeyMapDrawn,
     Noted,
     ObservationStored,
+    PartEnded,
+    PartStarted,
     Paused,
     Resumed,
     Sampled,
@@ -45,6 +49,9 @@ class _Reader:
         self._return = 0.0
         self._paused = False
         self._ended = False
+        self._skipped = 0
+        self._part: int | None = None
+        self._shown = -1  # the episode that runs, or ended last
         self._key_map: KeyMap | None = None
 
     def read(self, number: int, event: Event) -> None:
@@ -70,11 +77,24 @@ class _Reader:
             case ObservationStored():
                 self._observed(event)
             case FrameShown():
-                inside = self._playing is not None and event.episode == self._playing.plan.episode
-                self._rule(inside and event.step <= self._steps, "a frame shows a step of the running episode")
+                inside = event.episode == self._shown and event.step <= self._steps
+                self._rule(inside, "a frame shows a step of the running episode, or of the one that has just ended")
                 self._rule(event.submit_ns <= event.flip_ns, "a frame is submitted before it is flipped")
             case EpisodeEnded():
                 self._episode_ended(event)
+            case EpisodesSkipped():
+                self._rule(self._playing is None, "episodes are skipped between episodes")
+                self._rule(event.first == self._next and event.count > 0, f"episode {self._next} is next to be skipped")
+                self._next += event.count
+                self._skipped += event.count
+            case PartStarted():
+                self._rule(self._part is None, "one part at a time")
+                self._part = event.part
+            case PartEnded():
+                self._rule(event.part == self._part, "a part that began ends")
+                self._part = None
+            case Answered():
+                self._rule(event.part == self._part, "an answer belongs to the part that runs")
             case Paused():
                 self._rule(self._playing is not None and not self._paused, "only play can be paused, once")
                 self._paused = True
@@ -84,7 +104,10 @@ class _Reader:
             case SessionEnded():
                 self._ended = True
                 self._rule(self._playing is None, "an episode ends before its session")
-                self._rule(event.episodes_completed == self._next - self._first, "completed episodes are counted")
+                self._rule(
+                    event.episodes_completed == self._next - self._skipped - self._first,
+                    "completed episodes are counted",
+                )
             case Noted():
                 self._rule(bool(event.kind), "a note says of what kind it is")
         self._t_ns = event.t_ns
@@ -94,7 +117,7 @@ class _Reader:
         self._rule(event.plan.episode == self._next, f"episode {self._next} is next, not {event.plan.episode}")
         self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
         self._playing, self._last_step, self._steps, self._return, self._paused = event, None, 0, 0.0, False
-        self._observations = 0
+        self._observations, self._shown = 0, event.plan.episode
 
     def _observed(self, event: ObservationStored) -> None:
         asked = self._playing is not None and self._playing.plan.record_observations
@@ -134,7 +157,7 @@ class _Reader:
         expected = "abandoned"
         if last is not None and last.terminated:
             expected = "goal" if last.reward > 0 else "failure"
-        elif last is not None and last.truncated:
+        elif (last is not None and last.truncated) or event.cause:
             expected = "timeout"
         self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
         self._playing, self._paused = None, False

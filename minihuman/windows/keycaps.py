@@ -5,42 +5,9 @@ from dataclasses import dataclass
 
 from PIL import ImageDraw
 
-from minihuman.study.keys import KEYPAD
+from minihuman.typeset.faces import faces_for
+from minihuman.typeset.line import draw_line, width_px
 from minihuman.windows import theme
-
-_LABELS: Mapping[str, str] = {
-    "up": "↑",
-    "down": "↓",
-    "left": "←",
-    "right": "→",
-    "minus": "-",
-    "equals": "=",
-    "left_bracket": "[",
-    "right_bracket": "]",
-    "backslash": "\\",
-    "semicolon": ";",
-    "quote": "'",
-    "grave": "`",
-    "comma": ",",
-    "period": ".",
-    "slash": "/",
-    "kp_plus": "+",
-    "kp_minus": "-",
-    "kp_multiply": "*",
-    "kp_divide": "/",
-    "kp_period": ".",
-    "kp_enter": "Enter",
-    "page_up": "Page up",
-    "page_down": "Page down",
-    "left_ctrl": "Ctrl",
-    "right_ctrl": "Ctrl",
-    "left_shift": "Shift",
-    "right_shift": "Shift",
-    "left_alt": "Alt",
-    "right_alt": "Alt",
-    "caps_lock": "Caps",
-    "num_lock": "Num",
-}
 
 # Rows of an ISO keyboard: left edge of the first key, then its keys; "name:width" where wider than 1, "_" a gap.
 _ROWS: tuple[tuple[float, str], ...] = (
@@ -84,22 +51,6 @@ def _layout() -> dict[str, Cap]:
 _CAPS: Mapping[str, Cap] = _layout()
 
 
-def label(key: str) -> str:
-    """What is printed on a key."""
-    if key in _LABELS:
-        return _LABELS[key]
-    plain = key.removeprefix("kp_").replace("_", " ")
-    return plain.upper() if len(plain) == 1 else plain.capitalize()
-
-
-def caption(key: str) -> str:
-    """What tells a key from another with the same label: "keypad", "left"; "" for most."""
-    if key in KEYPAD:
-        return "keypad"
-    side, _, rest = key.partition("_")
-    return side if rest in ("shift", "ctrl", "alt") else ""
-
-
 def arrange(keys: Sequence[str]) -> tuple[list[Cap], float, float]:
     """Where keys lie to each other, from (0, 0): the caps, the width and the height of them all, in key widths.
 
@@ -116,9 +67,18 @@ def arrange(keys: Sequence[str]) -> tuple[list[Cap], float, float]:
 
 
 def draw_cap(
-    draw: ImageDraw.ImageDraw, key: str, box: tuple[float, float, float, float], *, pressed: bool = False
+    draw: ImageDraw.ImageDraw,
+    words: str,
+    above: str,
+    box: tuple[float, float, float, float],
+    *,
+    language: str = "en",
+    pressed: bool = False,
 ) -> None:
-    """Draw a key's cap into ``box`` (left, top, right, bottom); a pressed one lights up and carries a tick."""
+    """Draw a key's cap into ``box`` (left, top, right, bottom): what is printed on it, and what tells it from another.
+
+    A pressed one lights up and carries a tick.
+    """
     left, top, right, bottom = box
     height = bottom - top
     ink = theme.BACKGROUND if pressed else theme.INK
@@ -129,17 +89,18 @@ def draw_cap(
         outline=theme.LIT if pressed else theme.EDGE,
         width=max(1, round(height / 28)),
     )
-    words = label(key)
+    bold, plain = faces_for(language, bold=True), faces_for(language)
     size_px = round(height * 0.48)
-    while size_px > 6 and theme.font(size_px, bold=True).getlength(words) > (right - left) * 0.8:
+    while size_px > 6 and width_px(words, bold, size_px) > (right - left) * 0.8:
         size_px -= 1
     middle = (left + right) / 2
-    above = caption(key)
     if above:
         small_px = max(6, min(round(height * 0.2), round((right - left) * 0.2)))
-        draw.text((middle, top + height * 0.22), above, fill=ink, font=theme.font(small_px), anchor="mm")
+        while small_px > 6 and width_px(above, plain, small_px) > (right - left) * 0.9:
+            small_px -= 1
+        draw_line(draw, (middle, top + height * 0.22), above, faces=plain, size_px=small_px, colour=ink, anchor="m")
     place = (middle, top + height * (0.6 if above else 0.5))
-    draw.text(place, words, fill=ink, font=theme.font(size_px, bold=True), anchor="mm")
+    draw_line(draw, place, words, faces=bold, size_px=size_px, colour=ink, anchor="m")
     if pressed:
         x, y, reach = right - height * 0.24, top + height * 0.2, height * 0.07
         tick = [(x - reach, y), (x - reach * 0.2, y + reach * 0.8), (x + reach * 1.2, y - reach)]

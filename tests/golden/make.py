@@ -88,7 +88,7 @@ BLOCKS = {
 class Hand(SimulatedWindow):
     """A simulated participant who, after so many steps of the session, presses one more key, or is killed.
 
-    After Escape the question is answered with Enter: the session is quit. After F8 Enter goes on.
+    After Escape the question is answered by holding it: the session is quit. After F8 Enter goes on.
     """
 
     def __init__(self, *args, after_steps: int | None = None, key: str = "", kill=lambda: None) -> None:
@@ -108,7 +108,11 @@ class Hand(SimulatedWindow):
             if self._key:
                 self._clock_seen.advance_to(self._clock_seen() + SECOND_NS)
                 now_ns = self._clock_seen()
-                return [KeyDown(now_ns, self._key, self._key), KeyUp(now_ns, self._key, self._key)]
+                tap = [KeyDown(now_ns, self._key, self._key), KeyUp(now_ns, self._key, self._key)]
+                if self._key != "escape":
+                    return tap
+                self._clock_seen.advance_to(now_ns + 3 * SECOND_NS)
+                return [*tap, KeyDown(now_ns, "escape", "escape"), KeyUp(self._clock_seen(), "escape", "escape")]
         elif self._after_steps == AT_ONCE:
             return [Stop(self._clock_seen(), "window_closed")]
         return super().wait(until_ns)

@@ -38,6 +38,7 @@ world = "tests.worlds.corridor:tests/Corridor-v0"
 episodes = 3
 actions = ["back", "forward", "dive"]
 max_steps = 9
+hold_ms = 0
 """)
 
 

@@ -1,5 +1,6 @@
 """Sessions to write: a plausible one, event by event, and hypothesis strategies for every event there is."""
 
+import math
 from typing import get_args
 
 import numpy as np
@@ -8,7 +9,21 @@ from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
 from minihuman.study import events as ev
-from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
+from minihuman.study.activities.drafts import Question
+from minihuman.study.activities.keyboard import KeyboardPlan
+from minihuman.study.activities.pages import PagePlan
+from minihuman.study.activities.play_plan import Criterion, PlayPlan
+from minihuman.study.activities.questions import QuestionsPlan
+from minihuman.study.plan import (
+    BlockText,
+    Bonus,
+    EpisodePlan,
+    KeyMap,
+    Part,
+    Participant,
+    SessionPlan,
+    Standing,
+)
 from minihuman.worlds.pose import Map, Pose, Thing
 
 STARTED_NS = 1_790_000_000_000_000_000
@@ -172,6 +187,23 @@ EPISODE_PLANS = st.builds(
     palette=st.sampled_from(["classic", "colour-safe"]),
     record_observations=st.booleans(),
 )
+PARTS = st.one_of(
+    st.builds(Part, st.just("page"), TEXTS, st.builds(PagePlan, TEXTS, st.lists(TEXTS, max_size=2).map(tuple))),
+    st.builds(Part, st.just("keyboard_check"), TEXTS, st.builds(KeyboardPlan, st.just(("1", "2")))),
+    st.builds(Part, st.just("of-nobody-here"), TEXTS, st.dictionaries(TEXTS, TEXTS, max_size=2)),
+    st.builds(
+        Part,
+        st.just("questions"),
+        TEXTS,
+        st.builds(QuestionsPlan, TEXTS, st.just((Question("q", "choice", "?", ("a", "b"), right=2),)), COUNTS),
+    ),
+    st.builds(
+        Part,
+        st.just("play"),
+        TEXTS,
+        st.builds(PlayPlan, COUNTS, COUNTS, COUNTS, COUNTS, until=st.none() | st.just(Criterion(3, 4))),
+    ),
+)
 PLANS = st.builds(
     SessionPlan,
     study=st.just("study"),
@@ -192,6 +224,11 @@ PLANS = st.builds(
     episodes=st.lists(EPISODE_PLANS, max_size=2).map(tuple),
     first_episode=COUNTS,
     segment=st.just(1),
+    parts=st.lists(PARTS, max_size=3).map(tuple),
+    words=st.dictionaries(TEXTS, TEXTS, max_size=2),
+    language=st.sampled_from(["en", "zh"]),
+    standing=st.builds(Standing, COUNTS, FLOATS.filter(math.isfinite), st.just(("goal",)), st.just({"quiz": 1})),
+    bonus=st.none() | st.just(Bonus(0.1, "EUR", 2.0, 5.0)),
 )
 ARRAYS = npst.arrays(
     st.sampled_from(["<i2", ">i8", "u1", "<u4", "<f4", ">f8", "?"]).map(np.dtype),
@@ -250,7 +287,39 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
     ev.ObservationStored: st.builds(ev.ObservationStored, TIMES, COUNTS, COUNTS, OBSERVATIONS),
     ev.FrameShown: st.builds(ev.FrameShown, TIMES, COUNTS, COUNTS, TIMES, TIMES),
     ev.EpisodeEnded: st.builds(
-        ev.EpisodeEnded, TIMES, COUNTS, st.sampled_from(get_args(ev.Outcome)), COUNTS, FLOATS, SEEDS
+        ev.EpisodeEnded,
+        TIMES,
+        COUNTS,
+        st.sampled_from(get_args(ev.Outcome)),
+        COUNTS,
+        FLOATS,
+        SEEDS,
+        st.sampled_from(get_args(ev.EndCause)),
+    ),
+    ev.EpisodesSkipped: st.builds(ev.EpisodesSkipped, TIMES, COUNTS, COUNTS, st.sampled_from(get_args(ev.SkipReason))),
+    ev.Scored: st.builds(ev.Scored, TIMES, COUNTS, FLOATS, FLOATS),
+    ev.PartStarted: st.builds(ev.PartStarted, TIMES, COUNTS, TEXTS, TEXTS),
+    ev.PartEnded: st.builds(ev.PartEnded, TIMES, COUNTS, st.sampled_from(get_args(ev.PartEnd)), COUNTS),
+    ev.PageShown: st.builds(ev.PageShown, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
+    ev.TextTyped: st.builds(ev.TextTyped, TIMES, TEXTS),
+    ev.PointerUsed: st.builds(
+        ev.PointerUsed, TIMES, st.sampled_from(["pressed", "moved", "released"]), FLOATS, FLOATS, TEXTS, FLOATS
+    ),
+    ev.AnswerChanged: st.builds(ev.AnswerChanged, TIMES, COUNTS, TEXTS, TEXTS),
+    ev.Answered: st.builds(
+        ev.Answered,
+        TIMES,
+        COUNTS,
+        TEXTS,
+        TEXTS,
+        TEXTS,
+        COUNTS,
+        TEXTS,
+        TEXTS,
+        TIMES,
+        TIMES,
+        COUNTS,
+        st.none() | st.booleans(),
     ),
     ev.Paused: st.builds(ev.Paused, TIMES, st.sampled_from(get_args(ev.PauseReason))),
     ev.Resumed: st.builds(ev.Resumed, TIMES),

@@ -37,6 +37,7 @@ actions = ["back", "forward", "dive", "crash"]
 instruction = {instruction!r}
 feedback = {feedback!r}
 rest = {rest!r}
+hold_ms = {hold_ms}
 {more}
 """
 
@@ -54,6 +55,7 @@ def corridor_plan(
     break_s: float = 0.0,
     check: bool = False,
     spare: str = "ignore",
+    hold_ms: float = 0.0,
     more: str = "",
     first_episode: int = 0,
     segment: int = 1,
@@ -70,6 +72,7 @@ def corridor_plan(
             instruction=instruction,
             feedback=feedback,
             rest=rest,
+            hold_ms=hold_ms,
             more=more,
         )
         for name in names
@@ -135,6 +138,17 @@ class Desk:
     def up(self, key: str):
         self.now_ns += MS
         return self.give(KeyUp(self.now_ns, key, key))
+
+    def hold(self, key: str, ms: float):
+        """Press a key, and release it after a while."""
+        self.down(key)
+        self.pass_ms(ms)
+        self.up(key)
+
+    def quit(self):
+        """End the session as a participant does: Escape asks, Escape held answers."""
+        self.press("escape")
+        self.hold("escape", 2000)
 
     def show(self):
         """The window has shown the present screen, at once."""

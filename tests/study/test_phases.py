@@ -2,22 +2,39 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.study.phases import TRANSITIONS, Cause, Phase, mermaid
+from minihuman.study import phases
+from minihuman.study.activities import play_moves
+from minihuman.study.phases import Cause, Phase
+from tests.study.sessions import Desk, corridor_plan
 
 DOCS = Path(__file__).parents[2] / "docs" / "session.md"
+TABLES = {"session": (phases.MOVES, Phase.START, Phase.OVER), "play": (play_moves.MOVES, Phase.START, Phase.OVER)}
 
 
-def test_every_phase_can_be_reached_and_left():
-    reached = {target for target in TRANSITIONS.values() if target}
-    left = {phase for phase, _ in TRANSITIONS}
-    assert reached == set(Phase) - {Phase.START}
-    assert left == set(Phase) - {Phase.OVER}
+@pytest.mark.parametrize(("moves", "first", "last"), TABLES.values(), ids=TABLES)
+def test_every_phase_of_a_table_can_be_reached_and_left(moves, first, last):
+    left = {row.start for row in moves.rows}
+    reached = {row.end for row in moves.rows if row.end}
+    assert reached - {last} == left - {first}
 
 
-@pytest.mark.parametrize("phase", [phase for phase in Phase if phase is not Phase.OVER])
-def test_a_session_can_be_ended_from_every_phase(phase):
-    assert TRANSITIONS[phase, Cause.END] is Phase.OVER
+def test_a_session_can_be_ended_from_every_phase():
+    for start in {row.start for row in phases.MOVES.rows}:
+        assert Cause.END in phases.MOVES.causes(start)
 
 
-def test_the_documented_diagram_is_drawn_from_the_table():
-    assert f"```mermaid\n{mermaid()}\n```" in DOCS.read_text()
+@pytest.mark.parametrize("draw", [phases.mermaid, play_moves.mermaid])
+def test_the_documented_diagrams_are_drawn_from_the_tables(draw):
+    assert f"```mermaid\n{draw()}\n```" in DOCS.read_text()
+
+
+@pytest.mark.parametrize("cause", Cause)
+def test_an_impossible_move_is_refused_and_changes_nothing(cause):
+    desk = Desk(corridor_plan(instruction="Walk."))
+    session = desk.session
+    if cause in phases.MOVES.causes(Phase.PAUSED):
+        pytest.skip("possible here")
+    desk.press("enter", "enter", "f8")
+    before = (session.phase, session.screen, len(desk.events))
+    assert session._move(cause) is False
+    assert (session.phase, session.screen, len(desk.events)) == before

@@ -10,6 +10,7 @@ from minihuman.study.events import (
     KeyMapDrawn,
     KeyPressed,
     Noted,
+    PartStarted,
     Paused,
     Resumed,
     SessionEnded,
@@ -237,7 +238,7 @@ def test_escape_asks_before_it_ends_anything():
     desk.press("escape")
     assert desk.session.phase is Phase.PLAYING
     desk.act("forward")
-    desk.press("escape", "enter")
+    desk.quit()
     assert (ended(desk).reason, ended(desk).episodes_completed) == ("quit", 0)
     assert outcomes(desk) == ["abandoned"]
 
@@ -338,13 +339,13 @@ def test_a_world_that_cannot_be_made_ends_the_session_before_the_episode():
 
     session = Session(corridor_plan(), make, {})
     events = session.receive(KeyDown(0, "enter"))
-    assert [type(event) for event in events] == [SessionStarted, SessionEnded]
+    assert [type(event) for event in events] == [SessionStarted, PartStarted, Noted, SessionEnded]
     assert events[-1].reason == "world_error"
 
 
 def test_nothing_follows_the_end():
     desk = Desk(corridor_plan())
-    desk.press("escape", "enter")
+    desk.quit()
     assert desk.down("enter") == []
 
 

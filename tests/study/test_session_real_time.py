@@ -73,9 +73,24 @@ def test_losing_the_focus_pauses_real_time_and_is_recorded():
     assert desk.session.phase is Phase.PLAYING
 
 
-def test_losing_the_focus_is_only_recorded_where_a_key_makes_the_step():
+def test_losing_the_focus_at_ones_own_pace_shows_a_notice_until_it_is_back():
+    desk = Desk(corridor_plan())
+    desk.press("enter")
+    before = desk.session.screen
+    desk.give(FocusChanged(desk.now_ns, focused=False))
+    assert desk.session.phase is Phase.UNFOCUSED
+    assert "Another window" in desk.session.screen.title
+    desk.give(FocusChanged(desk.now_ns, focused=True))
+    assert desk.session.phase is Phase.PLAYING
+    assert desk.session.screen is before
+    assert [event.text for event in desk.of(Noted) if event.kind == "focus"] == ["lost", "found"]
+
+
+def test_a_focus_that_comes_back_over_the_quit_question_leaves_no_notice_behind():
     desk = Desk(corridor_plan())
     desk.press("enter")
     desk.give(FocusChanged(desk.now_ns, focused=False))
+    desk.press("escape")
+    desk.give(FocusChanged(desk.now_ns, focused=True))
+    desk.press("enter")
     assert desk.session.phase is Phase.PLAYING
-    assert [event.text for event in desk.of(Noted) if event.kind == "focus"] == ["lost"]

@@ -3,11 +3,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from minihuman.study.keycaps import caption_word as caption
+from minihuman.study.keycaps import label
 from minihuman.study.keys import KEY_NAMES
 from minihuman.study.screens import PlayScreen, Screen, TextScreen
 from minihuman.windows import theme
 from minihuman.windows.compose import compose, picture_size_px, repaint
-from minihuman.windows.keycaps import arrange, caption, label
+from minihuman.windows.keycaps import arrange
 
 SIZES = ((1280, 720), (1024, 768), (1920, 1080), (640, 360))
 HD = SIZES[0]

@@ -1,8 +1,7 @@
 from google.protobuf.internal import containers as _containers
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
-from collections.abc import Iterable as _Iterable, Mapping as _Mapping
-from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Mapping, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
@@ -76,7 +75,7 @@ class EpisodePlan(_message.Message):
     view: str
     palette: str
     record_observations: bool
-    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: _Optional[bool] = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: _Optional[bool] = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: _Optional[bool] = ...) -> None: ...
+    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ...) -> None: ...
 
 class BlockText(_message.Message):
     __slots__ = ("instruction", "feedback", "rest", "rest_s")
@@ -99,7 +98,7 @@ class Fact(_message.Message):
     def __init__(self, name: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
 
 class SessionPlan(_message.Message):
-    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts")
+    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts", "parts", "words_json", "language", "standing_json", "bonus_json")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     STUDY_FIELD_NUMBER: _ClassVar[int]
     STUDY_VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -120,6 +119,11 @@ class SessionPlan(_message.Message):
     FIRST_EPISODE_FIELD_NUMBER: _ClassVar[int]
     SEGMENT_FIELD_NUMBER: _ClassVar[int]
     FACTS_FIELD_NUMBER: _ClassVar[int]
+    PARTS_FIELD_NUMBER: _ClassVar[int]
+    WORDS_JSON_FIELD_NUMBER: _ClassVar[int]
+    LANGUAGE_FIELD_NUMBER: _ClassVar[int]
+    STANDING_JSON_FIELD_NUMBER: _ClassVar[int]
+    BONUS_JSON_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     study: str
     study_version: str
@@ -140,7 +144,22 @@ class SessionPlan(_message.Message):
     first_episode: int
     segment: int
     facts: _containers.RepeatedCompositeFieldContainer[Fact]
-    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: _Optional[bool] = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: _Optional[bool] = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ...) -> None: ...
+    parts: _containers.RepeatedCompositeFieldContainer[Part]
+    words_json: str
+    language: str
+    standing_json: str
+    bonus_json: str
+    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: bool = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: bool = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ..., parts: _Optional[_Iterable[_Union[Part, _Mapping]]] = ..., words_json: _Optional[str] = ..., language: _Optional[str] = ..., standing_json: _Optional[str] = ..., bonus_json: _Optional[str] = ...) -> None: ...
+
+class Part(_message.Message):
+    __slots__ = ("kind", "name", "plan_json")
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    PLAN_JSON_FIELD_NUMBER: _ClassVar[int]
+    kind: str
+    name: str
+    plan_json: str
+    def __init__(self, kind: _Optional[str] = ..., name: _Optional[str] = ..., plan_json: _Optional[str] = ...) -> None: ...
 
 class Note(_message.Message):
     __slots__ = ("t_ns", "kind", "text")
@@ -160,7 +179,7 @@ class Pause(_message.Message):
     t_ns: int
     paused: bool
     reason: str
-    def __init__(self, t_ns: _Optional[int] = ..., paused: _Optional[bool] = ..., reason: _Optional[str] = ...) -> None: ...
+    def __init__(self, t_ns: _Optional[int] = ..., paused: bool = ..., reason: _Optional[str] = ...) -> None: ...
 
 class SessionEnd(_message.Message):
     __slots__ = ("t_ns", "reason", "detail", "episodes_completed")
@@ -272,7 +291,7 @@ class KeyEvent(_message.Message):
     verdict: str
     phase: str
     waited_ns: int
-    def __init__(self, t_ns: _Optional[int] = ..., key: _Optional[str] = ..., symbol: _Optional[str] = ..., down: _Optional[bool] = ..., action: _Optional[int] = ..., verdict: _Optional[str] = ..., phase: _Optional[str] = ..., waited_ns: _Optional[int] = ...) -> None: ...
+    def __init__(self, t_ns: _Optional[int] = ..., key: _Optional[str] = ..., symbol: _Optional[str] = ..., down: bool = ..., action: _Optional[int] = ..., verdict: _Optional[str] = ..., phase: _Optional[str] = ..., waited_ns: _Optional[int] = ...) -> None: ...
 
 class Step(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash")
@@ -304,7 +323,7 @@ class Step(_message.Message):
     rt_ms: float
     state_hash: int
     observation_hash: int
-    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: _Optional[bool] = ..., truncated: _Optional[bool] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ...) -> None: ...
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ...) -> None: ...
 
 class Observation(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "png", "msgpack")
@@ -347,17 +366,147 @@ class Sample(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., device: _Optional[str] = ..., values: _Optional[_Iterable[float]] = ..., text: _Optional[str] = ...) -> None: ...
 
 class EpisodeEnd(_message.Message):
-    __slots__ = ("t_ns", "episode", "outcome", "steps", "episode_return", "state_hash")
+    __slots__ = ("t_ns", "episode", "outcome", "steps", "episode_return", "state_hash", "cause")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     OUTCOME_FIELD_NUMBER: _ClassVar[int]
     STEPS_FIELD_NUMBER: _ClassVar[int]
     EPISODE_RETURN_FIELD_NUMBER: _ClassVar[int]
     STATE_HASH_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     episode: int
     outcome: str
     steps: int
     episode_return: float
     state_hash: int
-    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., outcome: _Optional[str] = ..., steps: _Optional[int] = ..., episode_return: _Optional[float] = ..., state_hash: _Optional[int] = ...) -> None: ...
+    cause: str
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., outcome: _Optional[str] = ..., steps: _Optional[int] = ..., episode_return: _Optional[float] = ..., state_hash: _Optional[int] = ..., cause: _Optional[str] = ...) -> None: ...
+
+class EpisodesSkipped(_message.Message):
+    __slots__ = ("t_ns", "first", "count", "reason")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    FIRST_FIELD_NUMBER: _ClassVar[int]
+    COUNT_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    first: int
+    count: int
+    reason: str
+    def __init__(self, t_ns: _Optional[int] = ..., first: _Optional[int] = ..., count: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
+
+class Scored(_message.Message):
+    __slots__ = ("t_ns", "episode", "points", "total")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    POINTS_FIELD_NUMBER: _ClassVar[int]
+    TOTAL_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    points: float
+    total: float
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., points: _Optional[float] = ..., total: _Optional[float] = ...) -> None: ...
+
+class PartStarted(_message.Message):
+    __slots__ = ("t_ns", "part", "kind", "name")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    kind: str
+    name: str
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., kind: _Optional[str] = ..., name: _Optional[str] = ...) -> None: ...
+
+class PartEnded(_message.Message):
+    __slots__ = ("t_ns", "part", "end", "next")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    END_FIELD_NUMBER: _ClassVar[int]
+    NEXT_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    end: str
+    next: int
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., end: _Optional[str] = ..., next: _Optional[int] = ...) -> None: ...
+
+class PageShown(_message.Message):
+    __slots__ = ("t_ns", "part", "page", "pages", "submit_ns", "flip_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    PAGE_FIELD_NUMBER: _ClassVar[int]
+    PAGES_FIELD_NUMBER: _ClassVar[int]
+    SUBMIT_NS_FIELD_NUMBER: _ClassVar[int]
+    FLIP_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    page: int
+    pages: int
+    submit_ns: int
+    flip_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., page: _Optional[int] = ..., pages: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ...) -> None: ...
+
+class TextTyped(_message.Message):
+    __slots__ = ("t_ns", "text")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    text: str
+    def __init__(self, t_ns: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
+
+class PointerUsed(_message.Message):
+    __slots__ = ("t_ns", "what", "x", "y", "target", "along")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    WHAT_FIELD_NUMBER: _ClassVar[int]
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    TARGET_FIELD_NUMBER: _ClassVar[int]
+    ALONG_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    what: str
+    x: float
+    y: float
+    target: str
+    along: float
+    def __init__(self, t_ns: _Optional[int] = ..., what: _Optional[str] = ..., x: _Optional[float] = ..., y: _Optional[float] = ..., target: _Optional[str] = ..., along: _Optional[float] = ...) -> None: ...
+
+class AnswerChanged(_message.Message):
+    __slots__ = ("t_ns", "part", "item", "value")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    ITEM_FIELD_NUMBER: _ClassVar[int]
+    VALUE_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    item: str
+    value: str
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., item: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
+
+class Answered(_message.Message):
+    __slots__ = ("t_ns", "part", "part_name", "item", "kind", "attempt", "value", "words", "shown_ns", "first_ns", "changes", "right")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    PART_NAME_FIELD_NUMBER: _ClassVar[int]
+    ITEM_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    ATTEMPT_FIELD_NUMBER: _ClassVar[int]
+    VALUE_FIELD_NUMBER: _ClassVar[int]
+    WORDS_FIELD_NUMBER: _ClassVar[int]
+    SHOWN_NS_FIELD_NUMBER: _ClassVar[int]
+    FIRST_NS_FIELD_NUMBER: _ClassVar[int]
+    CHANGES_FIELD_NUMBER: _ClassVar[int]
+    RIGHT_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    part_name: str
+    item: str
+    kind: str
+    attempt: int
+    value: str
+    words: str
+    shown_ns: int
+    first_ns: int
+    changes: int
+    right: bool
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., part_name: _Optional[str] = ..., item: _Optional[str] = ..., kind: _Optional[str] = ..., attempt: _Optional[int] = ..., value: _Optional[str] = ..., words: _Optional[str] = ..., shown_ns: _Optional[int] = ..., first_ns: _Optional[int] = ..., changes: _Optional[int] = ..., right: bool = ...) -> None: ...

@@ -25,7 +25,7 @@ from minihuman.log.read.wire import Column, Columns, read_columns
 from minihuman.log.samples import Samples
 from minihuman.recorded.columns import NO_ACTION, EventColumns
 from minihuman.recorded.episode import CUT_OFF, Episode, pose_row
-from minihuman.recorded.segment import Note, Pauses, Segment, in_session
+from minihuman.recorded.segment import Note, PartEvent, Pauses, Segment, in_session, parts_in_session
 from minihuman.study import events as ev
 
 _BREAK = ""  # the topic that stands for messages that are missing
@@ -47,6 +47,7 @@ class _Part:
     ended: ev.SessionEnded | None = None
     last_ns: int = 0  # of what has been read one by one
     notes: list[Note] = field(default_factory=list)
+    part_events: list[PartEvent] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -202,7 +203,8 @@ class Gathering:
         pauses = [segment.pauses for segment in segments]
         attempts: Counter[int] = Counter()
         episodes = []
-        for number, (span, its) in enumerate(zip(self._spans, of_steps, strict=True)):
+        nexts: list[int | None] = [*(span.begin for span in self._spans[1:]), None][: len(self._spans)]
+        for number, (span, its, until) in enumerate(zip(self._spans, of_steps, nexts, strict=True)):
             _check(span.start.plan.episode, *(column[its] for column in numbers))
             attempts[span.start.plan.episode] += 1
             with_reset = slice(its.start + number, its.stop + number + 1)  # every episode before has a reset too
@@ -213,7 +215,7 @@ class Gathering:
                     **{name: column[its] for name, column in by_step.items()},
                     step_keys=step_keys[its],
                     keys=of_downs[downs.within(span)],
-                    frames=shown[pictures.within(span)],
+                    frames=shown[pictures.between(span.begin, until)],  # the last picture stays when it is over
                     outcome=span.outcome,
                     observations=self._observations(span, its.stop - its.start),
                     segment=segments[span.segment].number,
@@ -248,6 +250,7 @@ class Gathering:
                 clean=clean.get(int(facts["segment"]), False),
                 facts=part.started.facts,
                 notes=in_session(part.notes, start_ns),
+                part_events=parts_in_session(part.part_events, start_ns),
                 keys=EventColumns.of(ev.KeyPressed, ()),
             )
             placed.append((segment, between))
@@ -288,6 +291,8 @@ class Gathering:
                 self._close(place, event.outcome)
             case ev.Noted() | ev.Paused() | ev.Resumed():
                 self._parts[-1].notes.append(event)
+            case _ if isinstance(event, PartEvent):
+                self._parts[-1].part_events.append(event)
         if event is not None:
             self._parts[-1].last_ns = max(self._parts[-1].last_ns, event.t_ns)
 

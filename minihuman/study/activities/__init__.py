@@ -1,0 +1,1 @@
+"""The kinds of part that a session can have, one module each."""

@@ -1,0 +1,177 @@
+"""What a design says that makes no study: names that mean nothing, orders and questions that cannot be."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from minihuman.study.activities.drafts import Question
+from minihuman.study.forms import FORMS
+from minihuman.study.words import LANGUAGES, flat, of
+
+if TYPE_CHECKING:
+    from minihuman.study.protocol import Block, Protocol
+
+Complaint = tuple[str, str]  # path, what is wrong and the way out
+
+
+def design_complaints(protocol: "Protocol") -> list[Complaint]:
+    """Every (path, complaint) about pages, questions, orders, sessions and words."""
+    return [
+        *_words(protocol),
+        *_names(protocol),
+        *_lists(protocol),
+        *_questions(protocol),
+        *_groups(protocol),
+        *_overrides(protocol),
+        *(
+            (f"$.blocks[{number}].{field}", complaint)
+            for number, block in enumerate(protocol.blocks)
+            for field, complaint in _block(block, protocol)
+        ),
+    ]
+
+
+def _words(protocol: "Protocol") -> Iterator[Complaint]:
+    language, own = protocol.study.language, flat(protocol.words)
+    known = of("en")
+    for key, value in own.items():
+        if key not in known and not key.startswith(("action.", "mission.")):
+            yield f"$.words.{key}", "is no word of the interface; minihuman/study/words/en.toml has them all"
+        elif not isinstance(value, str):
+            yield f"$.words.{key}", f"is {value!r}; a word is a text in quotes"
+    if language not in LANGUAGES:
+        missing = [key for key in known if key not in own and not key.startswith(("action.", "mission.", "key."))]
+        if missing:
+            what = f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
+            yield "$.study.language", f"{what}{len(missing)} are missing, the first is {missing[0]}"
+
+
+def _names(protocol: "Protocol") -> Iterator[Complaint]:
+    seen: dict[str, str] = {}
+    for field in ("blocks", "pages", "questions", "orders"):
+        for number, part in enumerate(getattr(protocol, field)):
+            if part.name in seen and field != "blocks":
+                yield f"$.{field}[{number}].name", f"is {part.name!r} again ({seen[part.name]}); give each its own name"
+            seen.setdefault(part.name, f"$.{field}[{number}]")
+
+
+def _lists(protocol: "Protocol") -> Iterator[Complaint]:
+    known = {part.name for field in ("blocks", "pages", "questions") for part in getattr(protocol, field)}
+    with_orders = known | {order.name for order in protocol.orders}
+    lists = [
+        *((f"$.sessions[{n}].parts", day.parts, with_orders) for n, day in enumerate(protocol.sessions)),
+        *((f"$.groups[{n}].parts", group.parts, with_orders) for n, group in enumerate(protocol.groups)),
+        *((f"$.orders[{n}].parts", order.parts, known) for n, order in enumerate(protocol.orders)),
+    ]
+    for path, names, allowed in lists:
+        for place, name in enumerate(names):
+            if name not in allowed:
+                yield (
+                    f"{path}[{place}]",
+                    f"is {name!r}, which is no part; parts: {', '.join(sorted(allowed)) or 'none'}",
+                )
+    for number, group in enumerate(protocol.groups):
+        for part, other in group.instead.items():
+            for name in (part, other):
+                if name and name not in with_orders:
+                    yield f"$.groups[{number}].instead", f"names {name!r}, which is no part"
+    for number, day in enumerate(protocol.sessions):
+        if not day.parts:
+            yield f"$.sessions[{number}].parts", "is empty; a session has one part or more"
+        if day.days_after and not 0 <= day.days_after[0] <= day.days_after[1]:
+            yield (
+                f"$.sessions[{number}].days_after",
+                f"is {list(day.days_after)}; give the earliest day, then the latest",
+            )
+        if day.days_after and not number:
+            yield f"$.sessions[{number}].days_after", "is given for the first session; days count from the one before"
+    for number, order in enumerate(protocol.orders):
+        if len(order.parts) < 2:
+            yield f"$.orders[{number}].parts", "has no two parts; an order is of two or more"
+        if len(set(order.parts)) < len(order.parts):
+            yield f"$.orders[{number}].parts", "names a part twice; name each once"
+
+
+def _questions(protocol: "Protocol") -> Iterator[Complaint]:
+    parts = {part.name for field in ("blocks", "pages", "questions") for part in getattr(protocol, field)}
+    for number, asked in enumerate(protocol.questions):
+        path = f"$.questions[{number}]"
+        if bool(asked.items) == bool(asked.form):
+            yield path, "needs items, or the name of a form, and not both"
+        if asked.form and asked.form not in FORMS:
+            yield f"{path}.form", f"is {asked.form!r}; forms: {', '.join(FORMS)}"
+        if asked.back_to and asked.back_to not in parts:
+            yield f"{path}.back_to", f"is {asked.back_to!r}, which is no part"
+        if not 1 <= asked.tries <= 100:
+            yield f"{path}.tries", f"is {asked.tries}; use 1 to 100"
+        names = [item.name for item in asked.items]
+        for place, item in enumerate(asked.items):
+            if item.name in names[:place]:
+                yield f"{path}.items[{place}].name", f"is {item.name!r} again; give each its own name"
+            yield from ((f"{path}.items[{place}].{field}", what) for field, what in _item(item))
+
+
+def _item(item: Question) -> Iterator[Complaint]:
+    if item.kind in ("choice", "choices") and len(item.options) < 2:
+        yield "options", f"has {len(item.options)}; a choice is of two or more"
+    if item.options and item.kind not in ("choice", "choices", "likert"):
+        yield "options", f"is given, but a {item.kind} has none"
+    if item.codes and len(item.codes) != (len(item.options) or item.points):
+        yield "codes", f"has {len(item.codes)} for {len(item.options) or item.points} options; give one an option"
+    if item.kind == "likert" and not 2 <= (len(item.options) or item.points) <= 11:
+        yield "points", f"is {len(item.options) or item.points}; use 2 to 11"
+    if item.kind in ("slider", "number") and (item.minimum >= item.maximum or item.step <= 0):
+        yield "minimum", f"to maximum is {item.minimum:g} to {item.maximum:g} in steps of {item.step:g}, which is none"
+    if item.right is not None and item.kind in ("choice", "choices", "likert"):
+        right = item.right if isinstance(item.right, tuple) else (item.right,)
+        for code in right:
+            if code not in item.all_codes:
+                yield "right", f"is {code!r}, which is no option's code; codes: {', '.join(map(str, item.all_codes))}"
+
+
+def _groups(protocol: "Protocol") -> Iterator[Complaint]:
+    for number, group in enumerate(protocol.groups):
+        if not 1 <= group.ratio <= 100:
+            yield f"$.groups[{number}].ratio", f"is {group.ratio}; use 1 to 100"
+        if protocol.sessions and (group.parts or group.blocks):
+            field = "parts" if group.parts else "blocks"
+            yield f"$.groups[{number}].{field}", "is given beside [[sessions]], which say it; use instead = { ... }"
+        elif protocol.designed and not protocol.sessions and not group.parts:
+            yield f"$.groups[{number}].parts", "is missing, as another group has parts; give this one its own"
+
+
+def _overrides(protocol: "Protocol") -> Iterator[Complaint]:
+    groups = {group.name for group in protocol.groups}
+    for field in ("blocks", "pages", "questions"):
+        for number, part in enumerate(getattr(protocol, field)):
+            for group, own in part.for_group.items():
+                path = f"$.{field}[{number}].for_group.{group}"
+                if group not in groups:
+                    yield path, f"is for no group; groups: {', '.join(sorted(groups))}"
+                    continue
+                if {"name", "for_group"} & own.keys():
+                    yield path, "changes the name; give the group another part with instead = { ... }"
+                    continue
+                fields = {name: getattr(part, name) for name in part.__struct_fields__ if name != "for_group"}
+                try:
+                    msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
+                except msgspec.ValidationError as error:
+                    yield path, str(error)
+
+
+def _block(block: "Block", protocol: "Protocol") -> Iterator[Complaint]:
+    pool = protocol.keys.pool
+    if block.key_map == "fixed" and set(block.fixed.values()) != set(block.actions):
+        yield "fixed", "gives keys to other actions than those of the block; give each a key: fixed = { 1 = 'left' }"
+    for key in block.fixed:
+        if key not in pool:
+            yield "fixed", f"has the key {key!r}, which is not in $.keys.pool"
+    if block.fixed and not any(own.get("key_map", block.key_map) == "fixed" for own in ({}, *block.for_group.values())):
+        yield "fixed", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
+    if block.until and not 1 <= block.until.successes <= block.until.of <= block.episodes:
+        what = f"asks for {block.until.successes} of {block.until.of} in {block.episodes} episodes"
+        yield "until", f"{what}; use successes <= of <= episodes"
+    for field in ("max_s", "block_max_s", "interval_ms", "fixation_ms", "hold_ms"):
+        if not 0 <= getattr(block, field) <= 86_400_000:
+            yield field, f"is {getattr(block, field):g}; use 0 or more"

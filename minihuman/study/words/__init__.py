@@ -1,0 +1,87 @@
+"""The interface's words: one TOML a language, every word replaceable by the protocol."""
+
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from minihuman.study.keycaps import caption_word, label
+from minihuman.study.screens import Script
+
+ENGLISH = "en"
+LANGUAGES = ("en", "de", "fr", "es", "zh", "ja", "ar")
+
+
+@cache
+def of(language: str) -> Mapping[str, str]:
+    """Every word of a language, by its key ("go_on", "outcome.goal").
+
+    Raises:
+        KeyError: if there is no such language.
+    """
+    if language not in LANGUAGES:
+        raise KeyError(language)
+    tree = tomllib.loads(files(__package__).joinpath(f"{language}.toml").read_text(encoding="utf-8"))
+    return flat(tree)
+
+
+def flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Words in tables as one table, keys joined by dots."""
+    found: dict[str, str] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            found |= flat(value, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = value
+    return found
+
+
+class Words:
+    """The words of one session: a language's, with what the protocol puts in their place.
+
+    Args:
+        language: whose words; one that is not ours needs all of them in ``instead``.
+        instead: words that replace the language's.
+    """
+
+    def __init__(self, language: str = ENGLISH, instead: Mapping[str, str] | None = None) -> None:
+        self.language = language
+        base = of(language) if language in LANGUAGES else of(ENGLISH)
+        self._words = {**base, **(instead or {})}
+
+    def __getitem__(self, key: str) -> str:
+        """The word of a key that every language has."""
+        return self._words[key]
+
+    def fill(self, key: str, **fields: Any) -> str:
+        """A word with its fields filled in."""
+        return self._words[key].format(**fields)
+
+    @property
+    def rtl(self) -> bool:
+        """Whether text runs from right to left."""
+        return self._words["direction"] == "rtl"
+
+    @property
+    def script(self) -> Script:
+        """How they are written."""
+        return Script(self.language, self.rtl)
+
+    def action(self, name: str) -> str:
+        """What an action is called; its name in the world where there is no word for it."""
+        return self._words.get(f"action.{name}", name.replace("_", " "))
+
+    def mission(self, said: str) -> str:
+        """What a world says is to be done, in this language; "" where there are no words for it but English ones."""
+        known = self._words.get(f"mission.{said}")
+        if known is not None:
+            return known
+        return said if self.language == ENGLISH else ""
+
+    def labels(self, keys: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
+        """For each key: its name, what its cap says, and what tells it from another with the same cap."""
+        return tuple(
+            (key, self._words.get(f"key.{key}", label(key)), self._words.get(f"caption.{caption_word(key)}", ""))
+            for key in keys
+        )

@@ -1,0 +1,207 @@
+"""A question: its words, what it is answered with, and the spots that can be pointed at."""
+
+from minihuman.study.screens import Choices, Entry, QuestionScreen, Scale, Slider
+from minihuman.windows import theme
+from minihuman.windows.sheet import LINE, SMALLEST, Sheet, Size, Spot
+
+_TYPE = 1 / 30
+_WIDE = 1.16  # of the height
+_TOP, _BOTTOM = 0.15, 0.82
+
+
+def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
+    """Draw it."""
+    sheet = Sheet(size_px, screen.script)
+    width, height = size_px
+    high = sheet.high
+    top = (height - high) / 2
+    wide = _WIDE * high
+    left, right = (width - wide) / 2, (width + wide) / 2
+    sheet.one_line((width / 2, top + high * 0.085), screen.title, round(high / 18), wide, theme.INK)
+    room = _room(screen) * high
+    lines, type_px = sheet.fitted(screen.ask, round(high * _TYPE), wide, room)
+    y = top + high * _TOP
+    y = sheet.column(lines, left, right, y + max(0.0, (room - len(lines) * type_px * LINE) / 2), type_px)
+    box = (left, top + high * _TOP + room + high * 0.02, right, top + high * (_BOTTOM - 0.04))
+    match screen.item:
+        case Choices():
+            _choices(sheet, screen.item, box)
+        case Scale():
+            _scale(sheet, screen.item, box)
+        case Slider():
+            _slider(sheet, screen.item, box)
+        case Entry():
+            _entry(sheet, screen.item, box)
+    if screen.note:
+        sheet.one_line((width / 2, top + high * 0.805), screen.note, round(high / 34), wide, theme.ACCENT)
+    sheet.buttons(screen.buttons, top + high * 0.872)
+    sheet.one_line((width / 2, top + high * 0.925), screen.prompt, round(high / 36), wide, theme.QUIET)
+    sheet.one_line((width / 2, top + high * 0.97), screen.progress, round(high / 36), wide, theme.QUIET)
+    return sheet
+
+
+def fits(screen: QuestionScreen, size_px: Size) -> bool:
+    """Whether its words fit in the smallest type there may be."""
+    sheet = Sheet(size_px, screen.script)
+    room, wide = _room(screen) * sheet.high, _WIDE * sheet.high
+    lines, type_px = sheet.fitted(screen.ask, round(sheet.high * _TYPE), wide, room)
+    if type_px < round(sheet.high * SMALLEST) or len(lines) * type_px * LINE > room:
+        return False
+    if isinstance(screen.item, Choices):
+        rows = _option_rows(sheet, screen.item, wide, (_BOTTOM - _TOP - 0.06) * sheet.high - room)
+        return rows is not None
+    return True
+
+
+def _room(screen: QuestionScreen) -> float:
+    """How much of the height the question's own words have."""
+    if not isinstance(screen.item, Choices):
+        return 0.30
+    return max(0.10, 0.58 - 0.075 * len(screen.item.options)) if len(screen.item.options) < 7 else 0.10
+
+
+def _option_rows(sheet: Sheet, item: Choices, wide: float, high: float) -> tuple[list[list[str]], int] | None:
+    """Every option's lines, and the type in which all of them fit; None if none does."""
+    for type_px in range(round(sheet.high * _TYPE), max(8, round(sheet.high / 40)) - 1, -1):
+        rows = [sheet.wrap(option, type_px, wide - type_px * 4) for option in item.options]
+        if sum(len(row) * type_px * 1.2 + type_px * 0.75 for row in rows) <= high:
+            return rows, type_px
+    return None
+
+
+def _choices(sheet: Sheet, item: Choices, box: tuple[float, float, float, float]) -> None:
+    """Options below each other, each with its number and a circle, or a box to tick."""
+    left, top, right, bottom = box
+    found = _option_rows(sheet, item, right - left, bottom - top)
+    type_px = round(sheet.high / 40)
+    rows, type_px = found or ([[option] for option in item.options], type_px)
+    y = top
+    for number, lines in enumerate(rows):
+        tall = len(lines) * type_px * 1.2 + type_px * 0.6
+        chosen = number in item.chosen
+        outline = theme.LIT if chosen else theme.EDGE if number != item.at else theme.QUIET
+        stroke = max(1, round(sheet.high / (240 if chosen else 450)))
+        sheet.draw.rounded_rectangle(
+            (left, y, right, y + tall), radius=type_px * 0.35, fill=theme.SURFACE, outline=outline, width=stroke
+        )
+        sheet.spots.append(Spot(f"option:{number}", left, y, right, y + tall))
+        _tick(sheet, item.many, chosen, (left, right), y + tall / 2, type_px)
+        start, end = left + type_px * 2.6, right - type_px * 2.6
+        line_y = y + type_px * 0.3 + type_px * 0.6
+        for line in lines:
+            place = (end, line_y) if sheet.script.rtl else (start, line_y)
+            sheet.put(place, line, type_px, theme.INK, "r" if sheet.script.rtl else "l")
+            line_y += type_px * 1.2
+        if number < 9:
+            where = left + type_px * 0.9 if sheet.script.rtl else right - type_px * 0.9
+            sheet.put((where, y + tall / 2), str(number + 1), max(8, round(type_px * 0.75)), theme.QUIET, "m")
+        y += tall + type_px * 0.15
+
+
+def _tick(sheet: Sheet, many: bool, chosen: bool, sides: tuple[float, float], y: float, type_px: int) -> None:
+    x = sides[1] - type_px * 1.3 if sheet.script.rtl else sides[0] + type_px * 1.3
+    reach, stroke = type_px * 0.42, max(2, round(type_px / 10))
+    box = (x - reach, y - reach, x + reach, y + reach)
+    if not many:
+        sheet.draw.ellipse(box, outline=theme.LIT if chosen else theme.QUIET, width=stroke)
+        if chosen:
+            sheet.draw.ellipse((x - reach / 2, y - reach / 2, x + reach / 2, y + reach / 2), fill=theme.LIT)
+        return
+    sheet.draw.rectangle(box, outline=theme.LIT if chosen else theme.QUIET, width=stroke)
+    if chosen:
+        tick = [(x - reach * 0.6, y), (x - reach * 0.1, y + reach * 0.5), (x + reach * 0.65, y - reach * 0.5)]
+        sheet.draw.line(tick, fill=theme.LIT, width=stroke + 1)
+
+
+def _scale(sheet: Sheet, item: Scale, box: tuple[float, float, float, float]) -> None:
+    """Points side by side in reading order; words at the ends, or below each point."""
+    left, top, right, _ = box
+    count = len(item.points)
+    unit = (right - left) / count
+    reach = min(unit * 0.36, sheet.high * 0.04)
+    y = top + sheet.high * 0.10
+    words = all(not point.isdecimal() for point in item.points)
+    small = round(sheet.high / 40)
+    for number, point in enumerate(item.points):
+        place = count - 1 - number if sheet.script.rtl else number
+        x = left + unit * (place + 0.5)
+        chosen = number == item.chosen
+        fill = theme.LIT if chosen else theme.SURFACE
+        sheet.draw.ellipse(
+            (x - reach, y - reach, x + reach, y + reach),
+            fill=fill,
+            outline=theme.LIT if chosen else theme.QUIET,
+            width=max(2, round(sheet.high / 360)),
+        )
+        ink = theme.BACKGROUND if chosen else theme.INK
+        sheet.put((x, y), str(number + 1) if words else point, max(8, round(reach * 0.95)), ink, "m")
+        bottom = y + reach * 1.4
+        if words:
+            lines = sheet.wrap(point, small, unit * 0.94)
+            for row, line in enumerate(lines):
+                sheet.put((x, bottom + small * (row * 1.2 + 0.8)), line, small, theme.INK, "m")
+            bottom += small * 1.2 * len(lines)
+        sheet.spots.append(Spot(f"option:{number}", x - unit / 2, y - reach * 1.6, x + unit / 2, bottom + small))
+    if not words:
+        _ends(sheet, item.low, item.high, (left, right), y + reach * 1.4 + small)
+
+
+def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
+    """Words at a scale's two ends, each within its half."""
+    left, right = sides
+    small = round(sheet.high / 36)
+    at_left, at_right = (high, low) if sheet.script.rtl else (low, high)
+    for words, x, anchor in ((at_left, left, "l"), (at_right, right, "r")):
+        for row, line in enumerate(sheet.wrap(words, small, (right - left) * 0.46)):
+            sheet.put((x, y + small * (row * LINE + 0.5)), line, small, theme.INK, anchor)
+
+
+def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) -> None:
+    """A line with ticks and a mark, which is not there until it is set."""
+    left, top, right, _ = box
+    y, rtl = top + sheet.high * 0.12, sheet.script.rtl
+    stroke = max(2, round(sheet.high / 300))
+    sheet.draw.line([(left, y), (right, y)], fill=theme.QUIET, width=stroke)
+    for tick in range(item.ticks + 1):
+        x = left + (right - left) * tick / item.ticks
+        tall = sheet.high * (0.022 if tick in (0, item.ticks) or tick * 2 == item.ticks else 0.012)
+        sheet.draw.line([(x, y - tall), (x, y + tall)], fill=theme.QUIET, width=stroke)
+    if item.along is not None:
+        along = 1 - item.along if rtl else item.along
+        x, reach = left + (right - left) * along, sheet.high * 0.022
+        sheet.draw.ellipse(
+            (x - reach, y - reach, x + reach, y + reach), fill=theme.LIT, outline=theme.INK, width=stroke
+        )
+        if item.value:
+            sheet.put((x, y - reach * 2.4), item.value, round(sheet.high / 30), theme.INK, "m")
+    sheet.spots.append(Spot("slider", left, y - sheet.high * 0.06, right, y + sheet.high * 0.06, rtl))
+    _ends(sheet, item.low, item.high, (left, right), y + sheet.high * 0.05)
+
+
+def _entry(sheet: Sheet, item: Entry, box: tuple[float, float, float, float]) -> None:
+    """A field with what was typed and the caret; a long text shows its last lines."""
+    left, top, right, bottom = box
+    type_px = round(sheet.high * _TYPE)
+    pad = type_px * 0.6
+    tall = bottom - top if item.long else type_px * 2.2
+    if not item.long:
+        top += sheet.high * 0.06
+    field = (left, top, right if not item.unit else right - sheet.width_px(item.unit, type_px) - pad * 2, top + tall)
+    sheet.draw.rounded_rectangle(
+        field, radius=type_px * 0.3, fill=theme.SURFACE, outline=theme.QUIET, width=max(2, round(sheet.high / 360))
+    )
+    sheet.spots.append(Spot("field", *field))
+    before = item.text[: item.caret]
+    wide = field[2] - field[0] - 2 * pad
+    lines = sheet.wrap(item.text, type_px, wide) if item.text else [""]
+    room = max(1, int((tall - pad) / (type_px * LINE)))
+    shown = lines[-room:]
+    sheet.column(shown, left + pad, field[2] - pad, top + (tall - room * type_px * LINE) / 2, type_px)
+    caret_lines = sheet.wrap(before, type_px, wide) if before else [""]
+    row = min(len(shown) - 1, max(0, len(caret_lines) - 1 - (len(lines) - len(shown))))
+    x = sheet.width_px(caret_lines[-1] + (" " if before.endswith(" ") else ""), type_px)
+    x = field[2] - pad - x if sheet.script.rtl else left + pad + x
+    y = top + (tall - room * type_px * LINE) / 2 + (row + 0.5) * type_px * LINE
+    sheet.draw.line([(x, y - type_px * 0.55), (x, y + type_px * 0.55)], fill=theme.ACCENT, width=max(2, type_px // 12))
+    if item.unit:
+        sheet.put((field[2] + pad, top + tall / 2), item.unit, type_px, theme.INK)
