@@ -107,9 +107,14 @@ def test_an_episode_says_how_it_went_and_how_short_it_could_have_been(log, table
     goal, timeout = tables["episodes"].iloc[0], tables["episodes"].iloc[1]
     assert (goal["outcome"], bool(goal["success"])) == ("goal", True)
     assert goal["reward"] == log.episodes[0].return_
-    assert goal["excess_steps"] == len(log.episodes[0].actions) - 20
+    excess = len(log.episodes[0].actions) - 25  # of the way that is known, not of the bound
+    assert goal["excess_steps"] == excess
+    assert goal["log_excess_steps"] == pytest.approx(np.log1p(excess))
+    assert goal["spl"] == pytest.approx(25 / len(log.episodes[0].actions))
     assert (timeout["outcome"], bool(timeout["success"])) == ("timeout", False)
     assert np.isnan(timeout["excess_steps"])
+    assert timeout["log_excess_steps"] == pytest.approx(np.log1p(timeout["max_steps"] - 25))
+    assert timeout["spl"] == 0
 
 
 def test_blocks_and_participants_sum_their_episodes_up(log, tables):

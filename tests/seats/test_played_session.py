@@ -19,7 +19,7 @@ from tests.xserver import Typist, xvfb
 pytestmark = pytest.mark.program
 
 SMALL_SCREEN_PX = (640, 480)  # the window shrinks to it; a first-person picture costs by the pixel
-PATIENCE_S = 300
+PATIENCE_S = 60
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
 
 
@@ -57,7 +57,7 @@ def test_a_whole_demo_session_keeps_every_stroke_and_verifies(
     plan = expand(demo, enrol(demo, 0))
     station = start(window, display, tmp_path)
     typist.focus(TITLE)
-    type_session(typist, plan)
+    type_session(typist, plan, tmp_path)
     said, complained = station.communicate(timeout=PATIENCE_S)
     assert station.returncode == 0, complained
 
