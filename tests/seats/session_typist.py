@@ -23,9 +23,9 @@ def type_session(typist: Typist, plan: SessionPlan, data: Path) -> None:
     Keys are tapped, tapped twice within a frame, and rolled from one to the next; strangers and questions between.
     What each screen waits for is looked up in the live log, as a person looks at the screen.
     """
-    typist.tap(*plan.key_pool)
+    begin(typist, plan, data)
     for episode in plan.episodes:
-        if episode.episode_in_block == 0:
+        if episode.episode > 0 and episode.episode_in_block == 0:
             _enter(typist, data, "instructions")
             _enter(typist, data, "ready")
         _until(data, "playing")
@@ -35,6 +35,14 @@ def type_session(typist: Typist, plan: SessionPlan, data: Path) -> None:
         if last_of_block and plan.texts[episode.block].rest:
             _enter(typist, data, "rest")
     _enter(typist, data, "closing", "page")
+
+
+def begin(typist: Typist, plan: SessionPlan, data: Path) -> None:
+    """Everything up to the first episode's first picture."""
+    typist.tap(*plan.key_pool)
+    _enter(typist, data, "instructions")
+    _enter(typist, data, "ready")
+    _until(data, "playing")
 
 
 def _enter(typist: Typist, data: Path, *phases: str) -> None:
