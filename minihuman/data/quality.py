@@ -1,13 +1,15 @@
-"""How well a session was recorded: late keys, pictures, focus, pauses, display. One session in a row of numbers."""
+"""What a report says of a session beside its tables: how well it was recorded, and its plan in outline."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.study.events import Noted
+from minihuman.study.plan import EpisodePlan, SessionPlan
 
 LATE_MS = 5.0  # a press that waited longer for the session than this is counted
 _NS_PER_MS = 1e6
@@ -34,6 +36,38 @@ class Quality:
     clean: bool
     display: dict[str, str]
     software: dict[str, str]
+
+
+class Outline(msgspec.Struct, frozen=True):
+    """A session's plan as far as a methods section tells it."""
+
+    study: str
+    version: str
+    protocol_sha256: str
+    seed: int
+    participant: str
+    group: str
+    session: int
+    by_hand: bool  # participant or group chosen, not allocated
+    blocks: tuple[EpisodePlan, ...]  # the first episode of each
+
+    @classmethod
+    def of(cls, plan: SessionPlan) -> "Outline":
+        """A plan's."""
+        first: dict[str, EpisodePlan] = {}
+        for episode in plan.episodes:
+            first.setdefault(episode.block_name, episode)
+        return cls(
+            plan.study,
+            plan.study_version,
+            plan.protocol_sha256,
+            plan.study_seed,
+            plan.participant.id,
+            plan.participant.group,
+            plan.session,
+            plan.overridden,
+            tuple(first.values()),
+        )
 
 
 def quality_of(log: SessionLog) -> Quality:

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from minihuman.data.quality import Quality
-from minihuman.study.plan import EpisodePlan, SessionPlan
+from minihuman.data.quality import Outline, Quality
+from minihuman.study.plan import EpisodePlan
 
 _STATISTICS = ("pandas", "scipy", "statsmodels")
 _KEY_MAPS = {
@@ -14,28 +14,28 @@ _KEY_MAPS = {
 }
 
 
-def methods(plans: Sequence[SessionPlan], qualities: Sequence[Quality]) -> list[str]:
+def methods(plans: Sequence[Outline], qualities: Sequence[Quality]) -> list[str]:
     """The paragraphs; ``plans`` and ``qualities`` are the sessions'."""
     return [_people(plans), *_blocks(plans), _software(plans, qualities), _statistics()]
 
 
-def _people(plans: Sequence[SessionPlan]) -> str:
-    groups = Counter({plan.participant.id: plan.participant.group for plan in plans}.values())
+def _people(plans: Sequence[Outline]) -> str:
+    groups = Counter({plan.participant: plan.group for plan in plans}.values())
     told = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
     sessions = len({plan.session for plan in plans})
     days = f" in {sessions} sessions" if sessions > 1 else ""
-    by_hand = sum(plan.overridden for plan in plans)
+    by_hand = sum(plan.by_hand for plan in plans)
     chosen = f"; in {by_hand} sessions participant or group were chosen by hand" if by_hand else ""
     return (
         f"{sum(groups.values())} participants took part{days} ({told}). Groups and keys came from an allocation list "
-        f"drawn before the first session from the study's seed, {plans[0].study_seed}{chosen}."
+        f"drawn before the first session from the study's seed, {plans[0].seed}{chosen}."
     )
 
 
-def _blocks(plans: Sequence[SessionPlan]) -> list[str]:
+def _blocks(plans: Sequence[Outline]) -> list[str]:
     first: dict[str, EpisodePlan] = {}
     for plan in plans:
-        for episode in plan.episodes:
+        for episode in plan.blocks:
             first.setdefault(episode.block_name, episode)
     return [_block(name, episode) for name, episode in first.items()]
 
@@ -54,8 +54,8 @@ def _block(name: str, one: EpisodePlan) -> str:
     )
 
 
-def _software(plans: Sequence[SessionPlan], qualities: Sequence[Quality]) -> str:
-    protocols = sorted({(plan.study_version, plan.protocol_sha256) for plan in plans})
+def _software(plans: Sequence[Outline], qualities: Sequence[Quality]) -> str:
+    protocols = sorted({(plan.version, plan.protocol_sha256) for plan in plans})
     told = "; ".join(f"version {name}, SHA-256 {sha}" for name, sha in protocols)
     words = {
         "version_minihuman": "minihuman", "git_commit": "commit", "rules": "rules of the worlds", "python": "Python",

@@ -32,7 +32,7 @@ class Page:
     figures: Sequence[tuple[str, Path, str]]  # its block, "" for all; a PNG and its caption
     tables: Sequence[Path]
     qualities: Sequence[Quality]
-    answers: pd.DataFrame | None
+    answers: pd.DataFrame
     account: Account
     papers: bool  # the study and its worlds are the published one's
 

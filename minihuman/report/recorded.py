@@ -11,21 +11,29 @@ from minihuman.data.opened import Skipped
 from minihuman.data.quality import LATE_MS, Quality
 from minihuman.report.html import number, records, table
 
+_MOST_ANSWERS = 8  # of a question, that are told one by one
 
-def answers(found: pd.DataFrame | None) -> list[str]:
-    """Every question: how often each answer was given, or its mean."""
-    if found is None or found.empty:
+
+def answers(found: pd.DataFrame) -> list[str]:
+    """Every question: how often each answer was given, or its mean and range, and how long it took."""
+    if found.empty:
         return []
     rows = []
-    for (part, question), given in found.groupby(["part", "question"], sort=False):
-        numbers = pd.to_numeric(given["answer"], errors="coerce")
-        if numbers.notna().all():
+    for (part, item), given in found.groupby(["questions", "item"], sort=False):
+        numbers = given["number"].dropna()
+        if len(numbers) == len(given):
             mean, low, high = (number(float(one)) for one in (numbers.mean(), numbers.min(), numbers.max()))
             said = f"mean {mean}, {low} to {high}"
         else:
-            said = ", ".join(f"{answer} ({count})" for answer, count in given["answer"].value_counts().head(8).items())
-        rows.append((str(part), str(question), str(len(given)), said))
-    return ["<h2>Answers</h2>", table("", ("part", "question", "n", "answers"), rows, words=2)]
+            told = given["said"].fillna(given["answer"]).fillna("nothing").value_counts()
+            said = ", ".join(f"{answer} ({count})" for answer, count in told.head(_MOST_ANSWERS).items())
+            said += f" and {len(told) - _MOST_ANSWERS} others" if len(told) > _MOST_ANSWERS else ""
+        right = given["right"].dropna()
+        share = f"{100 * float(right.astype(float).mean()):.0f} %" if len(right) else "\N{EN DASH}"
+        took = number(float(given["answer_ms"].median()) / 1000)
+        rows.append((str(part), str(item), said, str(len(given)), share, took))
+    heads = ("questions", "question", "answers", "n", "right", "median time (s)")
+    return ["<h2>Answers</h2>", table("Over all participants and days.", heads, rows, words=3)]
 
 
 def quality(qualities: Sequence[Quality]) -> str:
@@ -48,13 +56,11 @@ def quality(qualities: Sequence[Quality]) -> str:
     late = sum(one.late for one in qualities)
     slowest = np.array([one.key_to_flip_ms[2] for one in qualities])
     slowest = slowest[~np.isnan(slowest)]
-    worst = f"; 99 % of pictures came within {number(float(slowest.max()))} ms of their key in every session"
-    lead = (
-        f"{late} of {presses} presses were taken more than {LATE_MS:g} ms after they were made"
-        f"{worst if slowest.size else ''}."
-    )
+    lead = f"{late} of {presses} presses were taken more than {LATE_MS:g} ms after they were made"
+    if slowest.size:
+        lead += f"; 99 % of pictures came within {number(float(slowest.max()))} ms of their key in every session"
     shown = "".join(f"<p>Display: {escape(one)}.</p>" for one in displays if one)
-    return f"<p>{escape(lead)}</p>{shown}" + table("", heads, rows)
+    return f"<p>{escape(lead)}.</p>{shown}" + table("", heads, rows)
 
 
 def left_out(rows: pd.DataFrame) -> str:

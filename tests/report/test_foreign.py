@@ -67,6 +67,32 @@ max_steps = 30
 pace = "real_time"
 step_period_ms = 150
 """
+QUESTIONS = """
+[study]
+name = "survey"
+version = "1"
+seed = 5
+participants = 8
+[[groups]]
+name = "everyone"
+parts = ["welcome", "mood"]
+[keys]
+check = false
+[[pages]]
+name = "welcome"
+text = "A few questions."
+[[questions]]
+name = "mood"
+[[questions.items]]
+name = "how"
+kind = "likert"
+ask = "How are you?"
+points = 5
+[[questions.items]]
+name = "age"
+kind = "number"
+ask = "How old are you?"
+"""
 STUDIES = {
     "upstream": (UPSTREAM, ("practice", "door")),
     "arcade": (ARCADE, ("paddle",)),
@@ -93,3 +119,15 @@ def test_a_foreign_study_has_every_block_in_its_report_and_no_line_of_another(na
     assert "Played by: random" in text
     assert f"Protocol of study {name}: version 2, SHA-256 {protocol.sha256}" in text
     assert not any(word in text for word in (">nan<", "None<", "<td></td>"))
+
+
+def test_a_study_of_questions_only_has_its_answers_in_the_report(tmp_path: Path) -> None:
+    protocol = decode(QUESTIONS.encode())
+    for _ in simulate(protocol, tmp_path, participants=3, seed=1, player="random"):
+        pass
+    where, *_ = build(Sessions(tmp_path / "survey", processes=1), tmp_path / "out")
+    text = where.read_text()
+    for words in ("<h2>Answers</h2>", "mood", "how", "age", "3 participants took part"):
+        assert words in text
+    for other in ("Block", "Published", "Transfer", "FourRooms", ">nan<"):
+        assert other not in text
