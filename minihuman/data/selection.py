@@ -124,5 +124,5 @@ def about_session(log: SessionLog) -> Row:
         "end_reason": log.end_reason,
         "clean": log.clean,
         "segments": len(log.segments),
-        "completed_share": len(completed) / planned if planned else 1.0,
+        "completed_share": len(completed) / planned if planned else None,
     }
