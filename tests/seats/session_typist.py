@@ -5,6 +5,7 @@ from contextlib import closing
 from itertools import cycle
 
 from minihuman.players.ways import shortest_way
+
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.worlds.adapt.world import World
 from tests.xserver import Typist

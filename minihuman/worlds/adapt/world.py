@@ -215,8 +215,12 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
         raise WorldError(f"{world_id}: {error}; install the package that brings this world") from error
     except gymnasium.error.Error as error:
         raise WorldError(f"{world_id}: {error}") from error
+    except WorldError as error:
+        raise WorldError(f"{world_id}: {error}") from error
     except TypeError as error:
         raise WorldError(f"{world_id}: options {options!r} do not fit: {error}") from error
+    except Exception as error:  # whatever somebody's world may raise
+        raise WorldError(f"{world_id} cannot be made with {options!r}: {type(error).__name__}: {error}") from error
     if "rgb_array" not in env.metadata.get("render_modes", ()):
         env.close()
         raise WorldError(f"{world_id}: it has no render mode 'rgb_array', so there is no picture to show a person")
