@@ -1,9 +1,38 @@
+import re
+from importlib.metadata import version
+from pathlib import Path
+
 import gymnasium
+import pytest
 
 import minihuman
 from minihuman.worlds.catalogue import ENTRIES
 
+ROOT = Path(__file__).parents[1]
+
 
 def test_importing_registers_every_world():
-    assert minihuman.__version__
     assert all(entry.id in gymnasium.registry for entry in ENTRIES)
+
+
+def test_the_version_is_said_once_and_repeated_truly():
+    assert version("minihuman") == minihuman.__version__
+    assert f"\nversion: {minihuman.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    assert "version =" not in (ROOT / "pyproject.toml").read_text().partition("[project.optional")[0]
+
+
+def test_the_changelog_goes_by_version():
+    headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert headings[0] == "Unreleased" or headings[0].startswith(minihuman.__version__)
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/extending.md", "docs/grid-worlds.md"])
+def test_links_lead_somewhere(page):
+    for link in re.findall(r"\]\(([^)#:]+)\)", (ROOT / page).read_text()):
+        assert (ROOT / page).parent.joinpath(link).exists(), link
+
+
+def test_every_room_stands_in_the_guide():
+    rooms = {path.name for path in (ROOT / "minihuman").iterdir() if (path / "__init__.py").exists()}
+    guide = set(re.findall(r"`(\w+)`", (ROOT / "CONTRIBUTING.md").read_text()))
+    assert rooms <= guide, f"{rooms - guide} are not in CONTRIBUTING.md"

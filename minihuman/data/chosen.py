@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.data.facts import episode_facts
+from minihuman.data.store import Store
 from minihuman.data.study import SessionRows, Sessions
 from minihuman.recorded.episode import Episode, SessionLog
 
@@ -70,3 +71,14 @@ class ChosenEpisodes:
             for facts in found.facts:
                 self._taken(found.path, facts)
             yield found
+
+    def store(self) -> Store:
+        """The same rows kept in a file, those of many sessions together; to be used in a ``with``.
+
+        Raises:
+            LogError, ReportError: as ``rows``.
+        """
+        store = Store(self.sessions, with_shortest=False)
+        for path, facts in store.facts():
+            self._taken(path, facts)
+        return store

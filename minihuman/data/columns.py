@@ -100,7 +100,9 @@ EPISODES = (
     Column(
         "feasible_steps", "whole", "", "Steps of a way to the goal that was found and is possible. Empty if unknown."
     ),
-    Column("excess_steps", "number", "", "Steps over the fewest possible; of episodes that reached the goal."),
+    Column("excess_steps", "number", "", "Steps over feasible_steps; of episodes that reached the goal."),
+    Column("log_excess_steps", "number", "", "ln(1 + steps over feasible_steps); who never got there is at max_steps."),
+    Column("spl", "number", "", "Success weighted by path length: feasible_steps / steps, 0 without the goal."),
     Column("playing_s", "number", "s", "From the reset to the last step, pauses left out."),
     Column("reaction_mean_ms", "number", "ms", "Mean reaction time."),
     Column("reaction_median_ms", "number", "ms", "Median reaction time."),
@@ -123,8 +125,11 @@ _OVER_EPISODES = (
     ),
     Column("steps_mean", "number", "", "Mean steps."),
     Column(
-        "excess_steps_mean", "number", "", "Mean steps over the fewest possible, of episodes that reached the goal."
+        "steps_at_limit_mean", "number", "", "Mean steps; an episode that never reached the goal counts its max_steps."
     ),
+    Column("excess_steps_mean", "number", "", "Mean steps over feasible_steps, of episodes that reached the goal."),
+    Column("log_excess_steps_mean", "number", "", "Mean of log_excess_steps."),
+    Column("spl_mean", "number", "", "Mean of spl."),
     Column("playing_s_mean", "number", "s", "Mean playing time of an episode."),
     Column("reaction_median_ms", "number", "ms", "Median over all steps' reaction times."),
     Column("path_efficiency_mean", "number", "", "Mean path efficiency."),
@@ -363,7 +368,10 @@ FROM_TOPICS = {
 }
 """Which tables hold what is said on each of the log's topics. Stored observations are no rows: exports hold them."""
 
-NEED_WORLD = frozenset({"shortest_steps", "feasible_steps", "excess_steps", "excess_steps_mean"})
+NEED_WORLD = frozenset(
+    {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "spl"}
+    | {"excess_steps_mean", "log_excess_steps_mean", "spl_mean"}
+)
 """The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from minihuman.errors import WorldError
 from minihuman.measures.adaptation import slope_per_episode
+from minihuman.measures.effort import excess_steps, log_excess_steps, spl
 from minihuman.measures.keys import Tally, times_to_find
 from minihuman.measures.path import Walk, walks
 from minihuman.measures.shortest import shortest
@@ -93,11 +94,15 @@ def _episode(tally: Tally, walk: Walk) -> Row:
 
 
 def _least(episode: Episode, least: Bounds) -> Row:
-    """The fewest possible steps, and how many more an episode took that reached the goal."""
-    excess_steps = None
-    if episode.outcome == "goal" and least.at_least is not None:
-        excess_steps = float(len(episode.actions) - least.at_least)
-    return {"shortest_steps": least.at_least, "feasible_steps": least.feasible, "excess_steps": excess_steps}
+    """The fewest possible steps, and how the episode's stand to those of the best way that is known."""
+    steps, limit, outcome = len(episode.actions), episode.plan.max_steps, episode.outcome_word
+    return {
+        "shortest_steps": least.at_least,
+        "feasible_steps": least.feasible,
+        "excess_steps": excess_steps(steps, least.feasible, success=outcome == "goal"),
+        "log_excess_steps": log_excess_steps(steps, least.feasible, limit, outcome),
+        "spl": spl(steps, least.feasible, outcome),
+    }
 
 
 def _over(rows: Sequence[Row], tallies: Sequence[Tally]) -> Row:
@@ -116,7 +121,10 @@ def _over(rows: Sequence[Row], tallies: Sequence[Tally]) -> Row:
         "reward_first": rewards[0] if rewards else None,
         "reward_slope": _slope(rows),
         "steps_mean": _mean(steps),
+        "steps_at_limit_mean": _mean([row["steps"] if row["success"] else row["max_steps"] for row in rows]),
         "excess_steps_mean": _mean([row["excess_steps"] for row in rows]),
+        "log_excess_steps_mean": _mean([row["log_excess_steps"] for row in rows]),
+        "spl_mean": _mean([row["spl"] for row in rows]),
         "playing_s_mean": _mean([row["playing_s"] for row in rows]),
         "reaction_median_ms": float(np.median(times)) if times.size else None,
         "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),

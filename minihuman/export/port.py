@@ -1,13 +1,12 @@
 """What every exporter is: one function in one file, found through the entry-point group ``minihuman.exporters``."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
 
 from minihuman.data.chosen import ChosenEpisodes
 from minihuman.errors import ExportError
+from minihuman.plugins import load, names
 
 GROUP = "minihuman.exporters"
 
@@ -27,9 +26,9 @@ class Written:
 Exporter = Callable[[ChosenEpisodes, Path], Written]
 
 
-def exporters() -> dict[str, str]:
-    """The names of the exporters installed, with where each one is."""
-    return {entry.name: entry.value for entry in entry_points(group=GROUP)}
+def exporters() -> tuple[str, ...]:
+    """The names of the exporters that are installed."""
+    return names(GROUP)
 
 
 def find_exporter(name: str) -> Exporter:
@@ -38,11 +37,5 @@ def find_exporter(name: str) -> Exporter:
     Raises:
         ExportError: if there is none, or what it needs is not installed.
     """
-    found: Sequence[Any] = [entry for entry in entry_points(group=GROUP) if entry.name == name]
-    if not found:
-        raise ExportError(f"no export format {name!r}; there are {', '.join(sorted(exporters()))}")
-    try:
-        exporter: Exporter = found[0].load()
-    except ModuleNotFoundError as error:
-        raise ExportError(f"export to {name} needs {error.name}; pip install 'minihuman[export]'") from error
+    exporter: Exporter = load(GROUP, name, ExportError, what="export format")
     return exporter

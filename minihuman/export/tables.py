@@ -6,9 +6,11 @@ the report. ``dictionary.json`` and ``datapackage.json`` beside the tables descr
 
 from pathlib import Path
 
+import pyarrow.compute as pc
+
 from minihuman.data.chosen import ChosenEpisodes
 from minihuman.data.columns import NEED_WORLD
-from minihuman.data.writing import Kind, TableWriter
+from minihuman.data.writing import Kind, write_tables
 from minihuman.export.port import Written
 
 
@@ -24,16 +26,11 @@ def export_parquet(chosen: ChosenEpisodes, out: Path) -> Written:
 
 def _export(chosen: ChosenEpisodes, out: Path, kind: Kind) -> Written:
     """Rows that do not count are here too, with the reason in ``left_out``."""
-    episodes = steps = marked = sessions = 0
-    with TableWriter(out, kinds=(kind,), without=NEED_WORLD) as writer:
-        for session in chosen.rows():
-            writer.write(session.rows)
-            sessions += 1
-            rows = session.rows.parts["episodes"].columns
-            for reason, count in zip(rows.get("left_out", ()), rows.get("steps", ()), strict=True):
-                marked += bool(reason)
-                episodes += not reason
-                steps += 0 if reason else count
-    return Written(
-        (*writer.paths, writer.dictionary, writer.package), episodes, steps, marked=marked, sessions=sessions
-    )
+    with chosen.store() as store:
+        paths = write_tables(store.tables, out, kinds=(kind,), without=NEED_WORLD)
+        held = store.tables.table("episodes", ["left_out", "steps"])
+        sessions = store.tables.count("participants")
+    counts = pc.is_null(held["left_out"])
+    steps = pc.sum(held.filter(counts)["steps"]).as_py() or 0
+    episodes = pc.sum(counts).as_py() or 0
+    return Written(paths, episodes, steps, marked=held.num_rows - episodes, sessions=sessions)

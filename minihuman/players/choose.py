@@ -1,11 +1,10 @@
 """Which player: the installed ones, by name. Others register in the entry-point group ``minihuman.players``."""
 
-from importlib.metadata import entry_points
-
 import numpy as np
 
 from minihuman.errors import PlayerError
 from minihuman.players.port import Player
+from minihuman.plugins import check_made, load
 
 GROUP = "minihuman.players"
 
@@ -17,11 +16,7 @@ def make_player(name: str, rng: np.random.Generator) -> Player:
         PlayerError: if no player has that name, or its own part is wrong.
     """
     kind, _, argument = name.partition(":")
-    found = entry_points(group=GROUP, name=kind)
-    if not found:
-        known = ", ".join(sorted(entry.name for entry in entry_points(group=GROUP)))
-        raise PlayerError(f"player {kind!r} is unknown; it is one of {known}")
-    (entry, *_) = found
-    player = entry.load()(argument, rng)
-    assert isinstance(player, Player), f"{entry.value} is no minihuman.players.port.Player"
+    player = load(GROUP, kind, PlayerError, what="player")(argument, rng)
+    check_made(player, Player, PlayerError, group=GROUP, name=kind)
+    assert isinstance(player, Player)  # checked just now
     return player

@@ -1,8 +1,7 @@
 """Which window: the installed ones, by name. Others register in the entry-point group ``minihuman.windows``."""
 
-from importlib.metadata import entry_points
-
 from minihuman.errors import WindowError
+from minihuman.plugins import check_made, load, names
 from minihuman.study.screens import TextScreen
 from minihuman.windows.blocking import DEFAULT_SIZE_PX
 from minihuman.windows.compose import Size
@@ -16,7 +15,7 @@ _FIRST_CHOICE = ("pygame", "pyglet")  # pygame knows every key by position, on e
 
 def window_names() -> tuple[str, ...]:
     """What can be asked for beside "auto", in the order in which auto tries them."""
-    installed = {entry.name for entry in entry_points(group=GROUP)}
+    installed = set(names(GROUP))
     first = tuple(name for name in _FIRST_CHOICE if name in installed)
     return first + tuple(sorted(installed.difference(first)))
 
@@ -41,11 +40,10 @@ def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: S
 
 
 def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window:
-    found = entry_points(group=GROUP, name=name)
-    if not found:
+    if name not in window_names():
         raise WindowError(f"window {name!r} is unknown; it is one of {', '.join((AUTO, *window_names()))}")
-    (entry, *_) = found
-    window = entry.load()(clock, fullscreen=fullscreen, size_px=size_px)
-    assert isinstance(window, Window), f"{entry.value} is no minihuman.windows.port.Window"
+    window = load(GROUP, name, WindowError, what="window")(clock, fullscreen=fullscreen, size_px=size_px)
+    check_made(window, Window, WindowError, group=GROUP, name=name)
+    assert isinstance(window, Window)  # checked just now
     window.show(_OPENING)
     return window

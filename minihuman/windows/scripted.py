@@ -49,7 +49,7 @@ class ScriptedWindow(Window):
         if not self._script:
             return [Stop(self._clock(), "window_closed", "the script has ended")]
         due_ns = max(self._script[0].t_ns, self._clock())
-        if until_ns is not None and until_ns < due_ns:
+        if until_ns is not None and max(until_ns, self._clock()) < due_ns:
             self._clock.advance_to(until_ns)
             return []
         self._clock.advance_to(due_ns)

@@ -3,27 +3,23 @@
 Real windows run under Xvfb and are typed into by the X server itself (XTEST).
 """
 
-import abc
-import getpass
 import os
-import platform
-import random
 import shutil
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp, Stop
-from minihuman.study.keys import DIGITS, KEY_NAMES
-from minihuman.study.screens import PlayScreen, Screen, TextScreen
+from minihuman.study.inputs import FocusChanged, KeyDown, KeyUp, Stop
+from minihuman.study.keys import KEY_NAMES
+from minihuman.study.screens import PlayScreen
+from minihuman.testing.window import CHECKS, MS, SCREENS, SECOND, TypedWindow, strokes_of
 from minihuman.windows.blocking import TITLE
 from minihuman.windows.compose import compose
-from minihuman.windows.port import Window
 from minihuman.windows.scripted import ScriptedWindow, VirtualClock
 from tests.window_host import HostedWindow
 from tests.xserver import Typist, xvfb
@@ -32,41 +28,9 @@ pytestmark = pytest.mark.program
 
 SIZE_PX = (640, 360)
 OTHER_PYGLET = "MINIHUMAN_OTHER_PYGLET"  # a folder made by `pip install --target FOLDER "pyglet>=2,<3"`
-MS = 1_000_000
-SECOND = 1_000_000_000
-
-SCREENS: tuple[Screen, ...] = (
-    TextScreen("Consent", "Words to read.\n\nMore words. " * 9, "Press Enter if you agree", "episode 1 of 2"),
-    TextScreen("Keyboard check", "Press each key.", "1 key to go", keys=(("1", True), ("kp_2", False), ("up", True))),
-    TextScreen("", "", ""),
-    PlayScreen(np.full((56, 56, 3), 200, np.uint8), "reach the green goal", "episode 1 of 2", (("1", "left"),)),
-    PlayScreen(np.full((900, 1200, 3), 90, np.uint8), "", ""),
-)
 
 
-class Desk(abc.ABC):
-    """A window, and a keyboard in front of it."""
-
-    window: Window
-
-    @abc.abstractmethod
-    def type(self, strokes: Sequence[tuple[str, bool]]) -> None:
-        """Press (True) and release (False) keys in this order, at once."""
-
-    @abc.abstractmethod
-    def now_ns(self) -> int:
-        """The window's clock."""
-
-    def hear(self, count: int) -> list[Input]:
-        """The next ``count`` inputs; the test fails if they do not come within seconds."""
-        heard: list[Input] = []
-        until_ns = self.now_ns() + 10 * SECOND
-        while len(heard) < count and self.now_ns() < until_ns:
-            heard += self.window.wait(until_ns)
-        return heard
-
-
-class ScriptedDesk(Desk):
+class ScriptedDesk(TypedWindow):
     def __init__(self) -> None:
         self._clock = VirtualClock()
         self.window = ScriptedWindow((Stop(3600 * SECOND, "signal"),), self._clock, frame_ns=16 * MS)
@@ -80,7 +44,7 @@ class ScriptedDesk(Desk):
         return self._clock()
 
 
-class RealDesk(Desk):
+class RealDesk(TypedWindow):
     def __init__(self, kind: str, display: str, python_path: str = "") -> None:
         self.typist = Typist(display)
         self.window: HostedWindow = HostedWindow(kind, display, size_px=SIZE_PX, python_path=python_path)
@@ -147,7 +111,7 @@ def real_desk(request: pytest.FixtureRequest, desks: Desks) -> RealDesk:
 
 
 @pytest.fixture(params=("scripted", *Desks.KINDS))
-def desk(request: pytest.FixtureRequest, desks: Desks) -> Desk:
+def desk(request: pytest.FixtureRequest, desks: Desks) -> TypedWindow:
     return ScriptedDesk() if request.param == "scripted" else desks.ready(request.param)
 
 
@@ -160,79 +124,9 @@ def test_both_majors_of_pyglet_take_part(desks: Desks) -> None:
     assert versions == {"pyglet 1", "pyglet 2"}
 
 
-def strokes_of(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
-    return [
-        (happened.key, isinstance(happened, KeyDown)) for happened in inputs if isinstance(happened, KeyDown | KeyUp)
-    ]
-
-
-@pytest.mark.parametrize("screen", SCREENS, ids=range(len(SCREENS)))
-def test_a_screen_is_submitted_then_flipped(desk: Desk, screen: Screen) -> None:
-    before_ns = desk.now_ns()
-    shown = desk.window.show(screen)
-    assert before_ns <= shown.submit_ns <= shown.flip_ns == shown.t_ns <= desk.now_ns()
-
-
-def test_waiting_ends_at_the_deadline_and_not_before(desk: Desk) -> None:
-    until_ns = desk.now_ns() + 30 * MS
-    assert desk.window.wait(until_ns) == []
-    assert desk.now_ns() >= until_ns
-
-
-def test_a_deadline_that_has_passed_still_hands_over_what_has_arrived(desk: Desk) -> None:
-    desk.type([("1", True), ("1", False)])
-    time.sleep(0.1)  # the X server's delivery, not the window's
-    assert strokes_of(desk.window.wait(0)) == [("1", True), ("1", False)]
-    assert desk.window.wait(0) == []
-
-
-def test_two_taps_within_a_frame_are_two_taps(desk: Desk) -> None:
-    strokes = [("3", True), ("3", False)] * 2
-    desk.type(strokes)
-    assert strokes_of(desk.hear(4)) == strokes
-
-
-def test_rolling_from_key_to_key_keeps_the_order(desk: Desk) -> None:
-    strokes = [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)]
-    desk.type(strokes)
-    assert strokes_of(desk.hear(6)) == strokes
-
-
-def test_of_hundreds_of_strokes_none_is_lost_or_doubled(desk: Desk) -> None:
-    chance = random.Random(7)
-    held: set[str] = set()
-    strokes = []
-    for _ in range(400):
-        key = chance.choice(DIGITS)
-        strokes.append((key, key not in held))
-        held ^= {key}
-    strokes += [(key, False) for key in sorted(held)]
-    desk.type(strokes)
-    heard = desk.hear(len(strokes))
-    assert strokes_of(happened for happened in heard if not getattr(happened, "repeat", False)) == strokes
-
-
-def test_strokes_during_a_flip_are_kept(desk: Desk) -> None:
-    strokes = [("4", True), ("5", True), ("4", False), ("5", False)]
-    desk.type(strokes)
-    desk.window.show(SCREENS[0])
-    assert strokes_of(desk.hear(4)) == strokes
-
-
-def test_stamps_never_go_back_and_lie_between_stroke_and_receipt(desk: Desk) -> None:
-    before_ns = desk.now_ns()
-    desk.type([("6", True), ("6", False)] * 5)
-    stamps = [happened.t_ns for happened in desk.hear(10)]
-    assert stamps == sorted(stamps)
-    assert before_ns <= stamps[0] <= stamps[-1] <= desk.now_ns()
-
-
-def test_facts_are_words_without_names_of_people_or_machines(desk: Desk) -> None:
-    facts = desk.window.facts()
-    assert facts["window"]
-    assert all(isinstance(fact, str) for fact in facts.values())
-    for private in (platform.node(), getpass.getuser()):
-        assert private not in " ".join(facts.values()).split()
+@pytest.mark.parametrize("check", CHECKS.values(), ids=CHECKS)
+def test_every_window_keeps_what_windows_promise(desk: TypedWindow, check: Callable[[TypedWindow], None]) -> None:
+    check(desk)
 
 
 def test_without_a_deadline_it_sleeps_until_a_key_comes(real_desk: RealDesk) -> None:

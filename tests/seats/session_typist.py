@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from itertools import cycle
 
-from minihuman.players.ways import shortest_way
-
+from minihuman.players.port import way_of
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.worlds.adapt.world import World
 from tests.xserver import Typist
@@ -45,7 +44,7 @@ def _way(episode: EpisodePlan) -> list[str]:
     key_of = {action: key for key, action in episode.key_map.keys.items()}
     with closing(World(episode.world, episode.options)) as world:
         world.reset(episode.seed)
-        return [key_of[action] for action in shortest_way(world)]
+        return [key_of[action] for action in way_of(world)]
 
 
 def _pairs(keys: Sequence[str]) -> Iterator[Sequence[str]]:

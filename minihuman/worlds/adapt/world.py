@@ -69,6 +69,11 @@ class World:
         return self._env.unwrapped
 
     @property
+    def env(self) -> gymnasium.Env[Any, Any]:
+        """The environment with its wrappers: for checks of what they change."""
+        return self._env
+
+    @property
     def compile_apart(self) -> tuple[Callable[[], None], ...]:
         """Calls that each compile a piece of its code; none where that does not take long, or cannot be split."""
         env = self._env.unwrapped

@@ -1,0 +1,146 @@
+"""Every world of ours keeps what worlds promise a session; what a lab may get wrong is named."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+import minihuman  # noqa: F401  # registers the worlds
+from minihuman.errors import WorldError
+from minihuman.testing import ContractError, check_world
+from minihuman.worlds.catalogue import ENTRIES
+from minihuman.worlds.first_person.entities import Box
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.grid.items import goal
+from minihuman.worlds.grid.world import GridWorld
+from tests.worlds.grid.test_kinds import APPLE, GATE, Lane
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # v0 of worlds that have a v1
+INSIDE = [entry.id for entry in ENTRIES if entry.kwargs.get("family")][::12]
+
+
+SOME = ("MiniGrid-DoorKey-8x8-v0", "MiniGrid-GoToObj-Transfer-v0", "MiniWorld-OneRoomS6Fast-v0", "MiniWorld-Sign-v0")
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_a_world_keeps_what_worlds_promise(name):
+    check_world(f"minihuman/{name}")
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("world", [entry.id for entry in ENTRIES if entry.name not in SOME])
+def test_every_world_keeps_what_worlds_promise(world):
+    check_world(world)
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("world", INSIDE)
+def test_so_does_a_grid_seen_from_inside(world):
+    check_world(world, {"view": "first_person"})
+
+
+@pytest.mark.parametrize("world", ["minigrid:MiniGrid-DoorKey-8x8-v0", "minigrid:MiniGrid-Dynamic-Obstacles-6x6-v0"])
+def test_so_does_a_world_of_minigrids(world):
+    check_world(world)
+
+
+def test_so_does_a_world_with_things_of_its_own():
+    check_world(lambda **options: Lane(GATE("red"), APPLE("blue"), **options))
+
+
+class Room(GridWorld):
+    """An empty room, kept right; each of the wrong ones changes one thing."""
+
+    def __init__(self, **options):
+        super().__init__(width=6, height=6, max_steps=20, mission="go", **options)
+
+    def layout(self, grid):
+        grid.wall_rect()
+        grid.put(goal(), 4, 4)
+        grid.place_agent()
+
+
+class Counts(Room):
+    kept = ("turns",)
+
+    def layout(self, grid):
+        super().layout(grid)
+        self.turns = 0
+
+    def judge(self, action, reward, terminated):
+        self.turns += action < 2
+        return reward + self.turns, terminated
+
+
+class CountsBesideTheState(Counts):
+    kept = ()
+
+
+class NeverForgets(Room):
+    def __init__(self, **options):
+        super().__init__(**options)
+        self._visits = {}
+
+    def judge(self, action, reward, terminated):
+        place = self.state.position
+        self._visits[place] = self._visits.get(place, 0) + 1
+        return 1 / self._visits[place], terminated
+
+
+class DrawsFromElsewhere(Room):
+    def judge(self, action, reward, terminated):
+        return float(np.random.default_rng().random()), terminated
+
+
+class ChangesWhileDrawn(Room):
+    def picture(self, **how):
+        self.state.row[7] += 1
+        return super().picture(**how)
+
+
+class GoesOn(Room):
+    def step(self, action):
+        self.state.row[8] = 1  # playing, whatever was
+        return super().step(action)
+
+
+class Yard(FirstPersonEnv):
+    def build(self):
+        self.add_rect_room(min_x=0, max_x=4, min_z=0, max_z=4)
+        self.box = self.place_entity(Box("red"))
+        self.place_agent()
+        self.seen = 0
+
+    def judge(self, action):
+        self.seen += self.box in self.visible_entities()
+        return float(self.seen), self.near(self.box)
+
+
+@pytest.mark.parametrize("world", [Room, Counts, Yard])
+def test_a_labs_world_keeps_them(world):
+    check_world(world)
+
+
+@pytest.mark.parametrize(
+    ("world", "said"),
+    [
+        (CountsBesideTheState, "turns changes in an episode and does not come back; name it in the world's kept"),
+        (NeverForgets, "reset again with seed 0: step 1 has another reward"),
+        (DrawsFromElsewhere, "has another reward"),
+        (ChangesWhileDrawn, "drawing it changes its state"),
+        (GoesOn, "a step after the end is played"),
+    ],
+)
+def test_a_promise_that_is_not_kept_is_named(world, said):
+    with pytest.raises(ContractError, match=said):
+        check_world(world)
+
+
+def test_what_is_no_world_is_refused_as_anywhere():
+    with pytest.raises(WorldError, match="Discrete"):
+        check_world("Pendulum-v1")
+
+
+def test_checking_leaves_nothing_registered():
+    before = set(gymnasium.registry)
+    check_world(Room)
+    assert set(gymnasium.registry) == before
