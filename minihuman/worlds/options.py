@@ -46,11 +46,11 @@ def one_of(name: str, value: T, known: Collection[T]) -> T:
     return value
 
 
-def cell(name: str, value: Any, width: int, height: int) -> tuple[int, int]:
-    """A column and a row inside the outer walls of a grid."""
+def cell(name: str, value: Any, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
+    """A column and a row of a grid, ``wall`` cells or more from its edge."""
     column, row = _as_many(name, value, 2, "a column and a row")
-    whole(f"{name}[0]", column, 1, width - 2)
-    return column, whole(f"{name}[1]", row, 1, height - 2)
+    whole(f"{name}[0]", column, wall, width - 1 - wall)
+    return column, whole(f"{name}[1]", row, wall, height - 1 - wall)
 
 
 def pair(name: str, value: Any, low: int, high: int) -> tuple[int, int]:

@@ -270,14 +270,14 @@ def recipe(family: str, **options: Any) -> Recipe:
         raise WorldError(f"grid worlds of the family {family!r} do not take {options}: {error}") from error
 
 
-def _place(name: str, place: Place, width: int, height: int) -> tuple[int, int]:
-    """A cell inside the outer walls; none is negative."""
-    return (-1, -1) if place is None else cell(name, place, width, height)
+def _place(name: str, place: Place, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
+    """A cell; none is negative."""
+    return (-1, -1) if place is None else cell(name, place, width, height, wall=wall)
 
 
 def _start(place: Place, direction: int, width: int, height: int) -> tuple[int, int, int]:
     whole("agent_start_dir", direction, 0, 3)
-    return *_place("agent_start_pos", place, width, height), direction
+    return *_place("agent_start_pos", place, width, height, wall=1), direction
 
 
 def _objects(count: int, fewest: int, most: int, size: int) -> None:

@@ -27,8 +27,8 @@ from minihuman.worlds.grid.core.tasks import (
 from minihuman.worlds.grid.dodging import among_obstacles
 
 FIRST_LIMIT = 1 << 12  # nodes of the first search; each next one may keep 16 times as many
-EXACT_LIMIT = 1 << 18  # nodes after which a way need no longer be the shortest; half a second
-HURRIED = 2, 5  # how many times the bound counts then
+MOST_STATES = 1 << 18  # nodes after which a way need no longer be the shortest; half a second
+HURRIED = 2, 5, 3  # how many times the bound counts then, one after the other
 
 
 def way(state: State, words: Words) -> list[int] | None:
@@ -40,16 +40,11 @@ def way(state: State, words: Words) -> list[int] | None:
         WorldError: if no such list was found in some seconds either.
     """
     try:
-        return plan(state, words, limit=EXACT_LIMIT)
+        return plan(state, words, limit=MOST_STATES)
     except WorldError:
         if state.row[TASK] == DODGE:
             raise
-    table, extra = _relaxed(state)
-    for weight in HURRIED:
-        outcome, actions = search(state.row, table, extra, 1 << 20, np.zeros(6, np.uint64), weight)
-        if outcome != FULL:
-            return actions.tolist() if outcome == FOUND else None
-    raise WorldError("no way was found to what is asked for; make the world smaller, or its movable things fewer")
+    return _in_a_hurry(state, *_relaxed(state))
 
 
 def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> list[int] | None:
@@ -97,17 +92,26 @@ def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> l
 
 def bounds(state: State, words: Words) -> Bounds:
     """How many actions success takes: the shortest list's number, or from the least there can be to what was found."""
-    try:
-        exact = plan(state, words, limit=EXACT_LIMIT)
-        return UNKNOWN if exact is None else Bounds(len(exact), len(exact))
-    except WorldError:
-        table, extra = _relaxed(state)
+    table, extra = _relaxed(state)
     at_least = int(table[(*state.position, state.direction)]) + extra
     try:
-        found = way(state, words)
+        exact = plan(state, words, limit=MOST_STATES)
+        return UNKNOWN if exact is None else Bounds(len(exact), len(exact))
+    except WorldError:
+        pass
+    try:
+        found = None if state.row[TASK] == DODGE else _in_a_hurry(state, table, extra)
+        return Bounds(at_least, None if found is None else len(found))
     except WorldError:
         return Bounds(at_least)
-    return UNKNOWN if found is None else Bounds(at_least, len(found))
+
+
+def _in_a_hurry(state: State, table: NDArray[np.int32], extra: int) -> list[int] | None:
+    for weight in HURRIED:
+        outcome, actions = search(state.row, table, extra, MOST_STATES, np.zeros(6, np.uint64), weight)
+        if outcome != FULL:
+            return actions.tolist() if outcome == FOUND else None
+    raise WorldError("no way was found to what is asked for; make the world smaller, or its movable things fewer")
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
