@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from minihuman.errors import MinihumanError
+from minihuman.errors import MinihumanError, printable
 
 app = typer.Typer(
     name="minihuman",
@@ -45,11 +45,10 @@ def main() -> None:
             _complain(line)
         sys.exit(error.exit_code)
     except OSError as error:
-        if error.filename is None:
-            raise
-        _complain(f"{error.filename}: {error.strerror}")
+        named = "" if error.filename is None else f"{error.filename}: "
+        _complain(f"{named}{error.strerror or error}")
         sys.exit(MinihumanError.exit_code)
 
 
 def _complain(line: str) -> None:
-    print(f"minihuman: {line}", file=sys.stderr)
+    print(f"minihuman: {printable(line)}", file=sys.stderr)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from minihuman.data.counted import Counted
 from minihuman.data.facts import episode_facts
 from minihuman.data.store import Store
 from minihuman.data.study import SessionRows, Sessions
@@ -59,6 +60,18 @@ class ChosenEpisodes:
                 item = Chosen(counted.session, episode, self._stored_frames)
                 self._taken(counted.log.path, item.facts)
                 yield item
+
+    def counted(self) -> Iterator[Counted]:
+        """Every session that is asked for, one in memory at a time, with what counts of it and what does not.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
+        for counted in self.sessions:
+            if counted.wanted:
+                for episode in counted.episodes:
+                    self._taken(counted.log.path, episode_facts(counted.log, episode))
+                yield counted
 
     def rows(self) -> Iterator[SessionRows]:
         """Every session's rows of every table, several read side by side; what does not count has its reason there.

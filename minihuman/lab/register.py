@@ -4,7 +4,6 @@ Two stations that share the data folder never get the same slot: a slot is taken
 Lines of other kinds, which other programs may add, are passed over.
 """
 
-import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +12,8 @@ from typing import Any, BinaryIO, Literal
 
 import msgspec
 
-from minihuman.errors import AllocationError
+from minihuman.errors import AllocationError, naming
+from minihuman.log.record.claim import lock
 from minihuman.study.allocation import allocation, allocation_sha256
 from minihuman.study.expand import enrol, participant_code, participant_index
 from minihuman.study.plan import Participant
@@ -48,7 +48,15 @@ class Replaced(msgspec.Struct, frozen=True):
     at: str  # ISO 8601 UTC
 
 
-Line = Taken | Withdrawn | Replaced
+class Sealed(msgspec.Struct, frozen=True):
+    """How a segment's log ended: the head of its hash chain."""
+
+    sealed: str  # the log's name
+    segment: str
+    chain: str
+
+
+Line = Taken | Withdrawn | Replaced | Sealed
 
 
 def read_register(study_dir: Path) -> tuple[Taken, ...]:
@@ -89,6 +97,23 @@ def take_slot(
         taken = Taken(allocation_sha256(slots), len(slots), index, who.id, who.group, by_hand)
         _append(file, taken)
     return who, taken
+
+
+def note_seal(study_dir: Path, sealed: Sealed) -> None:
+    """Write down how a log ended, unless that is there already.
+
+    Raises:
+        OSError: if the register cannot be written.
+    """
+    with _locked(study_dir / FILE_NAME) as file:
+        if sealed not in _lines(file.read(), study_dir / FILE_NAME):
+            _append(file, sealed)
+
+
+def sealed_heads(study_dir: Path, log: str) -> dict[str, str]:
+    """By what the register says a log's segments ended with: the head of the chain, the latest of each segment."""
+    lines = read_lines(study_dir)
+    return {line.segment: line.chain for line in lines if isinstance(line, Sealed) and line.sealed == log}
 
 
 def leave(study_dir: Path, parting: Withdrawn | Replaced) -> None:
@@ -194,8 +219,8 @@ def _check_list(lines: tuple[Taken, ...], study_dir: Path, protocol: Protocol) -
 
 @contextmanager
 def _locked(path: Path) -> Iterator[BinaryIO]:
-    with path.open("a+b") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with naming(path), path.open("a+b") as file:
+        lock(file.fileno(), path)
         file.seek(0)
         yield file
 
@@ -231,4 +256,4 @@ def _lines(data: bytes, path: Path) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-_KINDS: dict[str, type[Line]] = {"participant": Taken, "withdrawn": Withdrawn, "replaced": Replaced}
+_KINDS: dict[str, type[Line]] = {"participant": Taken, "withdrawn": Withdrawn, "replaced": Replaced, "sealed": Sealed}

@@ -1,10 +1,11 @@
 """A log while it is live, as bytes to be appended: readable up to the last event whenever it stops."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import distributions
+from importlib.metadata import PackageNotFoundError, distribution
 from typing import IO, cast
 
 import msgspec
@@ -24,9 +25,12 @@ from minihuman.log.topics import (
     TOPICS,
     schema_bytes,
 )
+from minihuman.study.again import RULES
 from minihuman.study.events import EpisodeStarted, Event, SessionStarted, Stepped
 from minihuman.study.plan import EpisodePlan, SessionPlan
 
+_NAME = re.compile(r"[A-Za-z0-9._-]+")  # a requirement starts with it
+_SEPARATORS = re.compile(r"[-_.]+")
 LIBRARY = f"minihuman/{minihuman.__version__} {LIBRARY_IDENTIFIER}"
 
 
@@ -82,13 +86,13 @@ class LiveLog:
         writer, started_ns = self._writer, self._started_ns
         writer.start(profile=PROFILE, library=LIBRARY)
         head = [
-            Metadata(SEGMENT_METADATA, _segment_facts(event.plan, started_ns)),
+            Metadata(SEGMENT_METADATA, segment_facts(event.plan, started_ns)),
             Metadata(FACTS_METADATA, event.facts),
         ]
         for record in head:
             writer.add_metadata(record.name, record.metadata)
         begin = self._flushed()
-        for name, media_type, content in _attachments(event.plan):
+        for name, media_type, content in attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
         schemas: dict[str, Schema] = {}
         channels: list[Channel] = []
@@ -146,10 +150,12 @@ class _Taken:
         return taken
 
 
-def _segment_facts(plan: SessionPlan, started_ns: int) -> dict[str, str]:
+def segment_facts(plan: SessionPlan, started_ns: int) -> dict[str, str]:
+    """What a segment's metadata says of it; ``started_ns`` is the wall clock at its time 0."""
     started = datetime.fromtimestamp(started_ns // 1_000_000_000, UTC)
     return {
         "schema_version": str(SCHEMA_VERSION),
+        "session_rules": str(RULES),
         "segment": str(plan.segment),
         "started_at": f"{started:%Y-%m-%dT%H:%M:%S}.{started_ns % 1_000_000_000:09d}Z",
         "started_unix_ns": str(started_ns),  # the wall clock when the session's monotonic clock was 0
@@ -164,7 +170,8 @@ def _segment_facts(plan: SessionPlan, started_ns: int) -> dict[str, str]:
     }
 
 
-def _attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
+def attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
+    """Name, media type and content of what is attached to a log."""
     key_maps = {episode.episode: episode.key_map for episode in plan.episodes}
     return (
         ("protocol.toml", "application/toml", plan.protocol_toml),
@@ -175,6 +182,18 @@ def _attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
 
 @cache
 def _package_list() -> bytes:
-    """What is installed, one ``name==version`` a line; looked up once a process, as it takes a while."""
-    found = {f"{package.name}=={package.version}" for package in distributions()}
-    return "".join(f"{line}\n" for line in sorted(found, key=str.lower)).encode()
+    """What minihuman needs, extras that are there included, one ``name==version`` a line; nothing else of a machine."""
+    found: dict[str, str] = {}
+    needed = ["minihuman"]
+    while needed:
+        name = needed.pop()
+        key = _SEPARATORS.sub("-", name).lower()
+        if key in found:
+            continue
+        try:
+            package = distribution(name)
+        except PackageNotFoundError:
+            continue
+        found[key] = f"{package.name}=={package.version}"
+        needed += (match[0] for line in package.requires or () if (match := _NAME.match(line)))
+    return "".join(f"{found[key]}\n" for key in sorted(found)).encode()

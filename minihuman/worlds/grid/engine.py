@@ -12,7 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import UNKNOWN, Bounds, NativeWorld, Palette, View
+from minihuman.worlds.contract import Bounds, NativeWorld, Palette, View
 from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.compile_apart import PIECES
 from minihuman.worlds.grid.core.cells import kind_of
@@ -281,18 +281,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         return floor_plan(self._in_world(), self.palette, self.kinds)
 
     def way(self) -> Sequence[int] | None:
-        """A list of actions to success, the shortest unless that takes too long to find; empty if there is none.
-
-        None where an instruction says what success is.
-        """
-        if self._row[TASK] == INSTRUCTED:
-            return None
+        """A list of actions to success, the shortest unless that takes too long to find; empty if there is none."""
         return way(self._in_world(), self._now()) or ()
 
     def bounds(self) -> Bounds:
         """The length of the shortest list, twice, or what it cannot be shorter than and the length of a longer one."""
-        if self._row[TASK] == INSTRUCTED:
-            return UNKNOWN
         return bounds(self._in_world(), self._now())
 
     def state_hash(self) -> int:
