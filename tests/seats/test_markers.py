@@ -64,13 +64,10 @@ def test_markers_recorded_back_are_the_logs_events_at_its_times(tmp_path):
     expected = [marker for event in read_events(log) if (marker := marker_of(event, names)) is not None]
     assert [words for _, words in markers] == [words for _, words in expected]
     at_zero_s = lsl_at_zero(clock)  # measured once more, after everything
-    apart_ms = 1e3 * np.abs(
-        [stamp - at_zero_s - t_ns / 1e9 for (stamp, _), (t_ns, _) in zip(markers, expected, strict=True)]
-    )
-    with capsys.disabled():
-        print(
-            f" {len(markers)} markers: median {np.median(apart_ms):.4f} ms, 99 % {np.quantile(apart_ms, 0.99):.4f} ms"
-        )
+    stamps_s, times_s = np.array([stamp for stamp, _ in markers]), np.array([t_ns / 1e9 for t_ns, _ in expected])
+    apart_ms = 1e3 * np.abs(stamps_s - at_zero_s - times_s)
+    median, most = np.median(apart_ms), np.quantile(apart_ms, 0.99)
+    print(f"{len(markers)} markers, none lost: median {median:.4f} ms, 99 % {most:.4f} ms")  # shown by pytest -s
     assert np.quantile(apart_ms, 0.99) < 1.0
     assert {"episode", "step", "flip", "key"} <= {words["trial_type"] for _, words in markers}
 
