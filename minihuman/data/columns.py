@@ -147,7 +147,12 @@ PARTICIPANTS = (
     Column("end_reason", "text", "", "Why the session ended."),
     Column("clean", "yes_no", "", "Whether the log was finished in the ordinary way."),
     Column("segments", "whole", "", "How many stretches the session was played in: 1, and one for each resume."),
-    Column("completed_share", "number", "", "Share of the planned episodes that were played to an end."),
+    Column(
+        "completed_share",
+        "number",
+        "",
+        "Share of the planned episodes that were played to an end; empty where none was planned.",
+    ),
     *_OVER_EPISODES,
     _LEFT_OUT,
 )

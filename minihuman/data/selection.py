@@ -121,5 +121,5 @@ def about_session(log: SessionLog) -> Row:
         "end_reason": log.end_reason,
         "clean": log.clean,
         "segments": len(log.segments),
-        "completed_share": len(completed) / len(log.plan.episodes),
+        "completed_share": len(completed) / len(planned) if (planned := log.plan.episodes) else None,
     }

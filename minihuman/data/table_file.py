@@ -12,6 +12,7 @@ import pyarrow as pa
 import minihuman
 from minihuman.data.columns import TABLES, schema
 from minihuman.data.rows import Rows, together
+from minihuman.data.table_schema import OF_EPISODES
 from minihuman.errors import StoreError
 
 _ROWS = 100_000  # handed out at once
@@ -76,23 +77,36 @@ class TableFile:
         self.connection.execute("INSERT INTO placed SELECT * FROM new")
         self.connection.unregister("new")
 
-    def batches(self, name: str, *, without: frozenset[str] = frozenset()) -> Iterator[pa.RecordBatch]:
-        """One table's rows, session by session, some columns left out; only a few are in memory at a time."""
+    def batches(
+        self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
+    ) -> Iterator[pa.RecordBatch]:
+        """One table's rows, session by session, some columns left out; only a few are in memory at a time.
+
+        ``counting`` leaves out what does not count, and what belongs to an episode that does not.
+        """
         wanted = schema(name, without=without)
         columns = ", ".join(f'"{column}"' for column in wanted.names)
         found = f"FROM kept.{name}"
-        if self.order is not None:
-            found += " JOIN placed USING (log) ORDER BY place, row"
+        if counting and "left_out" in schema(name).names:
+            found += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE left_out IS NULL) USING (log, row)"
+        elif counting and name in OF_EPISODES:
+            theirs = "SELECT log, episode, attempt FROM kept.episodes WHERE left_out IS NULL"
+            found += f" SEMI JOIN ({theirs}) USING (log, episode, attempt)"
+        if counting or self.order is not None:
+            order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
+            found += f" {order} ORDER BY {place}, row"
         for batch in self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS):
             yield pa.RecordBatch.from_arrays(
                 [array.cast(field.type) for array, field in zip(batch.columns, wanted, strict=True)], schema=wanted
             )
 
-    def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-        """A table, or some columns of it."""
+    def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
+        """A table, or some columns of it; ``counting`` as in ``batches``."""
         names = [column.name for column in TABLES[name]]
         without = frozenset(names) - set(names if columns is None else columns)
-        table = pa.Table.from_batches(self.batches(name, without=without), schema(name, without=without))
+        table = pa.Table.from_batches(
+            self.batches(name, without=without, counting=counting), schema(name, without=without)
+        )
         return table if columns is None else table.select(columns)
 
     def count(self, name: str) -> int:
