@@ -126,6 +126,10 @@ class World:
         """Where the agent stands; None where the world cannot tell."""
         return self._known.pose() if self._known else None
 
+    def clauses(self) -> tuple[tuple[str, int], ...]:
+        """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        return self._known.clauses() if isinstance(self._known, NativeWorld) else ()
+
     def map(self) -> Map | None:
         """The floor plan; None where the world cannot tell."""
         return self._known.map() if self._known else None
