@@ -57,5 +57,9 @@ class LearnError(MinihumanError, ValueError):
     """An agent's study, policy file or dataset does not fit what was asked."""
 
 
+class StoreError(MinihumanError, ValueError):
+    """A study's tables cannot answer what was asked."""
+
+
 class ReportError(MinihumanError, ValueError):
     """A study's report cannot be made from these logs."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
-from minihuman.log import topics
+from minihuman.log import segment_head, topics
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.scan import Scan
@@ -40,7 +40,7 @@ def as_another(log: Path, participant: str, study_dir: Path) -> Path:
                     writer.flush()
                     own = {"participant": participant} if "participant" in facts else {}
                     writer.add_metadata(name, facts | own)
-                case Attachment():
+                case Attachment() if record.name != segment_head.NAME:  # a copy of what is another here
                     writer.add_attachment(
                         record.create_time, record.log_time, record.name, record.media_type, record.data
                     )

@@ -15,7 +15,12 @@ def add_to(app: typer.Typer) -> None:
 
 @choosing()
 def export(
-    format_name: Annotated[str, typer.Argument(metavar="FORMAT", help="csv, parquet, minari, lerobot, imitation.")],
+    format_name: Annotated[
+        str,
+        typer.Argument(
+            metavar="FORMAT", help="csv, parquet, minari, lerobot, imitation, bids, psych-ds, frictionless, croissant."
+        ),
+    ],
     source: Annotated[Path, typer.Argument(metavar="SRC", help="A log, or a folder with logs in it.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="A folder that does not exist yet.")],
     stored_frames: Annotated[

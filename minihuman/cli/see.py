@@ -14,7 +14,7 @@ Logs = Annotated[list[Path], typer.Argument(help="Session logs, or their folders
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
-    for command in (replay, plot, mark, report):
+    for command in (replay, plot, mark, report, query):
         app.command()(command)
 
 
@@ -51,18 +51,19 @@ def replay(
 def plot(
     source: Annotated[Path, typer.Argument(help="A session log, or a folder of them.", metavar="SRC")],
     out: Annotated[Path, typer.Option(help="Folder for the figures.")],
+    each: Annotated[bool, typer.Option("--each", help="Of a folder: every session's paths and overview too.")] = False,
     *,
     selection: Any,
 ) -> None:
-    """Draw each session's paths and overview and, for a folder, occupancy and learning curves, as PNG and PDF.
+    """Draw a session's paths and overview; of a study where everybody was and how they learnt. As PNG and PDF.
 
-    Example: minihuman plot sessions/demo --out figures
+    Example: minihuman plot sessions/demo --out figures --each
     """
     from minihuman.data.study import Sessions
     from minihuman.figures.gallery import draw_all
 
     sessions = Sessions(source, selection)
-    for path in draw_all(sessions, out):
+    for path in draw_all(sessions, out, each=each):
         typer.echo(path)
     say(sessions.account.lines())
 
@@ -103,3 +104,26 @@ def report(
     for path in build(sessions, out):
         typer.echo(path)
     say(sessions.account.lines())
+
+
+def query(
+    study: Annotated[Path, typer.Argument(help="A study's folder.", metavar="STUDY")],
+    sql: Annotated[str, typer.Argument(help="What to ask of its tables, in DuckDB's SQL.", metavar="SQL")],
+    csv: Annotated[bool, typer.Option("--csv", help="Print every row as CSV.")] = False,
+) -> None:
+    """Ask a study's tables anything: steps, episodes, participants and the others, as an export or a report has them.
+
+    Rows that do not count are there too: where left_out is null stand those that do. The tables are kept in
+    tables.duckdb in the study's folder, a cache that may be deleted at any time.
+
+    Example: minihuman query sessions/demo "select participant, avg(reward) from episodes group by all"
+    """
+    from minihuman.data.answer import as_csv, as_lines
+    from minihuman.data.store import Store
+    from minihuman.data.study import Sessions
+
+    sessions = Sessions(study)
+    with Store(sessions, with_shortest=True) as store:
+        found = store.tables.query(sql)
+    typer.echo(as_csv(found) if csv else "\n".join(as_lines(found)), nl=not csv)
+    say(one.line() for one in sessions.account.skipped)

@@ -24,6 +24,7 @@ def run(
     participant: Annotated[str | None, typer.Option(help="A code such as sub-07; else the next free slot.")] = None,
     group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
     session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
+    any_day: Annotated[bool, typer.Option(help="Run a later session however few or many days have passed.")] = False,
     data: DataFolder = Path("sessions"),
     window: Annotated[str, typer.Option(help="auto, pygame, pyglet, or one of your own.")] = "auto",
     fullscreen: Annotated[bool, typer.Option("--fullscreen/--windowed", help="The whole screen or a window.")] = True,
@@ -45,7 +46,7 @@ def run(
     clock = SessionClock()
     opened = open_window(window, clock, fullscreen=fullscreen)
     try:  # the window first: a station without a display must not use up a slot
-        plan = next_session(study, data, participant=participant, group=group, session=session)
+        plan = next_session(study, data, participant=participant, group=group, session=session, any_day=any_day)
         print(
             f"{plan.participant.id}, group {plan.participant.group}, from episode {plan.first_episode + 1}", flush=True
         )
@@ -96,6 +97,8 @@ def check(
     import msgspec
 
     from minihuman.data.exclusions import check_measures
+    from minihuman.errors import ProtocolError
+    from minihuman.lab.legible import study_unreadable
     from minihuman.lab.protocol_file import read_protocol
     from minihuman.study.dry_run import lines
     from minihuman.study.expand import enrol, expand, participant_index
@@ -106,6 +109,8 @@ def check(
     rehearse(study, str(protocol))
     who = enrol(study, participant_index(participant), group)
     plan = expand(study, who, session=session, overridden=group is not None)
+    if problems := list(dict.fromkeys(study_unreadable(study))):
+        raise ProtocolError.of([f"{protocol}: {problem}" for problem in problems], str(protocol))
     print(msgspec.json.encode(plan).decode() if json else "\n".join(lines(plan)))
 
 

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from minihuman.data.counted import Counted
 from minihuman.data.facts import episode_facts
+from minihuman.data.store import Store
 from minihuman.data.study import SessionRows, Sessions
 from minihuman.recorded.episode import Episode, SessionLog
 
@@ -59,6 +61,18 @@ class ChosenEpisodes:
                 self._taken(counted.log.path, item.facts)
                 yield item
 
+    def counted(self) -> Iterator[Counted]:
+        """Every session that is asked for, one in memory at a time, with what counts of it and what does not.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
+        for counted in self.sessions:
+            if counted.wanted:
+                for episode in counted.episodes:
+                    self._taken(counted.log.path, episode_facts(counted.log, episode))
+                yield counted
+
     def rows(self) -> Iterator[SessionRows]:
         """Every session's rows of every table, several read side by side; what does not count has its reason there.
 
@@ -70,3 +84,14 @@ class ChosenEpisodes:
             for facts in found.facts:
                 self._taken(found.path, facts)
             yield found
+
+    def store(self) -> Store:
+        """The same rows kept in a file, those of many sessions together; to be used in a ``with``.
+
+        Raises:
+            LogError, ReportError: as ``rows``.
+        """
+        store = Store(self.sessions, with_shortest=False)
+        for path, facts in store.facts():
+            self._taken(path, facts)
+        return store

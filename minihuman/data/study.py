@@ -39,7 +39,7 @@ class Sessions:
         self.selection = Selection() if selection is None else selection
         self.account = Account(str(self.selection))
         self._say = say
-        self._processes = processes
+        self.processes = processes
 
     def __iter__(self) -> Iterator[Counted]:
         """One session in memory at a time.
@@ -57,7 +57,7 @@ class Sessions:
         Raises:
             LogError: as ``__iter__``.
         """
-        for result in self._go_through(partial(_worked, self.selection, work), processes=self._processes):
+        for result in self._go_through(partial(_worked, self.selection, work), processes=self.processes):
             self.account.add(result.account)
             yield from result.made
 
@@ -69,7 +69,7 @@ class Sessions:
             ReportError: if a protocol excludes by a measure that there is not.
         """
         work = partial(read_rows, selection=self.selection, with_shortest=with_shortest)
-        for found in self._go_through(work, processes=self._processes):
+        for found in self._go_through(work, processes=self.processes):
             self.account.add(found.account)
             if found.rows.count("participants"):
                 yield found
@@ -77,18 +77,19 @@ class Sessions:
     def _go_through(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
         paths, skipped = worth_reading(self.source)
         for one in skipped:
-            self._skip(one)
+            self.skip(one)
         for found in each_log(paths, work, processes=processes):
             if isinstance(found, Skipped):
                 if not self.source.is_dir():
                     raise LogError(found.reason)
-                self._skip(found)
+                self.skip(found)
             else:
                 if isinstance(found, Counted):
                     self.account.take(found)
                 yield found
 
-    def _skip(self, one: Skipped) -> None:
+    def skip(self, one: Skipped) -> None:
+        """Put what cannot be read into the account, and say so."""
         self.account.skipped.append(one)
         self._say(one.line())
 

@@ -5,12 +5,18 @@ from functools import lru_cache
 from minihuman.data.chosen import Chosen
 from minihuman.errors import ProtocolError
 from minihuman.study.about import About
+from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import Block, Protocol, decode
 
 
 def about_of(item: Chosen) -> About:
     """The facts about the study; empty where the log's protocol says none or cannot be read here."""
-    protocol = _protocol(item.log.plan.protocol_toml)
+    return about_of_plan(item.log.plan)
+
+
+def about_of_plan(plan: SessionPlan) -> About:
+    """The same, of a session."""
+    protocol = _protocol(plan.protocol_toml)
     return About() if protocol is None else protocol.about
 
 

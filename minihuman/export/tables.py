@@ -6,10 +6,14 @@ the report. ``dictionary.json`` and ``datapackage.json`` beside the tables descr
 
 from pathlib import Path
 
+import pyarrow.compute as pc
+
 from minihuman.data.chosen import ChosenEpisodes
 from minihuman.data.columns import NEED_WORLD
-from minihuman.data.writing import Kind, TableWriter
+from minihuman.data.writing import Kind, write_tables
 from minihuman.export.port import Written
+from minihuman.log.read.open_log import open_log
+from minihuman.study.plan import SessionPlan
 
 
 def export_csv(chosen: ChosenEpisodes, out: Path) -> Written:
@@ -23,17 +27,24 @@ def export_parquet(chosen: ChosenEpisodes, out: Path) -> Written:
 
 
 def _export(chosen: ChosenEpisodes, out: Path, kind: Kind) -> Written:
-    """Rows that do not count are here too, with the reason in ``left_out``."""
-    episodes = steps = marked = sessions = 0
-    with TableWriter(out, kinds=(kind,), without=NEED_WORLD) as writer:
-        for session in chosen.rows():
-            writer.write(session.rows)
-            sessions += 1
-            rows = session.rows.parts["episodes"].columns
-            for reason, count in zip(rows.get("left_out", ()), rows.get("steps", ()), strict=True):
-                marked += bool(reason)
-                episodes += not reason
-                steps += 0 if reason else count
-    return Written(
-        (*writer.paths, writer.dictionary, writer.package), episodes, steps, marked=marked, sessions=sessions
-    )
+    return export_tables(chosen, out, kind)[0]
+
+
+def export_tables(chosen: ChosenEpisodes, out: Path, kind: Kind) -> tuple[Written, SessionPlan | None]:
+    """Write every table; rows that do not count are there too, with the reason in ``left_out``.
+
+    Gives what was written, and the plan of the first session, which says what the study is; None where there is none.
+
+    Raises:
+        LogError: if the source does not exist, or is a single log that cannot be read.
+    """
+    with chosen.store() as store:
+        paths = write_tables(store.tables, out, kinds=(kind,), without=NEED_WORLD)
+        held = store.tables.table("episodes", ["left_out", "steps"])
+        sessions = store.tables.count("participants")
+        first = next((Path(kept.path) for kept in store.kept if not kept.problem), None)
+    counts = pc.is_null(held["left_out"])
+    steps = pc.sum(held.filter(counts)["steps"]).as_py() or 0
+    episodes = pc.sum(counts).as_py() or 0
+    written = Written(paths, episodes, steps, marked=held.num_rows - episodes, sessions=sessions)
+    return written, open_log(first).plan if first else None

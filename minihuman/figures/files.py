@@ -15,6 +15,14 @@ _METADATA: dict[str, dict[str, Any]] = {
 }
 
 
+def save_png(figure: Figure, path: Path, *, dpi: int = 150) -> Path:
+    """Write a picture to be looked at, making the folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with our_style():
+        FigureCanvasAgg(figure).print_figure(str(path), metadata=_METADATA["png"], dpi=dpi)
+    return path
+
+
 def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
     """Write ``stem``.png at 300 dots an inch and ``stem``.pdf, making the folder; the PNG comes first."""
     stem.parent.mkdir(parents=True, exist_ok=True)

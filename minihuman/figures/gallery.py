@@ -1,6 +1,7 @@
 """All figures of a log or a study, as files."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -11,20 +12,30 @@ from minihuman.figures.learning import learning_curves, learning_figure
 from minihuman.figures.occupancy import occupancy_figure, tells_places
 from minihuman.figures.overview import overview_figure
 from minihuman.figures.paths import session_paths
+from minihuman.recorded.columns import EventColumns
 from minihuman.recorded.episode import SessionLog
+from minihuman.study.events import FrameShown, KeyPressed
 
 
-def draw_all(sessions: Sessions, out: Path) -> Iterator[Path]:
-    """Draw each session's paths and overview, then what many sessions show together; yield the files.
+def draw_all(sessions: Sessions, out: Path, *, each: bool = False) -> Iterator[Path]:
+    """Draw a session's paths and overview, or what many sessions show together; yield the files.
+
+    ``each`` draws every one of many sessions too, which takes some seconds a session.
 
     Raises:
         LogError: if there is no such file or folder.
     """
+    first: SessionLog | None = None
     everyone: list[SessionLog] = []
     for counted in sessions:
-        if counted.places:
+        if not counted.places:
+            continue
+        if each:
             yield from draw_session(counted.session, out / _name(counted.log))
-            everyone.append(counted.session)
+        first = first or counted.session
+        everyone.append(_light(counted.session))
+    if first is not None and len(everyone) == 1 and not each:
+        yield from draw_session(first, out / _name(first))
     if len(everyone) > 1:
         yield from draw_study(everyone, out)
 
@@ -48,6 +59,13 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
     for block, episodes in rewards(logs).groupby("block", sort=False):
         figure = learning_figure(learning_curves(episodes), measure="reward")
         yield from save(figure, out / f"learning_{_file_name(str(block))}")
+
+
+def _light(log: SessionLog) -> SessionLog:
+    """The session without its key presses and pictures shown, so that a thousand of them can be held at once."""
+    keys, frames = EventColumns.of(KeyPressed, ()), EventColumns.of(FrameShown, ())
+    episodes = tuple(replace(one, keys=keys, frames=frames, observations=None) for one in log.episodes)
+    return replace(log, episodes=episodes, segments=tuple(replace(one, keys=keys) for one in log.segments))
 
 
 def rewards(logs: Iterable[SessionLog]) -> pd.DataFrame:

@@ -3,6 +3,8 @@
 import sys
 from pathlib import Path
 
+import msgspec
+
 from minihuman.errors import ProtocolError
 from minihuman.study.protocol import Protocol, decode
 
@@ -20,4 +22,21 @@ def read_protocol(path: Path) -> Protocol:
     folder = str(path.resolve().parent)
     if folder not in sys.path:
         sys.path.append(folder)  # the last: nothing in it takes the place of a library
-    return decode(toml, str(path))
+    protocol = decode(toml, str(path))
+    return msgspec.structs.replace(protocol, files=_pictures(protocol, path))
+
+
+def _pictures(protocol: Protocol, path: Path) -> dict[str, bytes]:
+    """The pictures of its pages, which lie beside it, by name."""
+    found: dict[str, bytes] = {}
+    for number, page in enumerate(protocol.pages):
+        for name in page.pictures:
+            picture = path.parent / name
+            try:
+                found[name] = picture.read_bytes()
+            except OSError as error:
+                where = f"{path}: $.pages[{number}].pictures"
+                raise ProtocolError(f"{where}: {picture} cannot be read: {error.strerror}; put it there") from error
+            if not found[name].startswith(b"\x89PNG"):
+                raise ProtocolError(f"{path}: $.pages[{number}].pictures: {picture} is no PNG; save it as one")
+    return found

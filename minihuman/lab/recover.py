@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from minihuman.errors import MinihumanError
+from minihuman.lab.seal import note_end
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.finish import Finished, leftovers, recover, repair
 
@@ -16,6 +17,9 @@ def recover_all(given: Iterable[Path]) -> Iterator[Finished | MinihumanError]:
     for path in given:
         for log in leftovers(path) if path.is_dir() else [path]:
             try:
-                yield recover(log) if log.name.endswith(PART_SUFFIX) else repair(log)
+                finished = recover(log) if log.name.endswith(PART_SUFFIX) else repair(log)
+                if finished.readable:
+                    note_end(finished.path)
+                yield finished
             except MinihumanError as error:
                 yield error

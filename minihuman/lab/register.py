@@ -48,7 +48,15 @@ class Replaced(msgspec.Struct, frozen=True):
     at: str  # ISO 8601 UTC
 
 
-Line = Taken | Withdrawn | Replaced
+class Sealed(msgspec.Struct, frozen=True):
+    """How a segment's log ended: the head of its hash chain."""
+
+    sealed: str  # the log's name
+    segment: str
+    chain: str
+
+
+Line = Taken | Withdrawn | Replaced | Sealed
 
 
 def read_register(study_dir: Path) -> tuple[Taken, ...]:
@@ -89,6 +97,23 @@ def take_slot(
         taken = Taken(allocation_sha256(slots), len(slots), index, who.id, who.group, by_hand)
         _append(file, taken)
     return who, taken
+
+
+def note_seal(study_dir: Path, sealed: Sealed) -> None:
+    """Write down how a log ended, unless that is there already.
+
+    Raises:
+        OSError: if the register cannot be written.
+    """
+    with _locked(study_dir / FILE_NAME) as file:
+        if sealed not in _lines(file.read(), study_dir / FILE_NAME):
+            _append(file, sealed)
+
+
+def sealed_heads(study_dir: Path, log: str) -> dict[str, str]:
+    """By what the register says a log's segments ended with: the head of the chain, the latest of each segment."""
+    lines = read_lines(study_dir)
+    return {line.segment: line.chain for line in lines if isinstance(line, Sealed) and line.sealed == log}
 
 
 def leave(study_dir: Path, parting: Withdrawn | Replaced) -> None:
@@ -231,4 +256,4 @@ def _lines(data: bytes, path: Path) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-_KINDS: dict[str, type[Line]] = {"participant": Taken, "withdrawn": Withdrawn, "replaced": Replaced}
+_KINDS: dict[str, type[Line]] = {"participant": Taken, "withdrawn": Withdrawn, "replaced": Replaced, "sealed": Sealed}

@@ -9,7 +9,8 @@ import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from pathlib import Path
 
 from minihuman.errors import LogError
@@ -18,6 +19,7 @@ from minihuman.log.paths import sessions_among
 
 FILE_NAME = "sessions.sqlite"
 _COLUMNS = tuple(f'"{field.name}"' for field in fields(Summary))
+_VALUES = attrgetter(*(field.name for field in fields(Summary)))
 _TABLE = f"sessions_v1 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
 _PAGE = f"SELECT log, path, problem, {', '.join(_COLUMNS)} FROM sessions_v1 WHERE log > ? ORDER BY log LIMIT 100"
 BUSY_S = 2.0  # how long another process may hold the table before we do without it
@@ -97,6 +99,6 @@ def _fingerprint(files: list[Path]) -> str:
 
 def _summary_or_problem(files: list[Path]) -> tuple[object, ...]:
     try:
-        return ("", *astuple(summarise(files)))
+        return ("", *_VALUES(summarise(files)))
     except LogError as error:
         return (str(error), *(None for _ in _COLUMNS))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from minihuman.lab.register import Replaced, Withdrawn, read_lines, read_register
 from minihuman.lab.session_table import SessionRow, sessions
+from minihuman.lab.summary import Summary
 from minihuman.log.paths import PART_SUFFIX
 
 
@@ -45,12 +46,18 @@ def _line(row: SessionRow) -> str:
     return f"{found.participant:12} {found.group:16} {found.session:7} {episodes:>9} {found.steps:7}  {_state(row)}"
 
 
+def _progress(summary: Summary) -> str:
+    """A session is complete that said so, or whose episodes are all played: only last words were left unread."""
+    if summary.end_reason == "screened_out":
+        return "screened out"
+    played = 0 < summary.episodes_planned == summary.episodes_completed
+    return "complete" if played or summary.end_reason == "complete" else f"unfinished: {summary.end_reason}"
+
+
 def _state(row: SessionRow) -> str:
     summary = row.summary
     assert summary is not None
-    parts = [
-        "complete" if summary.episodes_completed == summary.episodes_planned else f"unfinished: {summary.end_reason}"
-    ]
+    parts = [_progress(summary)]
     if row.path.name.endswith(PART_SUFFIX):
         parts.append("live, or cut off: finished at its next start")
     elif not summary.clean:

@@ -8,6 +8,7 @@ from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.read.file import Reading, all_clean
 from minihuman.log.read.glance import glance
+from minihuman.log.read.guard import guarded
 from minihuman.recorded.episode import CUT_OFF
 from minihuman.study import events as ev
 
@@ -41,8 +42,11 @@ def summarise(files: Sequence[Path]) -> Summary:
     Raises:
         LogError: if one cannot be opened, is no session log, of another schema version or damaged, or holds no plan.
     """
-    if len(files) == 1 and (summary := _at_a_glance(files[0])) is not None:
-        return summary
+    with guarded(files[0]):
+        return (_at_a_glance(files[0]) if len(files) == 1 else None) or _read_through(files)
+
+
+def _read_through(files: Sequence[Path]) -> Summary:
     readings = [Reading(file) for file in files]
     plan: ev.SessionStarted | None = None
     completed: set[int] = set()

@@ -1,16 +1,20 @@
 """The hash chain over a finished log: one number that is another if anything before it is.
 
-Every message, attachment and metadata record, in the order of the file, takes the head of the chain so far into its own
-SHA-256; a topic's schema is taken in before its first message. The second copy of a segment's start is left out: it
-repeats what is in the chain.
+Every message, attachment and metadata record of ours, in the order of the file, takes the head of the chain so far
+into its own SHA-256; a topic's schema is taken in before its first message. Left out are the second copy of a
+segment's start, which repeats what is in the chain, and what other programs put into a log.
 """
 
 import hashlib
 
 from mcap.records import Attachment, Channel, Metadata, Schema
 
+from minihuman.log import segment_head
 from minihuman.log.read.chunk import LogMessage
+from minihuman.log.topics import BY_NAME
 
+HEAD = "chain"  # the fact of a segment's end that states the head
+OURS = "minihuman."  # how our metadata records' names begin
 _START = hashlib.sha256(b"minihuman chain 1").digest()
 
 
@@ -28,6 +32,8 @@ class Chain:
 
     def message(self, message: LogMessage, schema: Schema | None) -> None:
         """Take a message in."""
+        if message.channel.topic not in BY_NAME:
+            return
         channel, name = message.channel, "" if schema is None else schema.name
         if (channel.topic, name) not in self._known:
             self._known.add((channel.topic, name))
@@ -36,12 +42,16 @@ class Chain:
         self._take(b"message", channel.topic.encode(), name.encode(), numbers.encode(), message.data)
 
     def metadata(self, record: Metadata) -> None:
-        """Take a metadata record in."""
-        facts = [text.encode() for fact in sorted(record.metadata.items()) for text in fact]
+        """Take a metadata record in, but for the head that it states."""
+        if not record.name.startswith(OURS):
+            return
+        facts = [text.encode() for fact in sorted(record.metadata.items()) if fact[0] != HEAD for text in fact]
         self._take(b"metadata", record.name.encode(), *facts)
 
     def attachment(self, record: Attachment) -> None:
         """Take an attachment in."""
+        if record.name == segment_head.NAME:
+            return
         times = f"{record.create_time} {record.log_time}"
         self._take(b"attachment", record.name.encode(), record.media_type.encode(), times.encode(), record.data)
 

@@ -1,14 +1,15 @@
 """The report of a study, from its logs to a folder: tables, figures and one page."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
 
-from minihuman.data.rows import Rows
+from minihuman.data.columns import TABLES
 from minihuman.data.selection import Selection
-from minihuman.data.study import SessionRows, Sessions
+from minihuman.data.store import Store
+from minihuman.data.study import Sessions
 from minihuman.data.writing import write_tables
 from minihuman.errors import ReportError
 from minihuman.figures.files import save
@@ -17,7 +18,6 @@ from minihuman.figures.paths import session_paths
 from minihuman.log.read.open_log import open_log
 from minihuman.report.page import Page, page
 from minihuman.report.results import Results, results
-from minihuman.study.plan import SessionPlan
 
 _CURVES = (
     ("reward", "reward", (0.0, 1.0)),
@@ -28,65 +28,55 @@ _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study ha
     "participant", "group", "session", "block", "episode", "attempt", "episode_in_block", "left_out",
     *(measure for measure, _, _ in _CURVES),
 ]  # fmt: skip
-
-
-class _Study:
-    """What is learnt of a study while its sessions stream by."""
-
-    def __init__(self) -> None:
-        self.plan: SessionPlan | None = None
-        self.example: Path | None = None  # the session with the most blocks that count, for the path figure
-        self._blocks = 0
-
-    def rows(self, found: Iterable[SessionRows]) -> Iterator[Rows]:
-        """Pass the rows on.
-
-        Raises:
-            ReportError: if the folder holds more than one study.
-        """
-        for one in found:
-            if self.plan is None:
-                self.plan = one.plan
-            elif self.plan.study != one.plan.study:
-                raise ReportError(
-                    f"{one.path} is of study {one.plan.study!r}, the ones before of {self.plan.study!r}; "
-                    "a report is of one study: name its folder"
-                )
-            blocks = len({facts["block"] for facts in one.facts})
-            if blocks > self._blocks:
-                self.example, self._blocks = one.path, blocks
-            yield one.rows
+_EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})  # too long to be read in a report
 
 
 def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
     """Write tables, figures and ``report.html`` of a study's sessions; give the files, the page first.
 
+    The tables of every step, key and picture are left to an export.
+
     Raises:
         LogError: if there is no such folder.
         ReportError: if no log in it can be read, or they are of different studies.
     """
-    study = _Study()
-    tables = write_tables(study.rows(sessions.rows(with_shortest=True)), out / "tables")
-    account = sessions.account
-    if study.plan is None:
-        raise ReportError(
-            f"{sessions.source} holds no session log that can be read; {len(account.skipped)} were skipped"
-        )
-    episodes = pd.read_parquet(out / "tables" / "episodes.parquet", columns=_EPISODE_COLUMNS)
-    blocks, participants = (pd.read_parquet(out / "tables" / f"{name}.parquet") for name in ("blocks", "participants"))
+    with Store(sessions, with_shortest=True) as store:
+        study = _study(store, sessions)
+        names = [name for name in TABLES if name not in _EVERY_MOMENT]
+        tables = write_tables(store.tables, out / "tables", names=names)
+        episodes = store.tables.table("episodes", _EPISODE_COLUMNS).to_pandas()
+        blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
+        example = max(store.kept, key=lambda kept: kept.blocks)  # the first with the most blocks that count
     found = results(episodes, blocks, participants)
-    figures = [*_curves(episodes, found, out / "figures"), *_paths(study.example, sessions.selection, out / "figures")]
+    figures = [*_curves(episodes, found, out / "figures")]
+    if example.blocks:
+        figures.append(_paths(Path(example.path), sessions.selection, out / "figures"))
     facts = Page(
-        study=study.plan.study,
+        study=study,
         sessions=len(participants),
         players=sorted(participants["player"].unique()),
         figures=figures,
         tables=tables,
-        account=account,
+        account=sessions.account,
     )
     where = out / "report.html"
     where.write_text(page(facts, found), encoding="utf-8")
     return (where, *tables, *(path for path, _ in figures))
+
+
+def _study(store: Store, sessions: Sessions) -> str:
+    """The name of the one study that the sessions are of."""
+    read = [kept for kept in store.kept if kept.study]
+    if not read:
+        skipped = len(sessions.account.skipped)
+        raise ReportError(f"{sessions.source} holds no session log that can be read; {skipped} were skipped")
+    for one in read:
+        if one.study != read[0].study:
+            raise ReportError(
+                f"{one.path} is of study {one.study!r}, the ones before of {read[0].study!r}; "
+                "a report is of one study: name its folder"
+            )
+    return read[0].study
 
 
 def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[Path, str]]:
@@ -99,9 +89,8 @@ def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple
             yield png, f"{label} over the episodes of block {found.block}: mean and its 95 % interval."
 
 
-def _paths(log: Path | None, selection: Selection, out: Path) -> Iterator[tuple[Path, str]]:
+def _paths(log: Path, selection: Selection, out: Path) -> tuple[Path, str]:
     """The path figure of one session, of the episodes that count."""
-    if log is not None:
-        session = selection.judge(open_log(log)).session
-        png, _ = save(session_paths(session), out / "paths")
-        yield png, f"Paths of {session.plan.participant.id} ({session.plan.participant.group})."
+    session = selection.judge(open_log(log)).session
+    png, _ = save(session_paths(session), out / "paths")
+    return png, f"Paths of {session.plan.participant.id} ({session.plan.participant.group})."

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from minihuman.lab.next_session import next_session
+from minihuman.lab.seal import note_end
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.players.choose import make_player
 from minihuman.players.port import Player
@@ -21,8 +22,9 @@ from minihuman.worlds.adapt.world import World
 
 
 def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, player: str) -> Iterator[Path]:
-    """Run simulated participants one after the other, in the next free slots; yield each one's log.
+    """Run simulated participants one after the other, in the next free slots; yield the log of each of their sessions.
 
+    A study of several sessions is played to its end, without the days between; who is screened out does not come back.
     Each has a stream of chance of its own, from ``seed`` and its place in the allocation list.
 
     Raises:
@@ -35,10 +37,19 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
     for _ in range(participants):
         plan = next_session(protocol, data)
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(plan.participant.index,)))
-        yield _play(plan, make_player(player, rng), data, facts)
+        somebody = make_player(player, rng)
+        log, reason = _play(plan, somebody, data, facts)
+        yield log
+        for session in range(2, len(protocol.sessions) + 1):
+            if reason != "complete":
+                break
+            plan = next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
+            log, reason = _play(plan, somebody, data, facts)
+            yield log
 
 
-def _play(plan: SessionPlan, player: Player, data: Path, facts: dict[str, str]) -> Path:
+def _play(plan: SessionPlan, player: Player, data: Path, facts: dict[str, str]) -> tuple[Path, str]:
+    """The log, and why the session ended."""
     clock = VirtualClock()
     facts = facts | world_facts(episode.world for episode in plan.episodes) | {"window": "simulated"}
     session = Session(plan, World, facts, picture_px=None)
@@ -46,6 +57,7 @@ def _play(plan: SessionPlan, player: Player, data: Path, facts: dict[str, str]) 
     window = SimulatedWindow(player, session, clock, at_rest=recorder.drain)
     path = run_session(session, window, recorder, clock)
     assert path is not None
+    note_end(path)
     if session.failure is not None:
         raise session.failure
-    return path
+    return path, session.end_reason

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from minihuman.players.port import Player
+from minihuman.study.activities.questions import Questions
 from minihuman.study.chance import words
 from minihuman.study.inputs import Input, KeyDown, KeyUp, PointerPressed, PointerReleased, Shown, Typed
 from minihuman.study.screens import (
@@ -91,8 +92,12 @@ class SimulatedWindow(Window):
                 self._press("enter", READING_MS)
 
     def _answer(self, question: QuestionScreen) -> None:
-        """Any answer, each as likely as another: nothing is known of what these people think."""
+        """Any answer, each as likely as another: nothing is known of what these people think. They have read, though:
+        where there is a right answer, nine in ten give it.
+        """
         match question.item:
+            case Choices(chosen=chosen) if not chosen and (right := self._right_option()) is not None:
+                self._point(f"option:{right}")
             case Choices(options=options, chosen=chosen) if not chosen:
                 self._point(f"option:{self._any(len(options))}")
             case Scale(points=points, chosen=None):
@@ -103,6 +108,13 @@ class SimulatedWindow(Window):
                 self._type(str(18 + self._any(50)))
             case _:
                 self._press("tab", READING_MS)
+
+    def _right_option(self) -> int | None:
+        part = self._session.part
+        if not isinstance(part, Questions) or part.asked.right is None or self._any(10) == 0:
+            return None
+        right = part.asked.right if isinstance(part.asked.right, tuple) else (part.asked.right,)
+        return next((place for place, code in enumerate(part.asked.all_codes) if code in right), None)
 
     def _any(self, count: int) -> int:
         """A number below ``count``, from the study's seed, who answers and how many answers came before."""

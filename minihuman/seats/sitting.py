@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from minihuman.errors import WorldError
+from minihuman.lab.seal import note_end
 from minihuman.lab.summary import summarise
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
@@ -29,6 +30,8 @@ def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> P
     session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
     desk = Desk(requests_path(SegmentPath.of_plan(data, plan).log))
     path = run_session(session, window, recorder, clock, desk=desk)
+    if path is not None:
+        note_end(path)
     if session.failure is not None:
         failure = f"{type(session.failure).__name__}: {session.failure}"
         raise WorldError(f"the world failed ({failure}); everything before that is in {path}") from session.failure
@@ -40,10 +43,10 @@ def ending(log: Path, protocol: Path) -> str:
     found = summarise([log])
     done = f"{found.episodes_completed} of {found.episodes_planned} episodes"
     if found.episodes_completed == found.episodes_planned:
-        return f"{found.end_reason}: {done}"
+        return f"{found.end_reason}: {done}; sealed {note_end(log)}"
     session = f" --session {found.session}" if found.session > 1 else ""
     return (
-        f"ended by {found.end_reason} after {done}; goes on with: "
+        f"ended by {found.end_reason} after {done}; sealed {note_end(log)}; goes on with: "
         f"minihuman run {protocol} --participant {found.participant}{session}"
     )
 

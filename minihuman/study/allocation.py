@@ -33,6 +33,20 @@ class Slot:
 
 def allocation(protocol: Protocol) -> tuple[Slot, ...]:
     """The whole list, ``study.participants`` slots long; a longer list begins with a shorter one."""
+    asked = (protocol.study, protocol.keys, protocol.groups, protocol.blocks, protocol.orders, protocol.sessions)
+    key = msgspec.json.encode(asked)
+    if key not in _MADE:
+        if len(_MADE) >= _KEPT:
+            _MADE.clear()
+        _MADE[key] = _made(protocol)
+    return _MADE[key]
+
+
+_MADE: dict[bytes, tuple[Slot, ...]] = {}  # a list of thousands takes a second, and is asked for again and again
+_KEPT = 8
+
+
+def _made(protocol: Protocol) -> tuple[Slot, ...]:
     count = protocol.study.participants
     groups = _groups(protocol, count)
     draws = [_positions(protocol, str(draw), groups) for draw in range(_draws(protocol))]

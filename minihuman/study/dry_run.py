@@ -2,35 +2,85 @@
 
 from collections.abc import Iterator
 
-from minihuman.study.plan import EpisodePlan, SessionPlan
+from minihuman.study.activities.pages import PagePlan
+from minihuman.study.activities.play_plan import PlayPlan
+from minihuman.study.activities.questions import QuestionsPlan
+from minihuman.study.plan import EpisodePlan, Part, SessionPlan
 
 
 def lines(plan: SessionPlan) -> Iterator[str]:
-    """Everything a participant will play, block by block."""
+    """Everything a participant will do, part by part."""
     who = plan.participant
-    yield f"study        {plan.study} {plan.study_version}, seed {plan.study_seed}"
+    yield f"study        {plan.study} {plan.study_version}, seed {plan.study_seed}, language {plan.language}"
     yield f"protocol     SHA-256 {plan.protocol_sha256}"
     if plan.allocation_sha256:
         yield f"allocation   SHA-256 {plan.allocation_sha256}"
     yield f"participant  {who.id}, group {who.group}, session {plan.session}"
     yield f"consent      {'SHA-256 ' + plan.consent_sha256 if plan.consent_text else 'not asked for'}"
     yield f"keys         {' '.join(plan.key_pool)}{', each checked first' if plan.keyboard_check else ''}"
-    for episode in plan.episodes:
-        if episode.episode_in_block == 0:
-            yield from _block(plan, episode)
-        yield f"  {episode.episode + 1:3}  episode {episode.episode_in_block + 1:2} of the block  seed {episode.seed}"
+    if plan.bonus:
+        most = "" if plan.bonus.most is None else f", at most {plan.bonus.most:g}"
+        yield f"bonus        {plan.bonus.base:g} + {plan.bonus.per_point:g} a point{most} {plan.bonus.currency}"
+    for number, part in enumerate(plan.parts, 1):
+        yield ""
+        yield from _part(plan, number, part)
 
 
-def _block(plan: SessionPlan, first: EpisodePlan) -> Iterator[str]:
+def _part(plan: SessionPlan, number: int, part: Part) -> Iterator[str]:
+    match part.plan:
+        case PlayPlan() as play:
+            yield from _block(plan, number, play)
+        case PagePlan() as page:
+            what = "consent" if page.agree else "last words" if page.closing else "page"
+            pictures = f", {len(page.pictures)} pictures" if page.pictures else ""
+            example = ", an example of the world" if page.example else ""
+            yield f"part {number}: {part.name}, {what} of {_count(len(page.pages), 'page')}{pictures}{example}"
+        case QuestionsPlan() as asked:
+            yield f"part {number}: {part.name}, {_count(len(asked.items), 'question')}"
+            for item in asked.items:
+                right = "" if item.right is None else f", right: {item.right}"
+                yield f"  {item.name}  {item.kind}{right}"
+            if any(item.right is not None for item in asked.items):
+                back = "" if asked.back_to is None else f", wrong answers lead back to part {asked.back_to + 1}"
+                then = "the session ends" if asked.failed == "end" else "the session goes on"
+                yield f"  tries  {asked.tries}{back}, then {then}"
+        case _:
+            yield f"part {number}: {part.name}, {part.kind}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[str]:
+    episodes = plan.episodes[play.first : play.first + play.count]
+    first = episodes[0]
     options = "".join(f", {name}={value!r}" for name, value in first.options.items())
-    yield ""
-    yield f"block {first.block + 1}: {first.block_name}, {first.world}{options}, {first.view} view, {first.palette}"
+    what = f"{first.block_name}, {first.world}{options}, {first.view} view, {first.palette}"
+    yield f"part {number}: block {first.block + 1}, {what}"
     keys = ", ".join(f"{key} {action}" for key, action in sorted(first.key_map.keys.items()))
     yield f"  keys   {keys}{' (shown)' if first.show_keys else ''}"
-    pace = "one press one step" + (", held keys repeat" if first.auto_repeat else "")
+    yield f"  pace   {_pace(first)}; at most {first.max_steps} steps"
+    yield from _limits(play)
+    for episode in episodes:
+        yield f"  {episode.episode + 1:3}  episode {episode.episode_in_block + 1:2} of the block  seed {episode.seed}"
+    if play.rest_s:
+        yield f"  rest   {play.rest_s:g} s or longer afterwards"
+
+
+def _pace(first: EpisodePlan) -> str:
     if first.pace == "real_time":
-        pace = f"a step every {first.step_period_ms:g} ms, without a key {first.noop or 'none'}"
-    yield f"  pace   {pace}; at most {first.max_steps} steps"
-    rest_s = plan.texts[first.block].rest_s
-    if rest_s and first.block + 1 < len(plan.texts):
-        yield f"  rest   {rest_s:g} s or longer afterwards"
+        return f"a step every {first.step_period_ms:g} ms, without a key {first.noop or 'none'}"
+    return "one press one step" + (", held keys repeat" if first.auto_repeat else "")
+
+
+def _limits(play: PlayPlan) -> Iterator[str]:
+    if play.until:
+        yield f"  until  {play.until.successes} of the last {play.until.of} reach the goal, then {play.until.otherwise}"
+    limits = [f"{name} {value:g} s" for name, value in (("episode", play.max_s), ("block", play.block_max_s)) if value]
+    if limits:
+        yield f"  time   at most {', '.join(limits)}"
+    if play.points:
+        each = {"goal": play.points.goal, "timeout": play.points.timeout, "failure": play.points.failure}
+        each |= {"a step": play.points.per_step, "a reward of 1": play.points.per_reward}
+        yield f"  points {', '.join(f'{name} {value:+g}' for name, value in each.items() if value)}"

@@ -109,14 +109,15 @@ def _questions(
         purpose = f"items-{asked.name}-session-{session}"
         order = permutation(len(items), seed=protocol.study.seed, purpose=purpose, index=participant.index)
         items = tuple(items[place] for place in order)
-    if asked.back_to and asked.back_to not in names:
-        raise ProtocolError(f"questions {asked.name!r} lead back to {asked.back_to!r}, which session {session} lacks")
+    back_to = protocol.group(participant.group).instead.get(asked.back_to, asked.back_to)
+    if back_to and back_to not in names:
+        raise ProtocolError(f"questions {asked.name!r} lead back to {back_to!r}, which session {session} lacks")
     return QuestionsPlan(
         title=title,
         items=items,
         tries=asked.tries,
         wrong=asked.wrong,
-        back_to=names.index(asked.back_to) if asked.back_to else None,
+        back_to=names.index(back_to) if back_to else None,
         failed=asked.failed,
     )
 

@@ -120,6 +120,11 @@ class Session:
         return self._screen
 
     @property
+    def end_reason(self) -> EndReason:
+        """Why it ended; "complete" as long as it has not."""
+        return self._end_reason
+
+    @property
     def next_tick_ns(self) -> int | None:
         """When the session wants a Tick, if nothing else comes before; None: never."""
         if self._phase is Phase.PART:

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -42,6 +43,7 @@ _SYSTEM = (
     "Thonburi.ttc",
     "Kohinoor.ttc",
 )
+_UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # blanks, line breaks, marks of direction
 _CJK_FACE = {"ja": 0, "ko": 1, "zh": 2, "zh-tw": 3, "zh-hk": 4}  # of the collection: the same character, drawn as there
 
 
@@ -107,7 +109,7 @@ class Faces:
     def missing(self, text: str) -> str:
         """The first character of a text that no face has; "" if there is none."""
         for character in dict.fromkeys(text):
-            if character.isprintable() and not character.isspace() and self.of(character) is None:
+            if unicodedata.category(character) not in _UNSEEN and self.of(character) is None:
                 return character
         return ""
 

@@ -12,6 +12,7 @@ LINE = 1.45  # of the type size
 COLUMN = 1.16  # of the height
 TEXT_TOP, TEXT_BOTTOM = 0.15, 0.82
 PICTURE = 0.40  # of the height, with the gap below, where there is one above the text
+_HEADING = 40  # characters of the longest heading
 _SHORT = 240  # characters that fit any page, however wide
 
 
@@ -34,12 +35,25 @@ def pages(text: str, faces: Faces, *, pictures: int = 0) -> tuple[str, ...]:
     found: list[str] = []
     while lines:
         room = lines_on(picture=len(found) < pictures)
+        room = _without_heading(lines, room)
         page, lines = lines[:room], lines[room:]
         found.append("".join(page).strip("\n"))
         while lines and not lines[0].strip():
             lines = lines[1:]
     found += [""] * (pictures - len(found))
     return tuple(found) or ("",)
+
+
+def _without_heading(lines: list[str], room: int) -> int:
+    """How many lines to put on a page: a heading, a paragraph of one line, does not stand alone at its end."""
+    if len(lines) <= room:
+        return room
+    last = room
+    while last > 1 and not lines[last - 1].strip():
+        last -= 1
+    alone = last == 1 or lines[last - 2].endswith("\n")
+    follows = lines[last - 1].endswith("\n") and len(lines[last - 1]) < _HEADING
+    return last - 1 if alone and follows and last > 1 else room
 
 
 def _marked_lines(text: str, faces: Faces) -> list[str]:

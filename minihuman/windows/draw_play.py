@@ -91,7 +91,7 @@ def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
     type_px = round(size_px[1] / 26)
     faces = faces_for(screen.script.language)
     said = width_px(screen.said, faces, type_px) + reach * 0.6 if screen.said else 0.0
-    x, y = left + width / 2 - said / 2, top + height - reach * 1.6
+    x, y = left + width / 2 - said / 2, top + reach * 1.6  # the agent itself is often at the bottom
     box = (x - reach * 1.3, y - reach, x + reach * 1.3 + said, y + reach)
     draw.rounded_rectangle(box, radius=reach * 0.4, fill=(*theme.BACKGROUND, 235), outline=colour, width=stroke // 2)
     _sign(draw, screen.mark, (x, y), reach * 0.55, colour, stroke)

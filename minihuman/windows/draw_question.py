@@ -21,7 +21,7 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
     room = _room(screen) * high
     lines, type_px = sheet.fitted(screen.ask, round(high * _TYPE), wide, room)
     y = top + high * _TOP
-    y = sheet.column(lines, left, right, y + max(0.0, (room - len(lines) * type_px * LINE) / 2), type_px)
+    sheet.column(lines, left, right, y + max(0.0, room - len(lines) * type_px * LINE), type_px)  # close to its answers
     box = (left, top + high * _TOP + room + high * 0.02, right, top + high * (_BOTTOM - 0.04))
     match screen.item:
         case Choices():

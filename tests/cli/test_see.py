@@ -105,7 +105,7 @@ def test_every_command_names_what_it_cannot_read_does_the_rest_and_changes_no_lo
         part.add_to(app)
     words, done = {
         "replay": ((spoiled, "--save", out), lambda _: len(RrdReader(out).recordings()) == 1),
-        "plot": ((spoiled, "--out", out), lambda _: len(list(out.glob("sub-0?_ses-01/paths.png"))) == 2),
+        "plot": ((spoiled, "--out", out, "--each"), lambda _: len(list(out.glob("sub-0?_ses-01/paths.png"))) == 2),
         "report": (
             (spoiled, "--out", out),
             lambda _: "2 sessions read, 4 skipped" in (out / "report.html").read_text(),
@@ -128,6 +128,6 @@ def test_a_replay_of_nothing_that_can_be_read_is_an_error(app, spoiled, tmp_path
         run(app, "replay", spoiled / "bad" / "half.mcap", "--save", tmp_path / "none.rrd")
 
 
-@pytest.mark.parametrize("command", ["replay", "plot", "mark", "report"])
+@pytest.mark.parametrize("command", ["replay", "plot", "mark", "report", "query"])
 def test_every_command_has_help_with_an_example(app, command):
     assert f"Example: minihuman {command}" in run(app, command, "--help").stdout

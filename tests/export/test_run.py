@@ -127,7 +127,7 @@ def test_a_selection_of_which_nothing_counts_leaves_nothing(study, tmp_path):
 
 def test_an_unknown_format_lists_the_known(study, tmp_path):
     with pytest.raises(
-        ExportError, match="export format 'xlsx' is unknown; it is one of csv, imitation, lerobot, minari, parquet"
+        ExportError, match="'xlsx' is unknown; it is one of bids, croissant, csv, frictionless, imitation, lerobot, m"
     ):
         written(study, tmp_path / "out", format_name="xlsx")
 

@@ -126,9 +126,16 @@ def study(name: str) -> Protocol:
     return decode(toml.encode())
 
 
-def segment(data: Path, protocol: Protocol, player: str = "optimal", participant: str = "sub-01", **hand) -> Path:
+def segment(
+    data: Path,
+    protocol: Protocol,
+    player: str = "optimal",
+    participant: str = "sub-01",
+    session: int = 1,
+    **hand,
+) -> Path:
     """Play the participant's session, or the rest of it, and give its log."""
-    plan = next_session(protocol, data, participant=participant)
+    plan = next_session(protocol, data, participant=participant, session=session)
     clock = VirtualClock()
     facts = {"player": player, "platform": "golden", "refresh_hz": "60.0"}
     session = Session(plan, World, facts, picture_px=None)

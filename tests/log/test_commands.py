@@ -1,6 +1,7 @@
 """info, verify and recover, as typed."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +13,12 @@ from minihuman.cli import logs
 from minihuman.errors import LogError
 from minihuman.log.read.open_log import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import SessionStarted, Stepped
+from minihuman.seats.simulate import simulate
+from minihuman.study.events import Stepped
 from minihuman.worlds.sources import rules_digest
 from tests.log.played import played_events, record
 from tests.log.samples import STARTED_NS, session_events, session_plan
+from tests.promises.sessions import play, study
 
 PLAN = session_plan(episodes=2)
 
@@ -44,24 +47,49 @@ def test_info_tells_a_session_as_json(app: typer.Typer, tmp_path: Path) -> None:
 
 
 def test_verify_says_that_a_log_replays_and_exits_0(app: typer.Typer, tmp_path: Path) -> None:
-    log = record(tmp_path, PLAN, played_events(PLAN, steps=5))
+    log = play(tmp_path, study(episodes=2))
     result = CliRunner().invoke(app, ["verify", str(log)])
-    assert (result.exit_code, result.stdout) == (0, f"{log}: 2 episodes, 10 steps, all as logged\n")
+    assert result.exit_code == 0, result.stdout
+    assert re.fullmatch(rf"{log}: 2 episodes, \d+ steps, all as logged\n", result.stdout)
 
 
 def test_verify_says_first_that_other_rules_recorded_a_log(app: typer.Typer, tmp_path: Path) -> None:
-    events = [
-        replace(event, facts=event.facts | {"rules": "0123456789abcdef"})
-        if isinstance(event, SessionStarted)
-        else event
-        for event in played_events(PLAN, steps=5)
-    ]
-    result = CliRunner().invoke(app, ["verify", str(log := record(tmp_path, PLAN, events))])
-    assert result.exit_code == 0
-    assert result.stdout.splitlines() == [
-        f"{log}: recorded by rules 0123456789abcdef, checked by rules {rules_digest()}",
-        f"{log}: 2 episodes, 10 steps, all as logged",
-    ]
+    log = play(tmp_path, study(episodes=2), facts={"rules": "0123456789abcdef"})
+    result = CliRunner().invoke(app, ["verify", str(log)])
+    assert result.exit_code == 0, result.stdout
+    said, proven = result.stdout.splitlines()
+    assert said == f"{log}: recorded by rules 0123456789abcdef, checked by rules {rules_digest()}"
+    assert proven.endswith("all as logged")
+
+
+def test_a_sealed_study_says_what_was_changed_since(app: typer.Typer, tmp_path: Path) -> None:
+    log = play(tmp_path, study(episodes=1))
+    folder = log.parents[2]
+    digest = CliRunner().invoke(app, ["seal", str(folder)]).stdout.strip()
+    for given in (digest, str(folder / "seal.json")):
+        whole = CliRunner().invoke(app, ["verify", str(folder), "--seal", given])
+        assert (whole.exit_code, whole.stdout) == (0, f"{folder}: every file is as it was sealed\n")
+    log.write_bytes(log.read_bytes() + b"x")
+    (folder / "note.txt").write_text("hello")
+    for given in (digest, str(folder / "seal.json")):
+        changed = CliRunner().invoke(app, ["verify", str(folder), "--seal", given])
+        assert changed.exit_code == 1
+        assert f"{log.relative_to(folder)} was changed" in changed.stdout
+        assert "note.txt was not there" in changed.stdout
+    sealed_anew = CliRunner().invoke(app, ["seal", str(folder)]).stdout.strip()
+    assert sealed_anew != digest
+    assert CliRunner().invoke(app, ["verify", str(folder), "--seal", digest]).exit_code == 1
+
+
+def test_a_log_that_was_made_anew_is_not_the_one_in_the_register(app: typer.Typer, tmp_path: Path) -> None:
+    (log,) = simulate(study(episodes=1), tmp_path, participants=1, seed=1, player="random")
+    assert "sealed" in (log.parents[2] / "register.jsonl").read_text()
+    assert CliRunner().invoke(app, ["verify", str(log)]).exit_code == 0
+    (other,) = simulate(study(episodes=1), tmp_path / "other", participants=1, seed=2, player="random")
+    log.write_bytes(other.read_bytes())
+    result = CliRunner().invoke(app, ["verify", str(log)])
+    assert result.exit_code == 1
+    assert "the register says that the log ended with chain" in result.stdout
 
 
 def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
 """Sessions really played, quickly: the session machine, a simulated participant, the recorder on disk."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -53,11 +54,12 @@ def play(
     seed: int = 5,
     sync: Callable[[int], None] = os.fsync,
     started_ns: int = STARTED_NS,
+    facts: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
     """Play the next participant's session on a virtual clock, and give its log."""
     plan = next_session(protocol, data)
     clock = VirtualClock()
-    session = Session(plan, World, {"player": player, "window": "simulated"}, picture_px=None)
+    session = Session(plan, World, {"player": player, "window": "simulated", **facts}, picture_px=None)
     recorder = McapRecorder(data, plan, started_ns=started_ns, sync=sync)
     window = SimulatedWindow(make_player(player, np.random.default_rng(seed)), session, clock)
     log = run_session(session, window, recorder, clock)

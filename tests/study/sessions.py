@@ -35,7 +35,7 @@ episodes = {episodes}
 max_steps = {max_steps}
 actions = ["back", "forward", "dive", "crash"]
 instruction = {instruction!r}
-feedback = {feedback!r}
+feedback = {feedback}
 rest = {rest!r}
 hold_ms = {hold_ms}
 {more}
@@ -50,7 +50,7 @@ def corridor_plan(
     consent: str = "",
     closing: str = "",
     instruction: str = "",
-    feedback: str = "",
+    feedback: str | dict[str, str] = "",
     rest: str = "",
     break_s: float = 0.0,
     check: bool = False,
@@ -70,7 +70,7 @@ def corridor_plan(
             episodes=episodes,
             max_steps=max_steps,
             instruction=instruction,
-            feedback=feedback,
+            feedback=_toml(feedback),
             rest=rest,
             hold_ms=hold_ms,
             more=more,
@@ -79,6 +79,12 @@ def corridor_plan(
     )
     protocol = decode(toml.encode())
     return expand(protocol, enrol(protocol, 0), first_episode=first_episode, segment=segment)
+
+
+def _toml(feedback: str | dict[str, str]) -> str:
+    if isinstance(feedback, str):
+        return repr(feedback)
+    return "{ " + ", ".join(f"{outcome} = {text!r}" for outcome, text in feedback.items()) + " }"
 
 
 def key_of(plan: SessionPlan, action: str, episode: int = 0) -> str:

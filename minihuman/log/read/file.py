@@ -8,6 +8,7 @@ from mcap.records import Metadata
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.read.chunk import LogMessage, Messages
+from minihuman.log.read.guard import guarded
 from minihuman.log.read.scan import Missing, Scan
 from minihuman.log.topics import END_METADATA, PLAN, SEGMENT_METADATA
 from minihuman.log.versions import Decode, reader_for
@@ -26,6 +27,7 @@ class Reading:
         self.ends: list[dict[str, str]] = []  # one a finished segment: reason, clean
         self.damage = ""  # what could not be read
         self.missing: list[Missing] = []  # messages that are not there
+        self._at = 0  # where the chunk begins that is being read
         self._decode: Decode  # of the segment that is being read
 
     def messages(self) -> Iterator[LogMessage]:
@@ -52,6 +54,7 @@ class Reading:
                         raise LogError(f"{self.path} is not a minihuman log: nothing in it says which version it has")
                     self._decode = reader_for(start, self.path)
                     self.starts += [start] * record.count(PLAN)
+                    self._at = scan.at
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
                     start = record.metadata
@@ -70,10 +73,11 @@ class Reading:
         Raises:
             LogError: as ``messages``, and if a message is none of ours.
         """
-        for message in self.messages():
-            event = self.event(message.channel.topic, message.data)
-            if event is not None:
-                yield event
+        with guarded(self.path):
+            for message in self.messages():
+                event = self.event(message.channel.topic, message.data)
+                if event is not None:
+                    yield event
 
     def event(self, topic: str, data: bytes) -> Event | None:
         """Read the event in a message's bytes; None in one that is for viewers.
@@ -84,7 +88,8 @@ class Reading:
         try:
             return self._decode(topic, data)
         except Exception as error:  # a foreign or newer message can make protobuf raise anything
-            raise LogError(f"{self.path}: a message on {topic} cannot be read: {error}") from error
+            where = f"{self.path}: in the chunk at byte {self._at}"
+            raise LogError(f"{where} a message on {topic} cannot be read: {error}") from error
 
 
 def all_clean(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:

@@ -5,13 +5,9 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, MetadataIndex, Statistics
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from minihuman.log.topics import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
@@ -19,6 +15,11 @@ from minihuman.log.topics import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
 _HEAD = struct.Struct("<BQ")  # of a record: its kind, how many bytes follow
 _FOOTER = struct.Struct("<QQI")  # where the summary begins, where its offsets do, its checksum
 _CRC = struct.Struct("<I")
+_LENGTH = struct.Struct("<I")
+_CHANNEL = struct.Struct("<HHI")  # its number, its schema's, how long its topic is
+_PLACE = struct.Struct("<QQ")  # of a record that an index names: where it begins, how many bytes it has
+_COUNT = struct.Struct("<HQ")  # a channel, its messages
+_STATISTICS_BYTES = 46  # before the counts
 _FIRST_BYTES = 4096
 
 
@@ -42,9 +43,9 @@ def first_facts(path: Path) -> dict[str, str]:
     if start.startswith(MAGIC):
         for kind, content in _records(start[len(MAGIC) :]):
             if kind == Opcode.METADATA:
-                found = Metadata.read(ReadDataStream(BytesIO(content)))
-                if found.name == SEGMENT_METADATA:
-                    return dict(found.metadata)
+                name, facts = _metadata(content)
+                if name == SEGMENT_METADATA:
+                    return facts
     return {}
 
 
@@ -54,7 +55,7 @@ def glance(path: Path) -> Glance | None:
         data = path.read_bytes()
         begin = _checked_summary(data)
         return None if begin is None else _glance(data, begin)
-    except (OSError, struct.error, ValueError, EndOfFile):
+    except (OSError, struct.error, ValueError):
         return None
 
 
@@ -79,24 +80,38 @@ def _glance(data: bytes, begin: int) -> Glance:
     found: dict[str, list[dict[str, str]]] = {SEGMENT_METADATA: [], FACTS_METADATA: [], END_METADATA: []}
     counts = Counter[str]()
     for kind, content in _records(data[begin:]):
-        stream = ReadDataStream(BytesIO(content))
         if kind == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            topics[channel.id] = channel.topic
+            number, _, length = _CHANNEL.unpack_from(content)
+            topics[number] = content[_CHANNEL.size : _CHANNEL.size + length].decode()
         elif kind == Opcode.STATISTICS:
-            numbers = Statistics.read(stream).channel_message_counts
-            counts.update({topics[channel]: count for channel, count in numbers.items() if channel in topics})
+            for number, count in _COUNT.iter_unpack(content[_STATISTICS_BYTES:]):
+                counts[topics.get(number, "")] += count
         elif kind == Opcode.METADATA_INDEX:
-            index = MetadataIndex.read(stream)
-            if index.name in found:
-                found[index.name].append(_metadata(data[index.offset + _HEAD.size : index.offset + index.length]))
+            offset, length = _PLACE.unpack_from(content)
+            name, said = _metadata(data[offset + _HEAD.size : offset + length])
+            if name in found:
+                found[name].append(said)
     starts, facts, ends = (tuple(found[name]) for name in (SEGMENT_METADATA, FACTS_METADATA, END_METADATA))
     return Glance(starts, facts, ends, counts)
 
 
-def _metadata(content: bytes) -> dict[str, str]:
-    found: dict[str, str] = Metadata.read(ReadDataStream(BytesIO(content))).metadata
-    return found
+def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
+    """A metadata record's name and facts, field by field: the library's own reader takes ten times as long."""
+    name, at = _text(content, 0)
+    (length,) = _LENGTH.unpack_from(content, at)
+    at += _LENGTH.size
+    end, facts = at + length, {}
+    while at < end:
+        key, at = _text(content, at)
+        facts[key], at = _text(content, at)
+    return name, facts
+
+
+def _text(content: bytes, at: int) -> tuple[str, int]:
+    """The text at a place, and the place behind it."""
+    begin = at + _LENGTH.size
+    end = begin + _LENGTH.unpack_from(content, at)[0]
+    return content[begin:end].decode(), end
 
 
 def _records(data: bytes) -> Iterator[tuple[int, bytes]]:

@@ -7,6 +7,7 @@ from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX, sessions_in
 from minihuman.log.read.assemble import Gathering
 from minihuman.log.read.file import Reading, all_clean
+from minihuman.log.read.guard import guarded
 from minihuman.recorded.episode import SessionLog
 from minihuman.study import events as ev
 
@@ -32,13 +33,17 @@ def open_log(path: Path | str) -> SessionLog:
     files = _files(path)
     readings = [Reading(file) for file in files]
     gathered = Gathering()
-    for reading in readings:
-        gathered.read(reading)
+    for file, reading in zip(files, readings, strict=True):
+        with guarded(file):
+            gathered.read(reading)
     if not gathered.started:
         raise LogError(f"{path} holds no session plan; it was cut off before the session started")
     try:
-        return _session(path, gathered, readings)
+        with guarded(path):
+            return _session(path, gathered, readings)
     except LogError as error:
+        if str(path) in str(error):
+            raise
         raise LogError(f"{path}: {error}") from error
 
 

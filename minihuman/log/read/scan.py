@@ -77,7 +77,7 @@ class Scan:
         self.declared: set[Missing] = set()  # said to be missing, by whoever rewrote the file
         self.stopped = ""  # why the scan ended before the end of the file; "" if it did not
         self.crc = 0  # of all that was read, up to the end of the data
-        self._at = 0  # where the record begins that was read last
+        self.at = 0  # where the record begins that was read last
         self._segment = 0
         self._sequence = 0  # of our last message; others' logs may not count, ours count from 1 in each segment
         self._between: list[int] = []  # of unknown topics since then: a newer version's, if our next one counts them
@@ -174,7 +174,7 @@ class Scan:
                     yield Messages(copy.records, self.channels)
 
     def _note(self, reason: str) -> None:
-        self.gaps.append(Gap(self._at, self._at, reason))
+        self.gaps.append(Gap(self.at, self.at, reason))
 
     def _complete(self, segment: int, last_message: str) -> None:
         """Note the messages that are missing at a segment's end."""
@@ -183,7 +183,7 @@ class Scan:
 
     def _next(self, file: BinaryIO, at: int, size: int) -> tuple[Messages | Metadata | Attachment | None, int]:
         """Read the record at a byte: what it holds, and where the next one starts."""
-        self._at = at
+        self.at = at
         head = file.read(HEAD.size)
         end = at + HEAD.size
         if len(head) == HEAD.size:

@@ -9,17 +9,19 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from minihuman.log import segment_head, topics
-from minihuman.log.chain import Chain
+from minihuman.log.chain import HEAD, Chain
 from minihuman.log.decode import decode
 from minihuman.log.encode import for_viewers
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.scan import Missing, Scan
-from minihuman.study.events import EpisodeEnded, Event, SessionEnded, SessionStarted
+from minihuman.study.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
 
 NOT_COUNTED = 0  # the sequence of a message that only repeats another for viewers
 EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.for_viewers)
-_TOLD = frozenset({topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # what the end's metadata says comes of these
+_TOLD = frozenset(
+    {topics.SKIP, topics.PLAN, topics.EPISODE_END, topics.SESSION_END}
+)  # what the end's metadata says comes of these
 _HEAD = (topics.SEGMENT_METADATA, topics.FACTS_METADATA)
 
 
@@ -35,6 +37,7 @@ class Copy:
         self.end_reason = ""  # of the last file copied; "" if it holds none
         self.last_sequence = 0  # of the last file copied
         self.planned = 0  # episodes of the session
+        self.skipped = 0  # of them, in all files copied: a criterion was met, or the time was up
         self.completed: set[int] = set()  # of them, in all files copied: with an outcome other than abandoned
         self.lasted_ns = 0  # from the last file's first message to its last
         self._first_ns = 0
@@ -69,12 +72,14 @@ class Copy:
                     self._attachment(record)
         self._write_head()
 
-    def metadata(self, name: str, facts: Mapping[str, object]) -> None:
-        """Add a metadata record."""
+    def metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
+        """Add a metadata record; ``sealed``: with the head of the chain, itself included."""
         record = Metadata(name, {key: _text(value) for key, value in facts.items()})
         self._flush()  # else it would come before the messages that it follows
-        self._writer.add_metadata(record.name, record.metadata)
         self.chain.metadata(record)
+        if sealed:
+            record.metadata[HEAD] = self.chain.head
+        self._writer.add_metadata(record.name, record.metadata)
         if name == topics.SEGMENT_METADATA:
             self.starts.append(record.metadata)
         elif name == topics.END_METADATA:
@@ -87,7 +92,7 @@ class Copy:
 
     def end(self, facts: Mapping[str, object]) -> None:
         """Say how a segment ended; the head of the chain goes with it."""
-        self.metadata(topics.END_METADATA, {**facts, "chain": self.chain.head})
+        self.metadata(topics.END_METADATA, facts, sealed=True)
 
     def _attachment(self, record: Attachment) -> None:
         if (record.name, record.data) in self._attachments:
@@ -123,6 +128,8 @@ class Copy:
         match event:
             case SessionStarted(plan=plan):
                 self.planned = len(plan.episodes)
+            case EpisodesSkipped(count=count):
+                self.skipped += count
             case EpisodeEnded(outcome=outcome, episode=episode) if outcome != "abandoned":
                 self.completed.add(episode)
             case SessionEnded(reason=reason):

@@ -18,6 +18,7 @@ from minihuman.errors import LogError
 from minihuman.log import topics
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_guest
 from minihuman.log.read.file import segment_starts
+from minihuman.log.read.guard import guarded
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.claim import is_live, sync_folder, taken
 from minihuman.log.record.copy import Copy
@@ -107,7 +108,8 @@ def recover(part: Path) -> Finished:
     where = SegmentPath.of_part(part)
     with taken(part):
         try:
-            return finish(where, clean=False)
+            with guarded(part, "recovered"):
+                return finish(where, clean=False)
         except OSError as error:
             raise LogError(f"{part} could not be finished and stays as it is: {error.strerror}") from error
 
@@ -124,6 +126,11 @@ def repair(log: Path) -> Finished:
         pass
     else:
         raise LogError(f"{log} is whole: there is nothing to recover in it")
+    with guarded(log, "recovered"):
+        return _repaired(log)
+
+
+def _repaired(log: Path) -> Finished:
     temporary = log.with_name(f"{log.name}.finishing")
     try:
         scan = Scan(log)
@@ -170,7 +177,7 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, p
             "steps": copy.counts[topics.STEP],
             "last_message": copy.last_sequence if promised is None else promised.messages,
             "stopped": damage,
-            "planned": copy.planned,
+            "planned": copy.planned - copy.skipped,
             "completed": len(copy.completed),
             "lasted_ns": copy.lasted_ns,
         }

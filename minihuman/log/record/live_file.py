@@ -24,6 +24,7 @@ from minihuman.log.topics import (
     TOPICS,
     schema_bytes,
 )
+from minihuman.study.again import RULES
 from minihuman.study.events import EpisodeStarted, Event, SessionStarted, Stepped
 from minihuman.study.plan import EpisodePlan, SessionPlan
 
@@ -82,13 +83,13 @@ class LiveLog:
         writer, started_ns = self._writer, self._started_ns
         writer.start(profile=PROFILE, library=LIBRARY)
         head = [
-            Metadata(SEGMENT_METADATA, _segment_facts(event.plan, started_ns)),
+            Metadata(SEGMENT_METADATA, segment_facts(event.plan, started_ns)),
             Metadata(FACTS_METADATA, event.facts),
         ]
         for record in head:
             writer.add_metadata(record.name, record.metadata)
         begin = self._flushed()
-        for name, media_type, content in _attachments(event.plan):
+        for name, media_type, content in attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
         schemas: dict[str, Schema] = {}
         channels: list[Channel] = []
@@ -146,10 +147,12 @@ class _Taken:
         return taken
 
 
-def _segment_facts(plan: SessionPlan, started_ns: int) -> dict[str, str]:
+def segment_facts(plan: SessionPlan, started_ns: int) -> dict[str, str]:
+    """What a segment's metadata says of it; ``started_ns`` is the wall clock at its time 0."""
     started = datetime.fromtimestamp(started_ns // 1_000_000_000, UTC)
     return {
         "schema_version": str(SCHEMA_VERSION),
+        "session_rules": str(RULES),
         "segment": str(plan.segment),
         "started_at": f"{started:%Y-%m-%dT%H:%M:%S}.{started_ns % 1_000_000_000:09d}Z",
         "started_unix_ns": str(started_ns),  # the wall clock when the session's monotonic clock was 0
@@ -164,7 +167,8 @@ def _segment_facts(plan: SessionPlan, started_ns: int) -> dict[str, str]:
     }
 
 
-def _attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
+def attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
+    """Name, media type and content of what is attached to a log."""
     key_maps = {episode.episode: episode.key_map for episode in plan.episodes}
     return (
         ("protocol.toml", "application/toml", plan.protocol_toml),

@@ -176,6 +176,11 @@ class Questions(Activity):
         )
 
     @property
+    def asked(self) -> Question:
+        """The question that is asked, for whoever answers without reading."""
+        return self._draft.asked
+
+    @property
     def _draft(self) -> Draft:
         return self._drafts[self._number]
 

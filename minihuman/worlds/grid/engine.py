@@ -12,7 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import UNKNOWN, Bounds, NativeWorld, Palette, View
+from minihuman.worlds.contract import Bounds, NativeWorld, Palette, View
 from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.compile_apart import PIECES
 from minihuman.worlds.grid.core.cells import kind_of
@@ -266,15 +266,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         return floor_plan(self._in_world(), self.palette, self.kinds)
 
     def way(self) -> Sequence[int] | None:
-        """The shortest list of actions to success; empty if there is none, None where an instruction says it."""
-        if self._row[TASK] == INSTRUCTED:
-            return None
+        """The shortest list of actions to success; empty if there is none."""
         return plan(self._in_world(), self._now()) or ()
 
     def bounds(self) -> Bounds:
         """The length of that list, twice; where it would take too long to find, what it cannot be shorter than."""
-        if self._row[TASK] == INSTRUCTED:
-            return UNKNOWN
         return bounds(self._in_world(), self._now())
 
     def state_hash(self) -> int:

@@ -11,6 +11,7 @@ from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES, EMPTY, KINDS,
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
 from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.state import FAILED, HEIGHT, TARGET, TASK, WIDTH, Row, contents_index, make, put
+from minihuman.worlds.grid.instructions.language import Instruction
 from minihuman.worlds.grid.items import Item, wall
 from minihuman.worlds.grid.kinds import Kind
 
@@ -32,6 +33,7 @@ class Layout:
     def __init__(self, row: Row, np_random: np.random.Generator, mission: str, kinds: Sequence[Kind] = ()) -> None:
         self.width, self.height = int(row[WIDTH]), int(row[HEIGHT])
         self.mission = mission  # set it to give this episode another
+        self.instruction: Instruction | None = None  # set it where the mission is an `InstructionSpace`
         self.kinds = tuple(kinds)  # of the world's own
         self._row = row
         self._np_random = np_random

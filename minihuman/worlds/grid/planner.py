@@ -14,6 +14,7 @@ from minihuman.worlds.grid.core.tasks import (
     FETCH,
     FORWARD,
     IN_ORDER,
+    INSTRUCTED,
     LEFT,
     MATCH,
     OPEN_DOOR,
@@ -33,7 +34,8 @@ def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> l
     """The shortest list of actions that succeeds from this state, which is not changed; None if there is none.
 
     The step limit is not looked at. Doors, keys, boxes and things in the way are dealt with by search, which is
-    exact and grows with the number of things that can be moved.
+    exact and grows with the number of things that can be moved. Instructions are planned clause by clause, which
+    need not be the shortest: ``instructions.planner`` says how short it can be at best.
 
     Args:
         state: Where to start.
@@ -44,6 +46,8 @@ def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> l
         WorldError: if the search gave up, or obstacles move and it is not known how.
     """
     row = state.row
+    if row[TASK] == INSTRUCTED:
+        return _do_as_told(state)
     if row[TASK] == DODGE:
         if words is None:
             raise WorldError("obstacles move by chance in this world; no list of actions is sure to succeed")
@@ -59,7 +63,7 @@ def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> l
     if row[TASK] == REACH:
         walking = distances(row, sources, False)
         if walking[here] == bound[here]:
-            return _descend(walking, *here)
+            return descend(walking, *here)
     allowed = min(FIRST_LIMIT, limit)
     while True:
         outcome, actions = search(row, bound, extra, allowed, np.zeros(6, np.uint64))
@@ -72,8 +76,26 @@ def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> l
         allowed = min(16 * allowed, limit)
 
 
+def _do_as_told(state: State) -> list[int] | None:
+    from minihuman.worlds.grid.instructions.planner import plan_instruction  # compiled: only where it is used
+
+    way = plan_instruction(state.row)
+    if not way.found and not way.unsolvable:
+        raise WorldError("no plan was found for this instruction in the states looked at; there may be one")
+    return list(way.actions) if way.found else None
+
+
+def _bounds_as_told(state: State) -> Bounds:
+    from minihuman.worlds.grid.instructions.planner import plan_instruction
+
+    way = plan_instruction(state.row)
+    return UNKNOWN if way.unsolvable else Bounds(way.at_least, len(way.actions) if way.found else None)
+
+
 def bounds(state: State, words: Words, *, limit: int = 1 << 20) -> Bounds:
     """How many actions success takes: the plan's number twice, or the least there can be where the search gave up."""
+    if state.row[TASK] == INSTRUCTED:
+        return _bounds_as_told(state)
     try:
         found = plan(state, words, limit=limit)
     except WorldError:
@@ -86,7 +108,7 @@ def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
     """The shortest list of turns and steps to one of the poses (n, 3: x, y, direction); None if there is none."""
     steps = distances(state.row, _numbers(state, poses), False)
     here = (*state.position, state.direction)
-    return None if steps[here] >= FAR else _descend(steps, *here)
+    return None if steps[here] >= FAR else descend(steps, *here)
 
 
 def _relaxed(state: State) -> tuple[NDArray[np.int32], int]:
@@ -144,7 +166,7 @@ def _anywhere(state: State) -> NDArray[np.int64]:
     return _standing(np.argwhere(np.ones(state.cells.shape, bool)))
 
 
-def _descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
+def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
     """Walk down the distances to where they are 0."""
     actions = []
     while steps[x, y, direction] > 0:

@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 from minihuman.worlds.grid.core.state import OVER, PHASE
 from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.instructions.placing import instruct
 from minihuman.worlds.grid.layout import Layout
 
 
@@ -14,6 +15,8 @@ class GridWorld(GridEngine, abc.ABC):
     A subclass writes `layout`, and `judge` if goal, lava and the tasks of ``tasks`` are not what it is about.
     """
 
+    own_steps: ClassVar[bool] = True  # of an instruction: judge each part by its own steps
+    done_required: ClassVar[bool] = False  # a clause ends when "done" is said right after it was done
     _judges: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -36,6 +39,9 @@ class GridWorld(GridEngine, abc.ABC):
         grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)
         self.mission = grid.mission
+        if grid.instruction is not None:
+            instruct(self._row, grid.instruction, own_steps=self.own_steps, done_required=self.done_required)
+            self.mission = self.mission_space.of(self._row)
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""

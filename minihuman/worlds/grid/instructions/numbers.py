@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.core.cells import COLOURS, KINDS
-from minihuman.worlds.grid.core.state import FAILED, HEADER, HEIGHT, TASK, WIDTH, Row
+from minihuman.worlds.grid.core.state import FAILED, HEADER, HEIGHT, OBJECTS, TASK, WIDTH, Row
 from minihuman.worlds.grid.core.tasks import INSTRUCTED
 from minihuman.worlds.grid.instructions.block import (
     AFTER,
@@ -84,6 +84,13 @@ def block(row: Row) -> Row:
     """The numbers of a state's instruction, int32[BLOCK]: a view."""
     begin = HEADER + 3 * int(row[WIDTH]) * int(row[HEIGHT])
     return row[begin : begin + BLOCK]
+
+
+def means(row: Row) -> Row:
+    """By which descriptions each object is meant, as bits, by identity - 1: a view."""
+    cells = int(row[WIDTH]) * int(row[HEIGHT])
+    begin = HEADER + 3 * cells + BLOCK
+    return row[begin : begin + int(row[OBJECTS])]
 
 
 def has_instruction(row: Row) -> bool:

@@ -1,0 +1,48 @@
+"""What ``minihuman verify`` says of a log: the proof of its steps, then of everything around them."""
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from minihuman.lab.prove import prove
+from minihuman.lab.seal import broken
+from minihuman.lab.trust import trusting
+from minihuman.lab.verify import other_rules, verify
+from minihuman.log.read.guard import guarded
+from minihuman.log.read.open_log import open_log
+
+MOST_LINES = 20  # of differences, a log
+
+
+def proofs(log: Path, *, trust: Collection[str] = ()) -> Iterator[tuple[str, bool]]:
+    """Yield lines on a log, each with whether it is good news.
+
+    Raises:
+        LogError: if the log cannot be read.
+        WorldError: if a world of it cannot be made here, or is in a module that is not trusted.
+    """
+    session = open_log(log)
+    make_world = trusting(trust)
+    if other := other_rules(session):
+        yield other, True
+    with guarded(log, "played again"):
+        steps = verify(session, make_world)
+    if steps.difference:
+        yield steps.difference, False
+    with guarded(log, "proven"):
+        differences = list(prove(log, make_world)) if log.is_file() else []
+    for difference in differences[:MOST_LINES]:
+        yield difference, False
+    if len(differences) > MOST_LINES:
+        yield f"and {len(differences) - MOST_LINES} more", False
+    if not steps.difference and not differences:
+        yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
+
+
+def unbroken(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
+    """Yield lines on a sealed study, each with whether it is good news.
+
+    Raises:
+        LogError: if the seal is none.
+    """
+    lines = [(line, False) for line in broken(study, seal)]
+    yield from lines or [("every file is as it was sealed", True)]

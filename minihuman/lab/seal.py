@@ -1,0 +1,122 @@
+"""Seals: one number for a log, one for a study, that another file or a publication can hold on to.
+
+A log's is the head of its hash chain. A study's is a SHA-256 over the SHA-256 of every file in its folder: whoever has
+it can tell later whether anything was changed, added or taken away since, whatever tools were used to do it.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from minihuman.errors import LogError
+from minihuman.lab.register import FILE_NAME as REGISTER
+from minihuman.lab.register import Sealed, note_seal
+from minihuman.lab.session_table import FILE_NAME as TABLE
+from minihuman.log.chain import HEAD
+from minihuman.log.read.glance import glance
+from minihuman.log.record.claim import sync_folder
+
+FILE_NAME = "seal.json"
+_LEFT_OUT = (FILE_NAME, TABLE)  # the seal itself, and what is only a cache
+_DIGITS = 64
+
+
+class Seal(msgspec.Struct, frozen=True):
+    """A study as it was: its digest, and the SHA-256 of every file, by its path within the study's folder."""
+
+    digest: str
+    files: dict[str, str]
+
+
+def note_end(log: Path) -> str:
+    """Write the head of a finished log's chain into the study's register, and give it; "" if it has none.
+
+    Raises:
+        OSError: if the register cannot be written.
+    """
+    found = glance(log)
+    if found is None or not found.ends or HEAD not in found.ends[-1]:
+        return ""
+    end = found.ends[-1]
+    if (log.parent.parent.parent / REGISTER).exists():  # a log by itself, far from its study, stays by itself
+        note_seal(log.parent.parent.parent, Sealed(log.name, end["segment"], end[HEAD]))
+    return end[HEAD]
+
+
+def seal(study: Path) -> Seal:
+    """Seal a study's folder as it is now, in its file ``seal.json``; a seal of before is replaced.
+
+    Raises:
+        LogError: if it is no folder, or empty.
+        OSError: if a file cannot be read, or the seal cannot be written.
+    """
+    files = _digests(study)
+    if not files:
+        raise LogError(f"{study} is no folder with files in it; name a study's folder")
+    made = Seal(_digest(files), files)
+    unfinished = study / f"{FILE_NAME}.part"
+    with unfinished.open("wb") as file:
+        file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
+        file.flush()
+        os.fsync(file.fileno())
+    unfinished.replace(study / FILE_NAME)
+    sync_folder(study)
+    return made
+
+
+def broken(study: Path, given: str) -> Iterator[str]:
+    """Yield what in a study's folder is not as it was sealed: ``given`` is the digest, or a seal's file.
+
+    Raises:
+        LogError: if it is neither.
+        OSError: if a file cannot be read.
+    """
+    file = Path(given)
+    kept = _read(file if file.is_file() else study / FILE_NAME)
+    digest = given.lower()
+    if not file.is_file():
+        if len(digest) != _DIGITS or not set(digest) <= set("0123456789abcdef"):
+            raise LogError(f"{given!r} is neither a seal's file nor {_DIGITS} hexadecimal digits")
+        if kept is None or kept.digest != digest:
+            now = _digest(_digests(study))
+            if now != digest:
+                yield f"the study is not as it was sealed with {digest[:16]}: it is {now[:16]} now"
+            return
+    if kept is None or _digest(kept.files) != kept.digest:
+        yield f"{file if file.is_file() else study / FILE_NAME} is no seal, or was changed"
+        return
+    now_there = _digests(study)
+    for name in sorted({*kept.files, *now_there}):
+        if name not in now_there:
+            yield f"{name} is gone"
+        elif name not in kept.files:
+            yield f"{name} was not there"
+        elif kept.files[name] != now_there[name]:
+            yield f"{name} was changed"
+
+
+def _read(path: Path) -> Seal | None:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Seal)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def _digests(study: Path) -> dict[str, str]:
+    found = {}
+    for folder, _, names in os.walk(study):
+        for name in names:
+            path = Path(folder, name)
+            if path.is_file() and not name.startswith(_LEFT_OUT):
+                with path.open("rb") as file:
+                    found[path.relative_to(study).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+    return dict(sorted(found.items()))
+
+
+def _digest(files: dict[str, str]) -> str:
+    """Of the lines that ``sha256sum`` prints for these files, in the order of their paths."""
+    lines = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
+    return hashlib.sha256(lines.encode()).hexdigest()

@@ -1,0 +1,133 @@
+"""The store: kept rows are the rows, whatever became of logs, marks and the file itself."""
+
+import os
+import shutil
+
+import duckdb
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from minihuman.cli import see
+from minihuman.data import store as the_store
+from minihuman.data.columns import TABLES
+from minihuman.data.marks import Mark, add_mark
+from minihuman.data.selection import Selection
+from minihuman.data.store import FILE_NAME, Store
+from minihuman.data.study import Sessions
+from minihuman.errors import StoreError
+from minihuman.log.read.open_log import open_log
+from tests.builders import session, write_log
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    for index, seed in enumerate((0, 1, 2)):
+        write_log(session(participant=f"sub-0{index + 1}", index=index, seed=seed, blocks=("grid",), episodes=2), data)
+    return data / "transfer"
+
+
+@pytest.fixture
+def study(played, tmp_path):
+    return shutil.copytree(played, tmp_path / "transfer")
+
+
+def rows(study, **how) -> dict[str, list[dict]]:
+    with Store(Sessions(study, processes=1, **how), with_shortest=False) as store:
+        return {name: store.tables.table(name).to_pylist() for name in TABLES}
+
+
+def by_hand(study, **how) -> dict[str, list[dict]]:
+    found: dict[str, list[dict]] = {name: [] for name in TABLES}
+    for one in Sessions(study, processes=1, **how).rows(with_shortest=False):
+        for name in TABLES:
+            found[name] += one.rows[name].to_pylist()
+    return found
+
+
+def no_reading(monkeypatch):
+    def refuse(paths, work, processes=None):
+        assert not paths
+        return iter(())
+
+    monkeypatch.setattr(the_store, "each_log", refuse)
+
+
+def test_kept_rows_are_those_of_the_logs_and_are_made_once(study, monkeypatch):
+    first = rows(study)
+    assert first == by_hand(study)
+    no_reading(monkeypatch)
+    assert rows(study) == first
+
+
+def test_a_log_that_came_changed_or_went_and_a_mark_are_noticed_and_the_order_is_the_paths(study, tmp_path):
+    shutil.move(study / "sub-02", tmp_path / "sub-02")
+    rows(study)
+    shutil.move(tmp_path / "sub-02", study / "sub-02")
+    assert rows(study) == by_hand(study)
+    assert [row["participant"] for row in rows(study)["participants"]] == ["sub-01", "sub-02", "sub-03"]
+    log = next((study / "sub-03").rglob("*.mcap"))
+    add_mark(open_log(log), Mark("exclude", "2026-01-06T10:00:00Z", episode=1))
+    assert [row["left_out"] for row in rows(study)["episodes"]].count("tagged exclude") == 1
+    shutil.rmtree(study / "sub-01")
+    assert rows(study) == by_hand(study)
+
+
+@pytest.mark.parametrize("become", ["gone", "rubbish", "of another version", "cut off"])
+def test_whatever_became_of_the_file_the_rows_are_right(study, become):
+    expected = rows(study)
+    file = study / FILE_NAME
+    match become:
+        case "gone":
+            file.unlink()
+        case "rubbish":
+            file.write_bytes(b"dear diary" * 1000)
+        case "of another version":
+            with duckdb.connect(str(file)) as tables:
+                tables.execute("UPDATE kept.made_by SET version = 'older'")
+        case "cut off":
+            file.write_bytes(file.read_bytes()[:20_000])
+    assert rows(study) == expected
+
+
+def test_another_selection_has_its_own_rows_and_leaves_the_file_alone(study):
+    rows(study)
+    kept = (study / FILE_NAME).read_bytes()
+    asked = {"selection": Selection(participant=("sub-02",))}
+    assert rows(study, **asked) == by_hand(study, **asked)
+    assert (study / FILE_NAME).read_bytes() == kept
+
+
+def test_the_account_is_the_same_from_the_store_as_from_the_logs(study):
+    accounts = []
+    for _ in range(2):
+        sessions = Sessions(study)
+        with Store(sessions, with_shortest=False):
+            accounts.append(list(sessions.account.lines()))
+    assert accounts[0] == accounts[1]
+    sessions = Sessions(study)
+    assert sum(len(one.places) for one in sessions) == 6
+    assert list(sessions.account.lines()) == accounts[0]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_may_not_be_written_is_read_all_the_same(study):
+    expected = by_hand(study)
+    study.chmod(0o555)
+    assert rows(study) == expected
+
+
+def test_a_query_is_answered_in_lines_or_as_csv_and_changes_nothing(study):
+    app = typer.Typer()
+    see.add_to(app)
+    sql = "select participant, count(*) as n from episodes where left_out is null group by all order by all"
+    told = CliRunner().invoke(app, ["query", str(study), sql])
+    assert told.stdout.splitlines()[:2] == ["participant  n", "sub-01       2"]
+    told = CliRunner().invoke(app, ["query", str(study), sql, "--csv"])
+    assert told.stdout.splitlines() == ['"participant","n"', '"sub-01",2', '"sub-02",2', '"sub-03",2']
+    before = rows(study)
+    for wrong in ("select nothing from episodes", "drop table kept.steps", "nonsense"):
+        with Store(Sessions(study), with_shortest=False) as store, pytest.raises(StoreError, match="the tables are"):
+            store.tables.query(wrong)
+    assert rows(study) == before

@@ -1,0 +1,159 @@
+"""Groups, orders, sessions and keys: what each participant gets, and that it balances over many."""
+
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from minihuman.errors import AllocationError, ProtocolError
+from minihuman.lab.protocol_file import read_protocol
+from minihuman.study.allocation import allocation, latin_square
+from minihuman.study.expand import enrol, expand
+from minihuman.study.resolve import part_names
+from tests.study.studies import CORRIDOR, plan_of, protocol
+
+TWO_DAYS = read_protocol(Path(__file__).parents[2] / "protocols" / "two-days.toml")
+MAIN = {"open", "rooms", "crossing", "lava"}
+
+
+@pytest.mark.parametrize("count", range(2, 9))
+def test_a_latin_square_has_each_at_each_place_and_after_each_other_equally_often(count):
+    square = latin_square(count)
+    places = Counter((place, thing) for row in square for place, thing in enumerate(row))
+    follows = Counter(pair for row in square for pair in pairwise(row))
+    assert len(places) == count * count
+    assert len(follows) == count * (count - 1)
+    assert len(set(places.values())) == len(set(follows.values())) == 1
+
+
+def test_a_thousand_participants_balance():
+    """Groups 2:1:1, in each of them every order of the square, and every action on every key."""
+    slots = allocation(TWO_DAYS)
+    assert len(slots) == 1000
+    groups = Counter(slot.group for slot in slots)
+    assert [round(groups[name] / 250, 1) for name in ("hidden", "shown", "control")] == [2.0, 1.0, 1.0]
+    for group, size in groups.items():
+        of_group = [slot for slot in slots if slot.group == group]
+        orders = Counter(slot.orders for slot in of_group)
+        assert len(orders) == 4
+        assert max(orders.values()) - min(orders.values()) <= 1, (group, size)
+        for action in range(3):
+            keys = Counter(slot.kept[action] for slot in of_group)
+            assert len(keys) == 6
+            assert max(keys.values()) - min(keys.values()) <= 0.12 * size / 6 + 2
+    for action in range(3):
+        keys = Counter(slot.kept[action] for slot in slots[:996])
+        assert set(keys.values()) == {166}
+
+
+@pytest.mark.parametrize("count", [4, 8, 100])
+def test_the_ratio_holds_from_the_beginning(count):
+    groups = Counter(slot.group for slot in allocation(TWO_DAYS)[:count])
+    assert groups["hidden"] <= count * 0.5 + 6
+    assert abs(groups["hidden"] - groups["shown"] - groups["control"]) <= 6
+
+
+def test_a_list_made_longer_keeps_the_slots_it_had():
+    rest = '[[groups]]\nname = "all"\nparts = ["o"]\n[[orders]]\nname = "o"\nparts = ["corridor", "two"]\n'
+    blocks = CORRIDOR + CORRIDOR.replace('"corridor"', '"two"')
+    short, long = (allocation(protocol(rest + blocks, participants=count)) for count in (10, 40))
+    assert long[:10] == short
+
+
+def names_of(index: int, session: int) -> list[str]:
+    slot = allocation(TWO_DAYS)[index]
+    return part_names(TWO_DAYS, slot, slot.group, session)
+
+
+@pytest.mark.parametrize("index", range(8))
+def test_each_day_has_its_parts(index):
+    group = allocation(TWO_DAYS)[index].group
+    first, second = names_of(index, 1), names_of(index, 2)
+    how = "how-fixed" if group == "control" else "how"
+    assert first[:6] == ["consent", "about-you", how, "quiz", "keyboard_check", "practice"]
+    assert first[-2:] == ["load", "until-tomorrow"]
+    assert second[:2] == ["again", "keyboard_check"]
+    assert set(first[6:10]) == set(second[2:6]) == MAIN
+    assert first[6:10] == second[2:6]
+    assert second[-2:] == ["load", "goodbye"]
+
+
+def test_there_is_no_third_day():
+    with pytest.raises(AllocationError, match="has 2 sessions, not 3"):
+        expand(TWO_DAYS, enrol(TWO_DAYS, 0), session=3)
+
+
+@pytest.mark.parametrize("index", range(8))
+def test_keys_are_the_same_on_both_days_and_fixed_for_the_control_group(index):
+    who = enrol(TWO_DAYS, index)
+    days = [expand(TWO_DAYS, who, session=session) for session in (1, 2)]
+    maps = {tuple(sorted(episode.key_map.keys.items())) for plan in days for episode in plan.episodes}
+    assert len(maps) == 1
+    [its] = maps
+    assert {action for _, action in its} == {"left", "right", "forward"}
+    shown = {episode.show_keys for plan in days for episode in plan.episodes}
+    assert shown == {who.group != "hidden"}
+    if who.group == "control":
+        assert dict(its) == {"1": "left", "2": "forward", "3": "right"}
+
+
+def test_layouts_are_new_on_the_second_day():
+    who = enrol(TWO_DAYS, 0)
+    seeds = [{episode.seed for episode in expand(TWO_DAYS, who, session=day).episodes} for day in (1, 2)]
+    assert not seeds[0] & seeds[1]
+
+
+def test_orders_of_ones_own_are_drawn_for_each_participant():
+    rest = (
+        '[[groups]]\nname = "all"\nparts = ["o"]\n'
+        '[[orders]]\nname = "o"\norder = "shuffled"\nparts = ["a", "b", "c"]\n'
+        + "".join(f'[[pages]]\nname = "{name}"\ntext = "{name}"\n' for name in "abc")
+    )
+    study = protocol(rest, participants=60)
+    orders = Counter(slot.orders[0] for slot in allocation(study))
+    assert len(orders) == 6
+
+
+def test_a_group_has_texts_of_its_own_and_may_leave_a_part_out():
+    rest = (
+        '[[groups]]\nname = "x"\nparts = ["t", "u"]\n[[groups]]\nname = "y"\nparts = ["t", "u"]\ninstead = { u = "" }\n'
+        '[[pages]]\nname = "t"\ntext = "for all"\n[pages.for_group.y]\ntext = "for y"\n'
+        '[[pages]]\nname = "u"\ntext = "u"\n'
+    )
+    study = protocol(rest)
+    plans = {plan.participant.group: plan for plan in (expand(study, enrol(study, index)) for index in range(8))}
+    assert [part.plan.pages for part in plans["x"].parts] == [("for all",), ("u",)]
+    assert [part.plan.pages for part in plans["y"].parts] == [("for y",)]
+
+
+def test_questions_may_come_in_an_order_of_ones_own():
+    items = "".join(f'[[questions.items]]\nname = "{n}"\nkind = "text"\nask = "{n}"\n' for n in range(6))
+    rest = f'[[questions]]\nname = "q"\nshuffle = true\n{items}'
+    orders = {tuple(item.name for item in plan_of(rest, ["q"], index=index).parts[0].plan.items) for index in range(9)}
+    assert len(orders) > 6
+
+
+MISTAKES = {
+    "[[groups]]\nname='a'\nparts=['nix']": r"\$\.groups\[0\]\.parts\[0\] is 'nix', which is no part",
+    "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nform='tlx'": "is 'tlx'; forms: nasa-tlx",
+    "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'": "needs items, or the name of a form",
+    "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nform='nasa-tlx'\nback_to='x'": "back_to is 'x'",
+    "[[groups]]\nname='a'\nratio=0\nparts=['p']\n[[pages]]\nname='p'": r"ratio is 0; use 1 to 100",
+    "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[words.ready]\ntytle='x'": r"words\.ready\.tytle",
+    "[[groups]]\nname='a'\n[[sessions]]\nname='s'\nparts=['p']\ndays_after=[1,2]\n[[pages]]\nname='p'": "first session",
+    "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.for_group.b]\ntext='x'": "is for no group",
+    "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.for_group.a]\ntxt='x'": "txt",
+}
+
+
+@pytest.mark.parametrize("rest", MISTAKES, ids=range(len(MISTAKES)))
+def test_a_mistake_in_a_design_is_one_line_that_names_it(rest):
+    with pytest.raises(ProtocolError, match=MISTAKES[rest]) as caught:
+        protocol(rest)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_language_without_words_of_ours_says_what_is_missing():
+    with pytest.raises(ProtocolError, match=r"is 'ko', which is none of en, de.*missing, the first is direction"):
+        plan_of("[[pages]]\nname='p'\n", ["p"], language="ko")

@@ -1,0 +1,249 @@
+"""Questions: answered by keys, text and pointer; what was given is what is logged."""
+
+import json
+
+import pytest
+
+from minihuman.study.events import AnswerChanged, Answered, EpisodesSkipped, PartEnded, SessionEnded
+from minihuman.study.inputs import KeyDown, PointerMoved, PointerPressed, Typed
+from minihuman.study.phases import Phase
+from minihuman.windows.compose import spot_at
+from tests.study.sessions import Desk
+from tests.study.studies import plan_of
+
+HD = (1280, 720)
+ITEMS = {
+    "choice": 'kind = "choice"\noptions = ["a", "b", "c"]\ncodes = ["A", "B", "C"]',
+    "choices": 'kind = "choices"\noptions = ["a", "b", "c"]',
+    "likert": 'kind = "likert"\nlow = "no"\nhigh = "yes"',
+    "slider": 'kind = "slider"\nlow = "no"\nhigh = "yes"\nstep = 5',
+    "number": 'kind = "number"\nminimum = 18\nmaximum = 99',
+    "text": 'kind = "text"',
+    "long_text": 'kind = "long_text"',
+}
+
+
+def asked(*kinds: str, more: str = "", language: str = "en", extra: str = "") -> Desk:
+    items = "".join(f'[[questions.items]]\nname = "{kind}"\nask = "?"\n{ITEMS[kind]}\n{extra}\n' for kind in kinds)
+    rest = f'[[questions]]\nname = "q"\ntitle = "T"\n{more}\n{items}'
+    return Desk(plan_of(rest, ["q"], language=language))
+
+
+def type_text(desk: Desk, text: str) -> None:
+    desk.now_ns += 1
+    desk.give(Typed(desk.now_ns, text))
+
+
+def point(desk: Desk, target: str, along: float = 0.5) -> None:
+    desk.now_ns += 1
+    desk.give(PointerPressed(desk.now_ns, 0.5, 0.5, target, along))
+
+
+def answer(desk: Desk):
+    [given] = desk.of(Answered)
+    return json.loads(given.value), given
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "value"),
+    [
+        ("choice", ["2"], "B"),
+        ("choice", ["down", "down"], "B"),
+        ("choice", ["up"], "C"),
+        ("choices", ["1", "3", "1", "2"], [2, 3]),
+        ("choices", ["space", "down", "space"], [1, 2]),
+        ("likert", ["right", "right"], 5),
+        ("likert", ["7"], 7),
+        ("likert", ["left", "left", "left", "left", "left", "left"], 1),
+        ("slider", ["right"], 50),
+        ("slider", ["home", "right"], 5),
+        ("slider", ["end", "page_down"], 90),
+    ],
+)
+def test_keys_answer(kind, keys, value):
+    desk = asked(kind)
+    desk.press(*keys, "enter")
+    assert answer(desk)[0] == value
+    assert desk.of(SessionEnded)[0].reason == "complete"
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "along", "value"),
+    [
+        ("choice", "option:1", 0, "B"),
+        ("choices", "option:2", 0, [3]),
+        ("likert", "option:6", 0, 7),
+        ("slider", "slider", 0.31, 30),
+    ],
+)
+def test_the_pointer_answers(kind, target, along, value):
+    desk = asked(kind)
+    point(desk, target, along)
+    point(desk, "go_on")
+    assert answer(desk)[0] == value
+
+
+def test_a_slider_follows_the_pointer_while_it_is_down():
+    desk = asked("slider")
+    point(desk, "slider", 0.1)
+    for along in (0.2, 0.4, 0.8):
+        desk.give(PointerMoved(desk.now_ns, 0.5, 0.5, "slider", along))
+    point(desk, "go_on")
+    value, given = answer(desk)
+    assert (value, given.changes) == (80, 4)
+    assert [json.loads(event.value) for event in desk.of(AnswerChanged)] == [10, 20, 40, 80]
+
+
+@pytest.mark.parametrize("kind", ["choice", "choices", "likert", "slider"])
+def test_every_spot_is_where_it_is_drawn(kind):
+    desk = asked(kind, kind.replace("slider", "likert") if kind == "slider" else "slider")
+    spots = {}
+    for x in range(400):
+        for y in range(200):
+            name, along = spot_at(desk.session.screen, HD, x / 400, y / 200)
+            spots.setdefault(name, []).append((x, along))
+    expected = {"choice": 3, "choices": 3, "likert": 7, "slider": 0}[kind]
+    assert {name for name in spots if name.startswith("option")} == {f"option:{n}" for n in range(expected)}
+    if kind == "slider":
+        line = sorted(spots["slider"])
+        assert [along for _, along in line] == sorted(along for _, along in line)
+
+
+def test_a_scale_runs_from_right_to_left_in_arabic():
+    desk, arabic = asked("likert"), asked("likert", language="ar")
+    places = []
+    for screen in (desk.session.screen, arabic.session.screen):
+        row = [spot_at(screen, HD, x / 400, y / 100)[0] for x in range(400) for y in (46, 48, 50, 52, 54, 56)]
+        places.append([name for name in dict.fromkeys(row) if name])
+    assert places[0] == [f"option:{n}" for n in range(7)]
+    assert places[1] == places[0][::-1]
+    arabic.press("left", "left", "enter")
+    assert answer(arabic)[0] == 5
+
+
+def test_text_is_typed_moved_in_and_taken_back():
+    desk = asked("text")
+    type_text(desk, "Gußß ")
+    desk.press("backspace", "backspace", "left", "left")
+    type_text(desk, "r")
+    desk.press("end")
+    type_text(desk, "!\n")
+    desk.press("enter")
+    assert answer(desk)[0] == "Gruß!"
+
+
+def test_a_long_text_has_lines_and_is_left_by_tab():
+    desk = asked("long_text")
+    type_text(desk, "one")
+    desk.press("enter")
+    type_text(desk, "two")
+    desk.press("tab")
+    assert answer(desk)[0] == "one\ntwo"
+
+
+@pytest.mark.parametrize(
+    ("typed", "note"), [("", "answer this"), ("12.5", "whole"), ("17", "from 18 to 99"), ("-", "whole")]
+)
+def test_a_number_that_cannot_be_is_not_taken(typed, note):
+    desk = asked("number")
+    type_text(desk, f"{typed}x")  # letters are no number
+    desk.press("enter")
+    assert note in desk.session.screen.note
+    assert desk.of(Answered) == []
+    desk.press("backspace", "backspace", "backspace", "backspace")
+    type_text(desk, "44")
+    desk.press("enter")
+    assert answer(desk)[0] == 44
+
+
+def test_a_question_must_be_answered_unless_it_need_not():
+    desk = asked("choice")
+    desk.press("enter")
+    assert "first" in desk.session.screen.note
+    free = asked("choice", extra="required = false")
+    free.press("enter")
+    assert answer(free)[0] is None
+
+
+def test_times_and_changes_are_logged():
+    desk = asked("likert")
+    desk.show()
+    shown_ns = desk.now_ns
+    desk.press("3", "4")
+    desk.press("enter")
+    _, given = answer(desk)
+    assert (given.shown_ns, given.changes) == (shown_ns, 2)
+    assert given.shown_ns < given.first_ns < given.t_ns
+
+
+def test_one_can_go_back_to_the_question_before():
+    desk = asked("choice", "likert")
+    desk.press("2", "enter", "page_up")
+    assert desk.session.screen.progress == "Question 1 of 2"
+    desk.press("3", "enter", "1", "enter")
+    assert [json.loads(event.value) for event in desk.of(Answered)] == ["B", "C", 1]
+
+
+def test_escape_asks_from_a_question_and_the_answer_is_still_there():
+    desk = asked("likert")
+    desk.press("6", "escape", "enter", "enter")
+    assert answer(desk)[0] == 6
+
+
+def test_a_key_held_down_moves_a_slider_on():
+    desk = asked("slider")
+    desk.press("home")
+    for _ in range(3):
+        desk.give(KeyDown(desk.now_ns, "right", "", repeat=True))
+    desk.press("enter")
+    assert answer(desk)[0] == 15
+
+
+QUIZ = """
+[[pages]]
+name = "how"
+text = "Read this."
+[[questions]]
+name = "quiz"
+tries = 2
+back_to = "how"
+failed = "{failed}"
+[[questions.items]]
+name = "one"
+kind = "choice"
+ask = "?"
+options = ["a", "b"]
+right = 2
+[[pages]]
+name = "after"
+text = "Well."
+"""
+
+
+def quiz(failed: str = "end") -> Desk:
+    desk = Desk(plan_of(QUIZ.format(failed=failed), ["how", "quiz", "after"]))
+    desk.press("enter")
+    return desk
+
+
+def test_a_quiz_sends_people_back_to_the_instructions_and_asks_again():
+    desk = quiz()
+    desk.press("1", "enter")
+    assert desk.session.screen.title == "Not quite"
+    desk.press("enter")
+    assert desk.session.screen.body == "Read this."
+    desk.press("enter", "2", "enter")
+    assert desk.session.screen.body == "Well."
+    assert [(event.attempt, event.right) for event in desk.of(Answered)] == [(1, False), (2, True)]
+    assert [(event.part, event.end, event.next) for event in desk.of(PartEnded)][1] == (1, "again", 0)
+
+
+@pytest.mark.parametrize(("failed", "reason"), [("end", "screened_out"), ("go_on", "complete")])
+def test_after_the_last_try_the_study_ends_or_goes_on(failed, reason):
+    desk = quiz(failed)
+    desk.press("1", "enter", "enter", "enter", "1", "enter")
+    if failed == "go_on":
+        assert desk.session.phase is Phase.PAGE
+        desk.press("enter")
+    assert desk.of(SessionEnded)[0].reason == reason
+    assert desk.of(EpisodesSkipped) == []

@@ -1,0 +1,73 @@
+"""Languages: each complete, no English word left in a screen of a study in another language."""
+
+import re
+import string
+
+import pytest
+
+from minihuman.study import words
+from minihuman.study.forms import FORMS, form
+from minihuman.study.words import LANGUAGES, Words
+from minihuman.typeset.faces import faces_for
+
+ENGLISH = words.of("en")
+OTHERS = [language for language in LANGUAGES if language != "en"]
+# printed so on keys in these countries, or the same word in both languages
+SHARED = {"Esc", "Tab", "Alt", "Ctrl", "Num", "Insert", "{points} points", "ltr", "AltGr", "Points", "Enter"}
+
+
+def fields(text):
+    return sorted(name for _, name, _, _ in string.Formatter().parse(text) if name)
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_language_has_every_word_with_the_same_fields(language):
+    its = words.of(language)
+    assert its.keys() == ENGLISH.keys()
+    assert {key: fields(text) for key, text in its.items()} == {key: fields(text) for key, text in ENGLISH.items()}
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_no_word_was_left_in_english(language):
+    its = words.of(language)
+    same = {text for key, text in its.items() if text == ENGLISH[key]}
+    assert same <= SHARED
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_character_of_a_language_has_a_face(language):
+    assert faces_for(language).missing("".join(words.of(language).values())) == ""
+
+
+@pytest.mark.parametrize("language", ["zh", "ja", "ar"])
+def test_a_language_with_another_script_has_no_latin_word_but_names_of_keys(language):
+    for key, text in words.of(language).items():
+        if key != "direction":
+            assert set(re.findall("[A-Za-z]{2,}", re.sub(r"\{\w+\}", "", text))) <= SHARED, key
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("name", FORMS)
+def test_a_form_is_there_in_every_language(name, language):
+    english, its = form(name, "en"), form(name, language)
+    assert [item.name for item in its.items] == [item.name for item in english.items]
+    for item, other in zip(its.items, english.items, strict=True):
+        assert item.ask
+        assert len(item.options) == len(other.options)
+        assert item.codes == other.codes
+        assert language == "en" or item.ask != other.ask
+    text = its.title + "".join(
+        item.ask + item.low + item.high + item.unit + "".join(item.options) for item in its.items
+    )
+    assert faces_for(language).missing(text) == ""
+
+
+def test_any_word_can_be_replaced():
+    assert Words("de", {"ready.title": "Los?"})["ready.title"] == "Los?"
+    assert Words("de")["ready.title"] == "Bereit?"
+
+
+def test_a_worlds_english_is_shown_in_english_studies_only():
+    assert Words("en").mission("go to the red ball") == "go to the red ball"
+    assert Words("de").mission("go to the red ball") == ""
+    assert Words("de").mission("reach the goal") == "Erreichen Sie das Ziel"
