@@ -14,8 +14,11 @@ def main(study: str, out: str) -> None:
     rows = [one.rows for one in sessions.rows(with_shortest=True)]
     names = ("episodes", "blocks", "participants")
     found = results(*(pd.concat([one[name].to_pandas() for one in rows]) for name in names))
-    found.subjects.to_csv(out, index=False)
-    print(found.groups.to_string(index=False))
+    target = found.target_block
+    if target is None:
+        raise SystemExit("no block was played by every group")
+    target.subjects.to_csv(out, index=False)
+    print(target.groups.to_string(index=False))
     print(*sessions.account.lines(), sep="\n")
 
 

@@ -1,6 +1,28 @@
 """What can go wrong that a user can put right. Bugs stay asserts and tracebacks."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from os import PathLike, fspath
+
+
+@contextmanager
+def naming(path: PathLike[str]) -> Iterator[None]:
+    """Let an OSError that does not say which file it is about name this one: the system's calls on open files do not.
+
+    Raises:
+        OSError: as what was raised, with the file's name.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = fspath(path)
+        raise
+
+
+def printable(text: str) -> str:
+    """A text for a terminal: control characters, which could do anything to it, as they are written in Python."""
+    return "".join(letter if letter.isprintable() or letter in "\n\t" else ascii(letter)[1:-1] for letter in text)
 
 
 class MinihumanError(Exception):

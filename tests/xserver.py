@@ -127,6 +127,20 @@ class Typist:
         self._display.sync()
         self.sent.append((key, kind == X.KeyPress))
 
+    def point(self, title: str, x: float, y: float) -> None:
+        """Move the mouse to (x, y), 0..1 of a window."""
+        window = self._window(title)
+        shape, place = window.get_geometry(), window.translate_coords(self._root, 0, 0)
+        xtest.fake_input(
+            self._display, X.MotionNotify, x=int(x * shape.width) - place.x, y=int(y * shape.height) - place.y
+        )
+        self._display.sync()
+
+    def button(self, down: bool) -> None:
+        """Press or release the mouse's main button."""
+        xtest.fake_input(self._display, X.ButtonPress if down else X.ButtonRelease, 1)
+        self._display.sync()
+
     def tap_place(self, key: str) -> None:
         """Tap the key that is in this place on a US keyboard, whatever the layout says now."""
         for kind in (X.KeyPress, X.KeyRelease):

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from minihuman.errors import MinihumanError
+from minihuman.errors import MinihumanError, printable
 
 app = typer.Typer(
     name="minihuman",
@@ -34,9 +34,9 @@ def about(
 
 def main() -> None:
     """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
-    from minihuman.cli import authoring, desk, export, learn, logs, see, session, station, worlds
+    from minihuman.cli import authoring, desk, export, learn, logs, power, see, session, station, worlds
 
-    for part in (authoring, session, station, worlds, logs, see, desk, export, learn):
+    for part in (authoring, session, station, worlds, logs, see, desk, power, export, learn):
         part.add_to(app)
     try:
         app()
@@ -45,11 +45,10 @@ def main() -> None:
             _complain(line)
         sys.exit(error.exit_code)
     except OSError as error:
-        if error.filename is None:
-            raise
-        _complain(f"{error.filename}: {error.strerror}")
+        named = "" if error.filename is None else f"{error.filename}: "
+        _complain(f"{named}{error.strerror or error}")
         sys.exit(MinihumanError.exit_code)
 
 
 def _complain(line: str) -> None:
-    print(f"minihuman: {line}", file=sys.stderr)
+    print(f"minihuman: {printable(line)}", file=sys.stderr)

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from minihuman.errors import printable
+
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands."""
@@ -27,7 +29,7 @@ def info(
     from minihuman.log.read.open_log import open_log
 
     session = open_log(log)
-    print(as_json(session) if json else "\n".join(as_lines(session)))
+    print(as_json(session) if json else printable("\n".join(as_lines(session))))
 
 
 def verify(
@@ -49,7 +51,7 @@ def verify(
     for path in logs:
         for line, fine in proofs(path, trust=trust or ()) if seal is None else unbroken(path, seal):
             differ = differ or not fine
-            print(f"{path}: {line}", flush=True)
+            print(printable(f"{path}: {line}"), flush=True)
     raise typer.Exit(int(differ))
 
 
@@ -78,10 +80,10 @@ def recover(
     codes = [0]
     for became in recover_all(logs):
         if isinstance(became, MinihumanError):
-            print(f"minihuman: {became}", file=sys.stderr, flush=True)
+            print(printable(f"minihuman: {became}"), file=sys.stderr, flush=True)
             codes.append(became.exit_code)
         else:
-            print(became.line(), flush=True)
+            print(printable(became.line()), flush=True)
             codes.append(int(became.damaged))
     if len(codes) == 1:
         print("no cut-off logs")

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from minihuman.cli.waiting import waiting
+from minihuman.errors import printable
 
 ProtocolFile = Annotated[Path, typer.Argument(help="A protocol's TOML file.")]
 DataFolder = Annotated[Path, typer.Option(help="Where sessions are kept.")]
@@ -111,7 +112,7 @@ def check(
     plan = expand(study, who, session=session, overridden=group is not None)
     if problems := list(dict.fromkeys(study_unreadable(study))):
         raise ProtocolError.of([f"{protocol}: {problem}" for problem in problems], str(protocol))
-    print(msgspec.json.encode(plan).decode() if json else "\n".join(lines(plan)))
+    print(msgspec.json.encode(plan).decode() if json else printable("\n".join(lines(plan))))
 
 
 def status(
@@ -124,4 +125,4 @@ def status(
     from minihuman.lab.status import status_lines
 
     for line in status_lines(study_dir):
-        print(line)
+        print(printable(line))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from minihuman.errors import LogError
+from minihuman.errors import LogError, naming
 from minihuman.recorded.episode import Episode, SessionLog
 
 MARKS_SUFFIX = ".marks.jsonl"
@@ -71,7 +71,7 @@ def add_mark(log: SessionLog, mark: Mark) -> Path:
     if mark.episode is not None and mark.episode not in numbers:
         raise LogError(f"{log.path} has no episode {mark.episode}; it has {min(numbers)} to {max(numbers)}")
     path = marks_path(log.path)
-    with path.open("ab") as file:
+    with naming(path), path.open("ab") as file:
         file.write(msgspec.json.encode(mark) + b"\n")
         file.flush()
         os.fsync(file.fileno())

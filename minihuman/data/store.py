@@ -20,6 +20,7 @@ import msgspec
 from minihuman.data.counted import Account
 from minihuman.data.marks import marks_path
 from minihuman.data.opened import Skipped, each_log, worth_reading
+from minihuman.data.quality import Outline, Quality
 from minihuman.data.rows import Rows
 from minihuman.data.selection import Selection
 from minihuman.data.study import SessionRows, Sessions, read_rows
@@ -37,6 +38,8 @@ class Kept(msgspec.Struct, frozen=True):
     problem: str = ""
     study: str = ""
     blocks: int = 0  # that have an episode that counts
+    outline: Outline | None = None  # of the session's plan
+    quality: Quality | None = None
     account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, str, int], ...]] = (0, 0, (), ())
 
     def taken(self) -> Account:
@@ -177,6 +180,8 @@ def _kept(one: SessionRows) -> Kept:
         path=str(one.path),
         study=one.plan.study,
         blocks=len({facts["block"] for facts in one.facts}),
+        outline=Outline.of(one.plan),
+        quality=one.quality,
         account=(account.sessions, account.episodes, versions, left_out),
     )
 

@@ -10,6 +10,7 @@ from minihuman.data.counted import Account, Counted
 from minihuman.data.facts import episode_facts
 from minihuman.data.measured import Measured
 from minihuman.data.opened import Skipped, each_log, worth_reading
+from minihuman.data.quality import Quality, quality_of
 from minihuman.data.rows import Rows
 from minihuman.data.selection import Selection
 from minihuman.data.tables import session_tables
@@ -103,6 +104,7 @@ class SessionRows:
     rows: Rows
     facts: tuple[dict[str, Any], ...]  # of each episode that counts
     account: Account
+    quality: Quality
 
 
 def readable(sources: Iterable[Path], selection: Selection) -> tuple[list[SessionLog], Account]:
@@ -132,7 +134,7 @@ def read_rows(log: SessionLog, *, selection: Selection, with_shortest: bool) -> 
     measured = Measured.of(log, selection.planner(log.plan, with_shortest=with_shortest))
     counted = selection.judge(log, measured=measured)
     facts = tuple(episode_facts(log, episode) for episode in counted.episodes)
-    return SessionRows(log.path, log.plan, session_tables(counted, measured), facts, _account(counted))
+    return SessionRows(log.path, log.plan, session_tables(counted, measured), facts, _account(counted), quality_of(log))
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@ Two stations that share the data folder never get the same slot: a slot is taken
 Lines of other kinds, which other programs may add, are passed over.
 """
 
-import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +12,8 @@ from typing import Any, BinaryIO, Literal
 
 import msgspec
 
-from minihuman.errors import AllocationError
+from minihuman.errors import AllocationError, naming
+from minihuman.log.record.claim import lock
 from minihuman.study.allocation import allocation, allocation_sha256
 from minihuman.study.expand import enrol, participant_code, participant_index
 from minihuman.study.plan import Participant
@@ -219,8 +219,8 @@ def _check_list(lines: tuple[Taken, ...], study_dir: Path, protocol: Protocol) -
 
 @contextmanager
 def _locked(path: Path) -> Iterator[BinaryIO]:
-    with path.open("a+b") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with naming(path), path.open("a+b") as file:
+        lock(file.fileno(), path)
         file.seek(0)
         yield file
 

@@ -12,12 +12,15 @@ from contextlib import closing
 from dataclasses import dataclass, fields
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 from minihuman.errors import LogError
 from minihuman.lab.summary import Summary, summarise
 from minihuman.log.paths import sessions_among
 
 FILE_NAME = "sessions.sqlite"
+_STORED: dict[Any, Any] = {str: str, int: int, bool: int, float: (int, float)}
+_TYPES = tuple(_STORED[field.type] for field in fields(Summary))
 _COLUMNS = tuple(f'"{field.name}"' for field in fields(Summary))
 _VALUES = attrgetter(*(field.name for field in fields(Summary)))
 _TABLE = f"sessions_v1 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
@@ -42,12 +45,46 @@ def sessions(study: Path) -> Iterator[SessionRow]:
     """
     if not study.is_dir():
         raise LogError(f"{study} is not a folder; name a study's folder, or a session log's own")
-    with closing(_up_to_date(study)) as table:
+    with closing(_Table(study)) as table:
         after = ""
-        while page := table.execute(_PAGE, (after,)).fetchall():  # no page is open while a caller works on its rows
+        while page := table.page(after):  # no page is open while a caller works on its rows
             for _, path, problem, *values in page:
                 yield SessionRow(study / path, None if problem else Summary(*values), problem)
             after = page[-1][0]
+
+
+class _Table:
+    """The table as of now; one in memory where the file cannot be written, is busy, is no table, or is damaged."""
+
+    def __init__(self, study: Path) -> None:
+        self._study = study
+        self._table = _up_to_date(study)
+
+    def page(self, after: str) -> list[tuple[Any, ...]]:
+        """Rows behind a log's name; none at the end."""
+        try:
+            return _checked(self._table.execute(_PAGE, (after,)).fetchall())
+        except sqlite3.Error:
+            self._table.close()
+            self._table = _refreshed(sqlite3.connect(":memory:"), self._study)
+            return _checked(self._table.execute(_PAGE, (after,)).fetchall())
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._table.close()
+
+
+def _checked(page: list[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
+    """Rows of the types that belong there.
+
+    Raises:
+        sqlite3.Error: if one is of others: the file was damaged.
+    """
+    for log, path, problem, *values in page:
+        texts = all(isinstance(text, str) for text in (log, path, problem))
+        if not texts or not (problem or all(map(isinstance, values, _TYPES))):
+            raise sqlite3.DatabaseError("the table is damaged")
+    return page
 
 
 def _up_to_date(study: Path) -> sqlite3.Connection:

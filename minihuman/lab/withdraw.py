@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from minihuman.data.store import FILE_NAME as TABLES
 from minihuman.errors import AllocationError
 from minihuman.lab.register import Replaced, Withdrawn, leave
 from minihuman.lab.session_table import FILE_NAME as SESSION_TABLE
@@ -64,8 +65,8 @@ def withdraw(study_dir: Path, code: str, *, seal: Path | None) -> Gone:
         gone = Gone(gone.files, gone.bytes, seal, _seal(files, seal, study_dir))
     if folder.is_dir():
         shutil.rmtree(folder)
-    for table in study_dir.glob(f"{SESSION_TABLE}*"):  # a cache, whose free pages would remember them
-        table.unlink()
+    for cache in (*study_dir.glob(f"{SESSION_TABLE}*"), *study_dir.glob(f"{TABLES}*")):  # free pages remember
+        cache.unlink()
     sync_folder(study_dir)
     return gone
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from minihuman.errors import PlayerError
+from minihuman.players.exploring import Searcher
 from minihuman.players.port import Player, Press, way_of
 from minihuman.study.plan import EpisodePlan
 from minihuman.worlds.adapt.world import World
@@ -78,6 +79,7 @@ class HumanLikePlayer(Player):
         self._understood: dict[str, str] = {}  # key -> action
         self._fruitless: dict[str, int] = {}  # key -> how often nothing was seen to come of it
         self._way: list[str] = []
+        self._searcher: Searcher | None = None  # where an instruction says what to do
         self._detour: list[str] = []
         self._last: tuple[str, int] | None = None  # the last key, and what was seen when it was pressed
 
@@ -92,6 +94,7 @@ class HumanLikePlayer(Player):
         self._plan, self._pool = plan, pool
         self._episodes += 1
         self._way, self._detour, self._last = [], [], None
+        self._searcher = Searcher(world) if world.clauses() else None
 
     def press(self, world: World) -> Press:
         """Look, learn from the last key, then press one.
@@ -129,7 +132,9 @@ class HumanLikePlayer(Player):
             self._detour = [self._any(sorted(self._understood)) for _ in range(length)]
         if self._detour:
             return self._detour.pop()
-        if not self._way:
+        if self._searcher is not None:
+            self._way = self._searcher.way()
+        elif not self._way:
             self._way = way_of(world)
         known = [key for key, action in self._understood.items() if self._way[:1] == [action]]
         return known[0] if known else self._untried()

@@ -1,14 +1,14 @@
 """The report of a study, from its logs to a folder: tables, figures and one page."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from minihuman.data.columns import TABLES
 from minihuman.data.selection import Selection
-from minihuman.data.store import Store
+from minihuman.data.store import Kept, Store
 from minihuman.data.study import Sessions
 from minihuman.data.writing import write_tables
 from minihuman.errors import ReportError
@@ -16,7 +16,9 @@ from minihuman.figures.files import save
 from minihuman.figures.learning import learning_curves, learning_figure
 from minihuman.figures.paths import session_paths
 from minihuman.log.read.open_log import open_log
+from minihuman.report.methods import methods
 from minihuman.report.page import Page, page
+from minihuman.report.published import is_papers
 from minihuman.report.results import Results, results
 
 _CURVES = (
@@ -25,7 +27,7 @@ _CURVES = (
     ("playing_s", "playing time (s)", (0.0, math.inf)),
 )
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
-    "participant", "group", "session", "block", "episode", "attempt", "episode_in_block", "left_out",
+    "participant", "group", "session", "block", "episode", "attempt", "episode_in_block", "left_out", "world",
     *(measure for measure, _, _ in _CURVES),
 ]  # fmt: skip
 _EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})  # too long to be read in a report
@@ -46,22 +48,27 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
         tables = write_tables(store.tables, out / "tables", names=names)
         episodes = store.tables.table("episodes", _EPISODE_COLUMNS).to_pandas()
         blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
-        example = max(store.kept, key=lambda kept: kept.blocks)  # the first with the most blocks that count
+        answers = store.tables.table("answers").to_pandas()
     found = results(episodes, blocks, participants)
-    figures = [*_curves(episodes, found, out / "figures")]
-    if example.blocks:
-        figures.append(_paths(Path(example.path), sessions.selection, out / "figures"))
+    qualities = [kept.quality for kept in store.kept if kept.quality is not None]
+    outlines = [kept.outline for kept in store.kept if kept.outline is not None]
+    paths = _paths(store.kept, sessions.selection, out / "figures")
+    figures = [*_curves(episodes, found, out / "figures"), *paths]
     facts = Page(
         study=study,
         sessions=len(participants),
         players=sorted(participants["player"].unique()),
+        methods=methods(outlines, qualities),
         figures=figures,
         tables=tables,
+        qualities=qualities,
+        answers=answers,
         account=sessions.account,
+        papers=is_papers(study, frozenset(episodes["world"])),
     )
     where = out / "report.html"
     where.write_text(page(facts, found), encoding="utf-8")
-    return (where, *tables, *(path for path, _ in figures))
+    return (where, *tables, *(path for _, path, _ in figures))
 
 
 def _study(store: Store, sessions: Sessions) -> str:
@@ -79,18 +86,25 @@ def _study(store: Store, sessions: Sessions) -> str:
     return read[0].study
 
 
-def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[Path, str]]:
-    """Learning curves of the compared block, by group."""
-    counted = episodes[episodes["left_out"].isna() & (episodes["block"] == found.block)]
-    for measure, label, limits in _CURVES:
-        curves = learning_curves(counted, measure)
-        if curves:
-            png, _ = save(learning_figure(curves, measure=label, limits=limits), out / f"learning_{measure}")
-            yield png, f"{label} over the episodes of block {found.block}: mean and its 95 % interval."
+def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[str, Path, str]]:
+    """Learning curves of every block, by group."""
+    counted = episodes[episodes["left_out"].isna()]
+    for block in (one.block for one in found.blocks):
+        rows = counted[counted["block"] == block]
+        for measure, label, limits in _CURVES:
+            curves = learning_curves(rows, measure)
+            if curves and rows["episode_in_block"].nunique() > 1:
+                png, _ = save(learning_figure(curves, measure=label, limits=limits), out / f"{block}_{measure}")
+                yield block, png, f"{label} over the episodes of block {block}: mean and its 95 % interval."
 
 
-def _paths(log: Path, selection: Selection, out: Path) -> tuple[Path, str]:
-    """The path figure of one session, of the episodes that count."""
-    session = selection.judge(open_log(log)).session
-    png, _ = save(session_paths(session), out / "paths")
-    return png, f"Paths of {session.plan.participant.id} ({session.plan.participant.group})."
+def _paths(kept: Sequence[Kept], selection: Selection, out: Path) -> Iterator[tuple[str, Path, str]]:
+    """The path figure of one session of each group, the one with the most blocks, of the episodes that count."""
+    examples: dict[str, Kept] = {}
+    for one in sorted(kept, key=lambda one: -one.blocks):
+        if one.blocks and one.outline is not None:
+            examples.setdefault(one.outline.group, one)
+    for group, one in sorted(examples.items()):
+        session = selection.judge(open_log(Path(one.path))).session
+        png, _ = save(session_paths(session), out / f"paths_{group}")
+        yield "", png, f"Paths of {session.plan.participant.id} ({group})."

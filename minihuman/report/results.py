@@ -1,4 +1,4 @@
-"""What a study shows: the paper's table, the groups compared, who was left out. From the tables, not the logs."""
+"""What a study shows, block by block, and who was left out. From the tables, not the logs."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ MEASURES = {  # columns of the block table that groups are compared on, and what
     "reward_mean": "reward",
     "success": "success (share of episodes)",
     "reward_first": "reward of the first episode",
-    "reward_slope": "change of reward an episode, first five",
+    "reward_slope": "learning: change of reward from one episode to the next, over the first five",
     "excess_steps_mean": "steps over the fewest possible",
     "playing_s_mean": "playing time of an episode (s)",
     "reaction_median_ms": "reaction time, median (ms)",
@@ -24,41 +24,79 @@ MEASURES = {  # columns of the block table that groups are compared on, and what
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Results:
-    """A study's results. ``block`` is the one that groups are compared on: the last one that all of them played."""
+class BlockResults:
+    """What one block shows, of the groups that played it."""
 
     block: str
+    worlds: tuple[str, ...]
+    episodes: int  # that count
     subjects: pd.DataFrame  # group, participant, session, episodes, reward_mean, reward_sd
     groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
-    measures: pd.DataFrame  # measure, group, n, mean, sd
+    measures: pd.DataFrame  # measure, group, n, mean, sd; of measures that have a value in this block
     comparisons: tuple[Comparison, ...]
     growth: Growth | None  # of the reward over the block's episodes
     powers: tuple[Power, ...]  # one for each pair of groups, in the order of the comparisons of reward
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Results:
+    """A study's results, block by block in the order of play."""
+
+    blocks: tuple[BlockResults, ...]
+    target: str  # the last block that all groups played; "" without any
     exclusions: pd.DataFrame  # left_out, level, participant, session, episode, attempt
     kept: tuple[int, int]  # participants and episodes that count
+
+    @property
+    def target_block(self) -> BlockResults | None:
+        """The block that all groups are compared on."""
+        return next((one for one in self.blocks if one.block == self.target), None)
 
 
 def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame) -> Results:
     """Work out the results from the three tables as they were written."""
     counted_people = participants[participants["left_out"].isna()]
     counted = episodes[episodes["left_out"].isna()]
-    block = target_block(blocks[blocks["left_out"].isna()])
-    rows = blocks[(blocks["left_out"].isna()) & (blocks["block"] == block)]
-    rows = rows.sort_values(["group", "participant", "session"])
-    subjects = rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]]
-    each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
-    comparisons = compare_groups(each, list(MEASURES), order=_most_prepared_first(blocks))
+    kept = blocks[blocks["left_out"].isna()]
+    order = _most_prepared_first(blocks)
     return Results(
-        block=block,
-        subjects=subjects.reset_index(drop=True),
-        groups=group_rewards(each),
-        measures=_measures(each),
-        comparisons=comparisons,
-        growth=growth(counted[counted["block"] == block], "reward", order=_most_prepared_first(blocks)),
-        powers=tuple(power(one.n) for one in comparisons if one.measure == "reward_mean"),
+        blocks=tuple(
+            block_results(name, kept[kept["block"] == name], counted[counted["block"] == name], order)
+            for name in in_order_of_play(kept)
+        ),
+        target=target_block(kept),
         exclusions=exclusions(episodes, participants),
         kept=(len(counted_people), len(counted)),
     )
+
+
+def block_results(block: str, rows: pd.DataFrame, episodes: pd.DataFrame, order: list[str]) -> BlockResults:
+    """One block's, from its rows of the block table and its episodes."""
+    rows = rows.sort_values(["group", "participant", "session"])
+    told = [measure for measure in MEASURES if rows[measure].notna().any()]
+    each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
+    order = [group for group in order if (each["group"] == group).any()]
+    comparisons = compare_groups(each, told, order=order)
+    return BlockResults(
+        block=block,
+        worlds=tuple(dict.fromkeys(episodes["world"])),
+        episodes=len(episodes),
+        subjects=rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]].reset_index(
+            drop=True
+        ),
+        groups=group_rewards(each),
+        measures=_measures(each, told),
+        comparisons=comparisons,
+        growth=growth(episodes, "reward", order=order),
+        powers=tuple(power(one.n) for one in comparisons if one.measure == "reward_mean"),
+    )
+
+
+def in_order_of_play(blocks: pd.DataFrame) -> list[str]:
+    """The blocks by where they come in a session, on the average of those who played them."""
+    place = blocks.groupby(["participant", "session"], sort=False).cumcount()
+    means = place.groupby(blocks["block"], sort=False).mean()
+    return [str(name) for name in means.sort_values(kind="stable").index]
 
 
 def target_block(blocks: pd.DataFrame) -> str:
@@ -92,8 +130,8 @@ def exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFra
     return both.reindex(columns=["left_out", "level", "participant", "session", "episode", "attempt"])
 
 
-def _measures(rows: pd.DataFrame) -> pd.DataFrame:
-    long = rows.melt("group", list(MEASURES), var_name="measure")
+def _measures(rows: pd.DataFrame, told: list[str]) -> pd.DataFrame:
+    long = rows.melt("group", told, var_name="measure")
     table = long.groupby(["measure", "group"])["value"].agg(n="count", mean="mean", sd="std").reset_index()
     order = {name: place for place, name in enumerate(MEASURES)}
     return table.sort_values("measure", key=lambda names: names.map(order), kind="stable").reset_index(drop=True)

@@ -84,11 +84,11 @@ class Companion:
             return
         with suppress(OSError):  # no second process, no help
             self._process = subprocess.Popen(
-                [sys.executable, "-c", f"from {__name__} import companion; companion()"],
+                [sys.executable, "-P", "-c", f"from {__name__} import companion; companion()"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONSAFEPATH": "1"},
             )
             assert self._process.stdin is not None
             self._process.stdin.write(msgspec.json.encode((self._folder.name, self._blocks)))

@@ -5,6 +5,7 @@ import hashlib
 import re
 import tomllib
 from collections.abc import Mapping
+from string import Formatter
 from typing import Any, Literal, TypeVar
 
 import msgspec
@@ -25,6 +26,7 @@ MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
 
 _NO_FIELDS = frozenset({"toml", "files"})  # of Protocol, which the file itself does not have
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+_FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
 _FIELD = re.compile(r"unknown field `(?P<field>[^`]+)`(?: - at `(?P<path>[^`]+)`)?")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `(?P<path>[^`]+)`)?$", re.DOTALL)
 
@@ -184,6 +186,16 @@ def decode(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | N
     Raises:
         ProtocolError: one line with file, path and the way out.
     """
+    try:
+        return _decoded(toml, source, files)
+    except ProtocolError:
+        raise
+    except Exception as error:  # a file can be written to make a parser raise anything: nesting, huge numbers
+        said = str(error).splitlines()[0] if str(error) else ""
+        raise ProtocolError(f"{source}: cannot be read: {type(error).__name__}: {said[:200]}") from error
+
+
+def _decoded(toml: bytes, source: str, files: Mapping[str, bytes] | None) -> Protocol:
     try:
         tree = tomllib.loads(toml.decode())
     except UnicodeDecodeError as error:
@@ -356,11 +368,23 @@ def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]
         found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
     for text in [block.feedback] if isinstance(block.feedback, str) else block.feedback.values():
         try:
+            _check_placeholders(text)
             text.format(outcome="", reward=0.0, steps=0, episode=0, episodes=0, points=0.0, total=0.0)
         except (KeyError, IndexError, ValueError, AttributeError) as error:
             fields = "outcome, reward, steps, episode, episodes, points, total"
             found.append(("feedback", f"has a bad placeholder ({error}); use {fields}"))
     return found
+
+
+def _check_placeholders(text: str) -> None:
+    """Refuse placeholders that are more than a field and a short format: they could ask for a text of any size.
+
+    Raises:
+        ValueError: if there is one.
+    """
+    for _, field, format_spec, conversion in Formatter().parse(text):
+        if field is not None and (not field.isidentifier() or conversion or not _FORMAT.fullmatch(format_spec or "")):
+            raise ValueError(f"{{{field}{':' if format_spec else ''}{format_spec}}}")
 
 
 def _carry_complaints(protocol: Protocol) -> list[tuple[str, str]]:

@@ -5,9 +5,9 @@ import abc
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.study.inputs import FocusChanged, Input, Shown
+from minihuman.study.inputs import FocusChanged, Input, PointerMoved, PointerPressed, PointerReleased, Shown, Typed
 from minihuman.study.screens import Screen
-from minihuman.windows.compose import Box, Size, compose, picture_size_px, repaint
+from minihuman.windows.compose import Box, Size, along_spot, compose, picture_size_px, repaint, spot_at
 from minihuman.windows.held import HeldKeys
 from minihuman.windows.port import Clock, Window
 
@@ -25,6 +25,8 @@ class BlockingWindow(Window):
         self._shown: Screen | None = None
         self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
         self._last_key_ns = -(1 << 62)
+        self._wanted = (False, False)  # text, pointer
+        self._pressed_in: str | None = None  # the spot in which a mouse button is down
 
     @property
     @abc.abstractmethod
@@ -43,6 +45,10 @@ class BlockingWindow(Window):
         """Block until something comes or time is up (None: for ever), and say what came, stamped; [] is no promise."""
 
     @abc.abstractmethod
+    def _want(self, *, text: bool, pointer: bool) -> None:
+        """Turn the input method on or off, show or hide the pointer; text and pointer are told of only while wanted."""
+
+    @abc.abstractmethod
     def post_key(self, key: str) -> None:
         """Put a press and a release of a key into the toolkit's queue; from any thread, to measure with."""
 
@@ -58,6 +64,9 @@ class BlockingWindow(Window):
             self._shown, self._frame = None, np.empty((height, width, 3), np.uint8)
         changed = repaint(self._frame, self._shown, screen)
         self._shown = screen
+        if self._wanted != (screen.wants_text, screen.wants_pointer):
+            self._wanted, self._pressed_in = (screen.wants_text, screen.wants_pointer), None
+            self._want(text=screen.wants_text, pointer=screen.wants_pointer)
         submit_ns = self._clock()
         self._flip(self._frame, changed)
         flip_ns = self._clock()
@@ -88,6 +97,22 @@ class BlockingWindow(Window):
         """What a word about a key amounts to. Its stamp is after that of the key before, by a nanosecond at least."""
         t_ns = self._last_key_ns = max(t_ns, self._last_key_ns + 1)
         return [*(self._held.press if down else self._held.release)(t_ns, key, symbol)]
+
+    def _typed(self, text: str) -> list[Input]:
+        """What a word about text amounts to: control characters are keys, and told of as such."""
+        said = "".join(letter for letter in text if letter.isprintable())
+        return [Typed(self._clock(), said)] if said and self._wanted[0] else []
+
+    def _pointer(self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: float, y: float) -> list[Input]:
+        """What a word about the main mouse button amounts to, at (x, y), 0..1 of the picture from its top left."""
+        if not self._wanted[1] or self._shown is None or (kind is PointerPressed) != (self._pressed_in is None):
+            return []
+        if self._pressed_in is None:
+            target, along = spot_at(self._shown, self.size_px, x, y)
+        else:
+            target, along = self._pressed_in, along_spot(self._shown, self.size_px, self._pressed_in, x)
+        self._pressed_in = None if kind is PointerReleased else target
+        return [kind(self._clock(), x, y, target, along)]
 
     def _focus(self, t_ns: int, focused: bool) -> list[Input]:
         """What a word about the focus amounts to: toolkits say the same thing twice, and "lost" before any was had."""

@@ -10,7 +10,7 @@ import pygame
 from numpy.typing import NDArray
 
 from minihuman.errors import WindowError
-from minihuman.study.inputs import Input, Stop
+from minihuman.study.inputs import Input, PointerMoved, PointerPressed, PointerReleased, Stop
 from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
 from minihuman.windows.compose import Box, Size
 from minihuman.windows.keys import from_scancode, to_scancode
@@ -28,6 +28,7 @@ _TO_REPAINT = (  # after these SDL's surface may be another, and black
     pygame.WINDOWDISPLAYCHANGED,
 )
 _KEYS = (pygame.KEYDOWN, pygame.KEYUP)
+_POINTER = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION, pygame.MOUSEBUTTONUP)
 _EVENTS = (
     *_KEYS,
     pygame.WINDOWFOCUSGAINED,
@@ -133,9 +134,27 @@ class PygameWindow(BlockingWindow):
                 return self._focus(t_ns, True)
             case pygame.WINDOWFOCUSLOST:
                 return self._focus(t_ns, False)
+            case pygame.TEXTINPUT:
+                return self._typed(event.text)
+            case pygame.MOUSEBUTTONDOWN if event.button == pygame.BUTTON_LEFT:
+                return self._pointer(PointerPressed, *self._along(event.pos))
+            case pygame.MOUSEMOTION:
+                return self._pointer(PointerMoved, *self._along(event.pos))
+            case pygame.MOUSEBUTTONUP if event.button == pygame.BUTTON_LEFT:
+                return self._pointer(PointerReleased, *self._along(event.pos))
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
         return []
+
+    def _along(self, place_px: tuple[int, int]) -> tuple[float, float]:
+        width, height = self.size_px
+        return (place_px[0] + 0.5) / width, (place_px[1] + 0.5) / height
+
+    def _want(self, *, text: bool, pointer: bool) -> None:
+        (pygame.key.start_text_input if text else pygame.key.stop_text_input)()  # an input method swallows keys
+        pygame.mouse.set_visible(pointer)
+        (pygame.event.set_allowed if text else pygame.event.set_blocked)(pygame.TEXTINPUT)
+        (pygame.event.set_allowed if pointer else pygame.event.set_blocked)(_POINTER)
 
     def post_key(self, key: str) -> None:
         """Put a press and a release of a key into SDL's queue; from any thread."""

@@ -41,6 +41,8 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
     def __init__(self, title: str, size_px: Size | None) -> None:
         """Open a window of that size, no larger than the screen; None takes the whole screen."""
         self._positions: dict[int, str] = {}
+        self.wants_text = False
+        self._told = False  # of the key event that pyglet looks at now
         screen = screen_now()
         settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
         if size_px is not None:
@@ -55,14 +57,18 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
     # Keys on X11
 
     def dispatch_platform_event(self, event: Any) -> None:
-        """Take key events of the window; the rest is pyglet's."""
-        if not self._key_of_x11(event):
+        """Take key events of the window; the rest, and what text a key makes, is pyglet's."""
+        self._told = self._key_of_x11(event)
+        if not self._told or self.wants_text:
             super().dispatch_platform_event(event)
+        self._told = False
 
     def dispatch_platform_event_view(self, event: Any) -> None:
-        """Take key events of the area inside the window; the rest is pyglet's."""
-        if not self._key_of_x11(event):
+        """Take key events of the area inside the window; the rest, and what text a key makes, is pyglet's."""
+        self._told = self._key_of_x11(event)
+        if not self._told or self.wants_text:
             super().dispatch_platform_event_view(event)
+        self._told = False
 
     def _key_of_x11(self, event: Any) -> bool:
         if not ON_X11 or event.type not in (xlib.KeyPress, xlib.KeyRelease):
@@ -89,6 +95,8 @@ class NativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 ha
         return self._key_of_symbol(False, symbol)
 
     def _key_of_symbol(self, down: bool, symbol: int) -> bool:
+        if self._told:  # by position, just now
+            return bool(EVENT_HANDLED)
         name = pyglet.window.key.symbol_string(symbol)
         self.dispatch_event("on_key", down, from_symbol(name), name, None)
         return bool(EVENT_HANDLED)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WindowError
-from minihuman.study.inputs import Input, Stop
+from minihuman.study.inputs import Input, PointerMoved, PointerPressed, PointerReleased, Stop
 from minihuman.windows.blocking import DEFAULT_SIZE_PX, TITLE, BlockingWindow
 from minihuman.windows.compose import Box, Size
 from minihuman.windows.port import Clock
@@ -14,6 +14,9 @@ from minihuman.windows.x11_time import ON_RECEIPT, SERVER_TIME, server_time_is_o
 
 if TYPE_CHECKING:
     from minihuman.windows.pyglet_native import NativeWindow
+
+
+_LEFT = 1  # pyglet's name for the main button
 
 
 class PygletWindow(BlockingWindow):
@@ -39,6 +42,10 @@ class PygletWindow(BlockingWindow):
             on_activate=lambda: self._on_focus(True),
             on_deactivate=lambda: self._on_focus(False),
             on_close=self._on_close,
+            on_text=self._on_text,
+            on_mouse_press=lambda x, y, button, modifiers: self._on_pointer(PointerPressed, x, y, button),
+            on_mouse_drag=lambda x, y, dx, dy, buttons, modifiers: self._on_pointer(PointerMoved, x, y, buttons),
+            on_mouse_release=lambda x, y, button, modifiers: self._on_pointer(PointerReleased, x, y, button),
             on_expose=self._repaint_soon,
             on_show=self._repaint_soon,
             on_resize=lambda width, height: self._repaint_soon(),
@@ -74,6 +81,20 @@ class PygletWindow(BlockingWindow):
         told = server_ms if self._server_time else None
         t_ns = self._clock() if told is None else when_ns(told, self._clock)
         self._inputs += self._key(down, key, symbol, t_ns)
+
+    def _on_text(self, text: str) -> None:
+        self._inputs += self._typed(text)
+
+    def _on_pointer(
+        self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: int, y: int, buttons: int
+    ) -> None:
+        if buttons & _LEFT:
+            width, height = self._window.get_size()  # pyglet counts from the bottom
+            self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height)
+
+    def _want(self, *, text: bool, pointer: bool) -> None:
+        self._window.wants_text = text
+        self._window.set_mouse_visible(pointer)
 
     def _on_focus(self, focused: bool) -> None:
         self._inputs += self._focus(self._clock(), focused)

@@ -78,15 +78,18 @@ def test_reading_changes_nothing(built):
 
 def test_the_page_holds_everything_and_fetches_nothing(built):
     text = built[0][0].read_text()
-    assert text.count("<img") == text.count("data:image/png;base64,") == 4
-    assert not re.search(r"""(src|href)=["'](?!data:)""", text)
+    assert text.count("<img") == text.count("data:image/png;base64,") == 8
+    assert not re.search(r"""(src|href)=["'](?!data:|tables/)""", text)
     assert "<script" not in text
     for words in (
-        "Transfer effect: in block room, direct minus grid_first",
+        "Transfer effect. Reward in block room: direct minus grid_first",
         "Power: with 2 and 2",
-        "Needs two participants of a group",
+        "needs two participants of a group",
     ):
         assert words in text
+    assert "Published: Chevalier-Boisvert" in text
+    for table in re.findall(r'href="(tables/[^"]+)"', text):
+        assert (built[0][0].parent / table).is_file()
     for mean in ("0.93", "0.74", "0.866"):
         assert mean in text
     assert text.count("damaged.mcap") >= 1

@@ -52,11 +52,13 @@ def estimates(seed):
     rows = [tabled(one) for one in people]
     tables = {name: pd.concat([one[name].to_pandas() for one in rows]) for name in rows[0]}
     found = results(tables["episodes"], tables["blocks"], tables["participants"])
-    compared = {one.measure: one for one in found.comparisons}
+    target = found.target_block
+    assert target is not None
+    compared = {one.measure: one for one in target.comparisons}
     medians = tables["participants"]["reaction_median_ms"]
     interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
     keys = tables["keys"]
-    return compared, found.growth, interval, keys.loc[keys["action"].notna(), "found_steps"].to_numpy(float)
+    return compared, target.growth, interval, keys.loc[keys["action"].notna(), "found_steps"].to_numpy(float)
 
 
 @pytest.mark.long
@@ -121,7 +123,7 @@ def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in
     assert times.mean() == pytest.approx(400, abs=4 * error)
     for one in sessions:
         keys = one.rows["keys"].to_pandas()
-        mapped = keys[keys["action"] != ""]
+        mapped = keys[keys["action"].notna()]
         reached = [row["success"] for row in one.rows["episodes"].to_pylist()]
         assert mapped["found_steps"].notna().sum() >= 2 * any(reached)  # a goal elsewhere takes a turn and strides
 

@@ -1,33 +1,71 @@
-"""A participant made of X key events: types a whole session blindly, in every way that fingers fall on keys."""
+"""A participant made of X key events: types a whole session, in every way that fingers fall on keys."""
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from itertools import cycle
+from pathlib import Path
 
+from minihuman.log.read.open_log import read_events
 from minihuman.players.port import way_of
+from minihuman.study.events import Noted
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.worlds.adapt.world import World
 from tests.xserver import Typist
 
 UNMAPPED = "z"
+PATIENCE_S = 60.0
 
 
-def type_session(typist: Typist, plan: SessionPlan) -> None:
-    """Everything from the keyboard check to the closing text, without looking: no input may be lost, so none can be.
+def type_session(typist: Typist, plan: SessionPlan, data: Path) -> None:
+    """Everything from the keyboard check to the closing text. Play is typed blindly: no input may be lost there.
 
     Keys are tapped, tapped twice within a frame, and rolled from one to the next; strangers and questions between.
+    What each screen waits for is looked up in the live log, as a person looks at the screen.
     """
-    typist.tap(*plan.key_pool)
+    begin(typist, plan, data)
     for episode in plan.episodes:
-        if episode.episode_in_block == 0:
-            typist.tap("enter")  # the instruction
-        typist.tap("enter")  # ready
+        if episode.episode > 0 and episode.episode_in_block == 0:
+            _enter(typist, data, "instructions")
+            _enter(typist, data, "ready")
+        _until(data, "playing")
         _play(typist, episode)
-        typist.tap("enter")  # the feedback
+        _enter(typist, data, "feedback")
         last_of_block = episode.episode_in_block == episode.episodes_in_block - 1
         if last_of_block and plan.texts[episode.block].rest:
-            typist.tap("enter")
-    typist.tap("enter")  # the closing text
+            _enter(typist, data, "rest")
+    _enter(typist, data, "closing", "page")
+
+
+def begin(typist: Typist, plan: SessionPlan, data: Path) -> None:
+    """Everything up to the first episode's first picture."""
+    typist.tap(*plan.key_pool)
+    _enter(typist, data, "instructions")
+    _enter(typist, data, "ready")
+    _until(data, "playing")
+
+
+def _enter(typist: Typist, data: Path, *phases: str) -> None:
+    _until(data, *phases)
+    time.sleep(0.2)  # written before it is shown
+    typist.tap("enter")
+
+
+def _until(data: Path, *phases: str) -> None:
+    """Wait until the live log says that the session is in one of these phases."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while (now := _phase(data)) not in phases:
+        assert time.monotonic() < deadline_s, f"the session stays in {now!r}, not in {' or '.join(phases)}"
+        time.sleep(0.05)
+
+
+def _phase(data: Path) -> str:
+    said = ""
+    for part in data.rglob("*.part"):
+        for event in read_events(part):
+            if isinstance(event, Noted) and event.kind == "phase":
+                said = event.text
+    return said
 
 
 def _play(typist: Typist, episode: EpisodePlan) -> None:

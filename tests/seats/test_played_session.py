@@ -13,13 +13,13 @@ from minihuman.lab.verify import verify
 from minihuman.log.read.open_log import open_log
 from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
-from tests.seats.session_typist import type_session
+from tests.seats.session_typist import begin, type_session
 from tests.xserver import Typist, xvfb
 
 pytestmark = pytest.mark.program
 
 SMALL_SCREEN_PX = (640, 480)  # the window shrinks to it; a first-person picture costs by the pixel
-PATIENCE_S = 300
+PATIENCE_S = 60
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
 
 
@@ -57,7 +57,7 @@ def test_a_whole_demo_session_keeps_every_stroke_and_verifies(
     plan = expand(demo, enrol(demo, 0))
     station = start(window, display, tmp_path)
     typist.focus(TITLE)
-    type_session(typist, plan)
+    type_session(typist, plan, tmp_path)
     said, complained = station.communicate(timeout=PATIENCE_S)
     assert station.returncode == 0, complained
 
@@ -67,6 +67,8 @@ def test_a_whole_demo_session_keeps_every_stroke_and_verifies(
     assert [(key.key, key.down) for key in log.keys if key.verdict != "repeat"] == typist.sent[:-1]
     assert [episode.outcome for episode in log.episodes] == ["goal"] * 4
     assert [note.text for note in log.notes if getattr(note, "kind", "") == "keyboard_check"]
+    for episode in log.episodes:  # the last picture too
+        assert sorted({frame.step for frame in episode.frames}) == list(range(len(episode.actions) + 1))
     stamps = [key.t_ns for key in log.keys]
     assert stamps == sorted(stamps)
     assert verify(log).difference == ""
@@ -80,7 +82,8 @@ def test_closing_the_window_mid_episode_says_abandoned(typist_and_display: tuple
     plan = expand(demo, enrol(demo, 0))
     station = start("pygame", display, tmp_path)
     typist.focus(TITLE)
-    typist.tap(*plan.key_pool, "enter", "enter", *plan.episodes[0].key_map.keys)
+    begin(typist, plan, tmp_path)
+    typist.tap(*plan.episodes[0].key_map.keys)
     typist.ask_to_close(TITLE)
     said, complained = station.communicate(timeout=PATIENCE_S)
     assert station.returncode == 0, complained

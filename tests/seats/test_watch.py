@@ -92,11 +92,12 @@ def test_the_page_shows_a_session_takes_notes_pauses_dies_comes_back_and_aborts(
     station = start("pygame", display, tmp_path)
     typist.focus(TITLE)
     typist.tap(*plan.key_pool, "enter")
-    time.sleep(1)
-    typist.tap("enter")
     study = tmp_path / demo.study.name
     pages.append(Page(study))
     page = pages[-1]
+    page.until(lambda one: one["phase"] == "ready")
+    time.sleep(0.3)  # written before it is shown
+    typist.tap("enter")
     told = page.until(lambda one: one["phase"] == "playing")
     assert (told["participant"], told["episode"], told["steps"]) == ("sub-01", 1, 0)
     name, _ = page.session()

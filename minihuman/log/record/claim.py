@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from minihuman.errors import LogError
+from minihuman.errors import LogError, naming
 from minihuman.log.paths import SegmentPath
 from minihuman.log.read.file import segment_starts
 
@@ -31,7 +31,12 @@ def create(where: SegmentPath) -> int:
             ) from None
         except OSError as error:
             raise LogError(f"{where.part} cannot be made: {error.strerror}; choose another --data") from error
-        fcntl.flock(fd, fcntl.LOCK_EX)
+        try:
+            lock(fd, where.part)
+        except LogError:
+            where.part.unlink(missing_ok=True)
+            os.close(fd)
+            raise
         if is_at(fd, where.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
@@ -59,7 +64,7 @@ def taken(part: Path) -> Iterator[None]:
         raise LogError(f"{part} does not exist; it may have been recovered already") from None
     try:
         try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(fd, part, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise LogError(f"{part} is still being written by a running session; let it end first") from None
         if not is_at(fd, part):
@@ -78,13 +83,36 @@ def is_live(part: Path) -> bool:
         return part.exists()
 
 
-def sync_folder(folder: Path) -> None:
-    """Make a folder's entries durable: a new or renamed file is safe only when its folder is."""
-    fd = os.open(folder, os.O_RDONLY)
+def lock(fd: int, path: Path, how: int = fcntl.LOCK_EX) -> None:
+    """Lock an open file.
+
+    Raises:
+        BlockingIOError: if somebody has it, and ``how`` says not to wait.
+        LogError: if its file system keeps no locks.
+    """
     try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)
+        fcntl.flock(fd, how)
+    except BlockingIOError:
+        raise
+    except OSError as error:
+        raise LogError(
+            f"{path} cannot be locked ({error.strerror}), so two stations could write it at once; "
+            "choose a data folder on a file system that keeps locks, such as a local disk"
+        ) from error
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a folder's entries durable: a new or renamed file is safe only when its folder is.
+
+    Raises:
+        OSError: if it cannot be done; it names the folder.
+    """
+    with naming(folder):
+        fd = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)
 
 
 def is_at(fd: int, path: Path) -> bool:

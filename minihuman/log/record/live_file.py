@@ -1,10 +1,11 @@
 """A log while it is live, as bytes to be appended: readable up to the last event whenever it stops."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import distributions
+from importlib.metadata import PackageNotFoundError, distribution
 from typing import IO, cast
 
 import msgspec
@@ -28,6 +29,8 @@ from minihuman.study.again import RULES
 from minihuman.study.events import EpisodeStarted, Event, SessionStarted, Stepped
 from minihuman.study.plan import EpisodePlan, SessionPlan
 
+_NAME = re.compile(r"[A-Za-z0-9._-]+")  # a requirement starts with it
+_SEPARATORS = re.compile(r"[-_.]+")
 LIBRARY = f"minihuman/{minihuman.__version__} {LIBRARY_IDENTIFIER}"
 
 
@@ -179,6 +182,18 @@ def attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
 
 @cache
 def _package_list() -> bytes:
-    """What is installed, one ``name==version`` a line; looked up once a process, as it takes a while."""
-    found = {f"{package.name}=={package.version}" for package in distributions()}
-    return "".join(f"{line}\n" for line in sorted(found, key=str.lower)).encode()
+    """What minihuman needs, extras that are there included, one ``name==version`` a line; nothing else of a machine."""
+    found: dict[str, str] = {}
+    needed = ["minihuman"]
+    while needed:
+        name = needed.pop()
+        key = _SEPARATORS.sub("-", name).lower()
+        if key in found:
+            continue
+        try:
+            package = distribution(name)
+        except PackageNotFoundError:
+            continue
+        found[key] = f"{package.name}=={package.version}"
+        needed += (match[0] for line in package.requires or () if (match := _NAME.match(line)))
+    return "".join(f"{found[key]}\n" for key in sorted(found)).encode()

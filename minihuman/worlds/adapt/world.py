@@ -126,6 +126,10 @@ class World:
         """Where the agent stands; None where the world cannot tell."""
         return self._known.pose() if self._known else None
 
+    def clauses(self) -> tuple[tuple[str, int], ...]:
+        """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        return self._known.clauses() if isinstance(self._known, NativeWorld) else ()
+
     def map(self) -> Map | None:
         """The floor plan; None where the world cannot tell."""
         return self._known.map() if self._known else None
@@ -222,6 +226,8 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
         raise WorldError(f"{world_id}: {error}") from error
     except TypeError as error:
         raise WorldError(f"{world_id}: options {options!r} do not fit: {error}") from error
+    except Exception as error:  # a constructor may raise whatever it likes of an id or an option
+        raise WorldError(f"{world_id}: options {options!r}: {type(error).__name__}: {error}") from error
     if "rgb_array" not in env.metadata.get("render_modes", ()):
         env.close()
         raise WorldError(f"{world_id}: it has no render mode 'rgb_array', so there is no picture to show a person")

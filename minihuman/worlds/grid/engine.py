@@ -41,6 +41,7 @@ from minihuman.worlds.grid.core.tasks import INSTRUCTED
 from minihuman.worlds.grid.core.view import see, see_size
 from minihuman.worlds.grid.floor_plan import floor_plan
 from minihuman.worlds.grid.instructions.block import instructed_length
+from minihuman.worlds.grid.instructions.numbers import clauses_done
 from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.instructions.verify import hand_over
 from minihuman.worlds.grid.kinds import Kind, check_kinds
@@ -264,6 +265,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
     def map(self) -> Map:
         """The floor plan with doors, objects and goal where they are now."""
         return floor_plan(self._in_world(), self.palette, self.kinds)
+
+    def clauses(self) -> tuple[tuple[str, int], ...]:
+        """What the episode's instruction says, clause by clause, each with the step that did it; 0 for none yet."""
+        return clauses_done(self._row) if self._row[TASK] == INSTRUCTED else ()
 
     def way(self) -> Sequence[int] | None:
         """The shortest list of actions to success; empty if there is none."""

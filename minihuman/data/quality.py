@@ -1,0 +1,121 @@
+"""What a report says of a session beside its tables: how well it was recorded, and its plan in outline."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.recorded.episode import Episode, SessionLog
+from minihuman.study.events import Noted
+from minihuman.study.plan import EpisodePlan, SessionPlan
+
+LATE_MS = 5.0  # a press that waited longer for the session than this is counted
+_NS_PER_MS = 1e6
+_DISPLAY = ("window", "window_size_px", "refresh_hz_reported", "vsync", "key_times")
+_SOFTWARE = ("version_minihuman", "git_commit", "rules", "python", "system", "version_numpy", "window_version")
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """One session. Times in ms; NaN where there was nothing to measure."""
+
+    participant: str
+    session: int
+    presses: int
+    late: int  # presses that were taken more than LATE_MS after they were made
+    latest_ms: float
+    steps: int
+    pictures_missing: int  # steps and resets of which no picture was shown
+    key_to_flip_ms: tuple[float, float, float]  # median, 95 %, 99 %: from a step's key to its picture's flip
+    focus_lost: int
+    pauses: int
+    paused_s: float
+    segments: int
+    clean: bool
+    display: dict[str, str]
+    software: dict[str, str]
+
+
+class Outline(msgspec.Struct, frozen=True):
+    """A session's plan as far as a methods section tells it."""
+
+    study: str
+    version: str
+    protocol_sha256: str
+    seed: int
+    participant: str
+    group: str
+    session: int
+    by_hand: bool  # participant or group chosen, not allocated
+    blocks: tuple[EpisodePlan, ...]  # the first episode of each
+
+    @classmethod
+    def of(cls, plan: SessionPlan) -> "Outline":
+        """A plan's."""
+        first: dict[str, EpisodePlan] = {}
+        for episode in plan.episodes:
+            first.setdefault(episode.block_name, episode)
+        return cls(
+            plan.study,
+            plan.study_version,
+            plan.protocol_sha256,
+            plan.study_seed,
+            plan.participant.id,
+            plan.participant.group,
+            plan.session,
+            plan.overridden,
+            tuple(first.values()),
+        )
+
+
+def quality_of(log: SessionLog) -> Quality:
+    """Measure one session's recording."""
+    waited_ms = [np.asarray(segment.keys.column("waited_ns")) / _NS_PER_MS for segment in log.segments]
+    down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
+    pressed = _joined(waited[is_down] for waited, is_down in zip(waited_ms, down, strict=True))
+    to_flip = _joined(_key_to_flip_ms(episode) for episode in log.episodes)
+    spread = tuple(float(one) for one in np.percentile(to_flip, (50, 95, 99))) if to_flip.size else (np.nan,) * 3
+    pauses = [pause for segment in log.segments for pause in segment.pauses]
+    return Quality(
+        participant=log.plan.participant.id,
+        session=log.plan.session,
+        presses=int(pressed.size),
+        late=int((pressed > LATE_MS).sum()),
+        latest_ms=float(pressed.max()) if pressed.size else np.nan,
+        steps=sum(len(episode.actions) for episode in log.episodes),
+        pictures_missing=sum(_missing(episode) for episode in log.episodes),
+        key_to_flip_ms=(spread[0], spread[1], spread[2]),
+        focus_lost=sum(isinstance(note, Noted) and (note.kind, note.text) == ("focus", "lost") for note in log.notes),
+        pauses=len(pauses),
+        paused_s=sum(end_ns - begin_ns for begin_ns, end_ns in pauses) / 1e9,
+        segments=len(log.segments),
+        clean=log.clean,
+        display={name: log.facts[name] for name in _DISPLAY if name in log.facts},
+        software={name: log.facts[name] for name in _SOFTWARE if name in log.facts},
+    )
+
+
+def _joined(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.concatenate([np.empty(0), *parts])
+
+
+def _missing(episode: Episode) -> int:
+    """Pictures of an episode that were not shown; the reset has one too."""
+    shown = set(np.asarray(episode.frames.column("step")).tolist())
+    return len(episode.actions) + 1 - len(shown)
+
+
+def _key_to_flip_ms(episode: Episode) -> NDArray[np.float64]:
+    """From each step's key to the first flip of its picture, where there was a key and a picture."""
+    steps = np.asarray(episode.frames.column("step"), np.int64)
+    flips = np.asarray(episode.frames.column("flip_ns"), np.int64)
+    first, places = np.unique(steps, return_index=True)
+    shown = {int(step): int(flips[place]) for step, place in zip(first, places, strict=True)}
+    waits = [
+        (shown[number] - int(episode.key_t_ns[number - 1])) / _NS_PER_MS
+        for number in range(1, len(episode.actions) + 1)
+        if number in shown and episode.step_keys[number - 1]
+    ]
+    return np.array(waits, np.float64)

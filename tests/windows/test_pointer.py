@@ -1,0 +1,108 @@
+"""The mouse and typed text, made by the X server, on screens that want them and on those that do not."""
+
+import time
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+import pytest
+
+from minihuman.study.inputs import Input, KeyDown, PointerMoved, PointerPressed, PointerReleased, Typed
+from minihuman.study.screens import Choices, Entry, QuestionScreen, Screen, Slider, TextScreen
+from minihuman.windows.blocking import TITLE
+from minihuman.windows.compose import spot_at
+from tests.window_host import HostedWindow
+from tests.xserver import Typist
+
+pytestmark = pytest.mark.program
+
+SIZE_PX = (640, 360)
+MS = 1_000_000
+CHOICE = QuestionScreen("", "Which one?", Choices(("this", "that"), frozenset(), 0), "")
+SLIDER = QuestionScreen("", "How much?", Slider("little", "much", None, "", 10), "")
+ENTRY = QuestionScreen("", "What?", Entry("", 0, False), "")
+PLAIN = TextScreen("Words", "to read", "Press Enter")
+
+
+@pytest.fixture(scope="module", params=("pygame", "pyglet"))
+def desk(request: pytest.FixtureRequest, display: str) -> Iterator[tuple[HostedWindow, Typist]]:
+    typist, window = Typist(display), HostedWindow(request.param, display, size_px=SIZE_PX)
+    window.show(PLAIN)
+    typist.focus(TITLE)
+    yield window, typist
+    window.end()
+    typist.close()
+
+
+def hear(window: HostedWindow, quiet_ms: int = 300) -> list[Input]:
+    heard: list[Input] = []
+    while got := window.wait(time.monotonic_ns() + quiet_ms * MS):
+        heard += got
+    return heard
+
+
+def middle_of(screen: Screen, name: str) -> tuple[float, float]:
+    inside = [
+        (x, y)
+        for x, y in product(np.linspace(0, 1, 160), np.linspace(0, 1, 90))
+        if spot_at(screen, SIZE_PX, float(x), float(y))[0] == name
+    ]
+    x, y = np.mean(inside, axis=0)
+    return float(x), float(y)
+
+
+def test_a_click_says_on_what(desk: tuple[HostedWindow, Typist]) -> None:
+    window, typist = desk
+    window.show(CHOICE)
+    typist.point(TITLE, *middle_of(CHOICE, "option:1"))
+    hear(window)
+    typist.button(True)
+    typist.button(False)
+    pressed, released = hear(window)
+    assert isinstance(pressed, PointerPressed)
+    assert isinstance(released, PointerReleased)
+    assert (pressed.target, released.target) == ("option:1", "option:1")
+
+
+def test_a_slider_is_drawn_along_and_beyond(desk: tuple[HostedWindow, Typist]) -> None:
+    window, typist = desk
+    window.show(SLIDER)
+    x, y = middle_of(SLIDER, "slider")
+    typist.point(TITLE, x, y)
+    hear(window)
+    typist.button(True)
+    for further in (x + 0.1, x + 0.2, 0.99):
+        typist.point(TITLE, further, y)
+    typist.button(False)
+    heard = hear(window)
+    assert isinstance(heard[0], PointerPressed)
+    assert isinstance(heard[-1], PointerReleased)
+    assert all(isinstance(one, PointerMoved) for one in heard[1:-1])
+    alongs = [one.along for one in heard if isinstance(one, PointerPressed | PointerMoved | PointerReleased)]
+    assert alongs == sorted(alongs)
+    assert alongs[0] == pytest.approx(0.5, abs=0.05)
+    assert alongs[-1] == 1.0
+    assert {one.target for one in heard if not isinstance(one, KeyDown)} == {"slider"}
+
+
+def test_text_is_told_of_where_it_is_wanted_beside_the_keys(desk: tuple[HostedWindow, Typist]) -> None:
+    window, typist = desk
+    window.show(ENTRY)
+    hear(window)
+    typist.tap("a", "7", "enter")
+    heard = hear(window)
+    assert "".join(one.text for one in heard if isinstance(one, Typed)) == "a7"
+    assert [one.key for one in heard if isinstance(one, KeyDown)] == ["a", "7", "enter"]
+
+
+def test_elsewhere_neither_mouse_nor_text_is_told_of(desk: tuple[HostedWindow, Typist]) -> None:
+    window, typist = desk
+    window.show(PLAIN)
+    hear(window)
+    typist.point(TITLE, 0.4, 0.4)
+    typist.button(True)
+    typist.button(False)
+    typist.tap("b")
+    heard = hear(window)
+    assert not [one for one in heard if isinstance(one, Typed | PointerPressed | PointerMoved | PointerReleased)]
+    assert [one.key for one in heard if isinstance(one, KeyDown)] == ["b"]
