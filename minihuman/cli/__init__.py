@@ -34,9 +34,9 @@ def about(
 
 def main() -> None:
     """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
-    from minihuman.cli import authoring, desk, export, learn, logs, see, session, station, worlds
+    from minihuman.cli import authoring, desk, export, learn, logs, power, see, session, station, worlds
 
-    for part in (authoring, session, station, worlds, logs, see, desk, export, learn):
+    for part in (authoring, session, station, worlds, logs, see, desk, power, export, learn):
         part.add_to(app)
     try:
         app()

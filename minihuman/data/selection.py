@@ -13,6 +13,7 @@ from minihuman.data.marks import Mark, read_marks, tags, tags_of
 from minihuman.data.measured import Measured, Planner, Row, known_shortest, no_shortest
 from minihuman.data.versions import is_version
 from minihuman.recorded.episode import Episode, SessionLog
+from minihuman.study.events import EpisodesSkipped
 from minihuman.study.plan import SessionPlan
 
 EXCLUDE = "exclude"  # a reviewer's tag that leaves an episode out unless it is asked for
@@ -115,11 +116,13 @@ EVERYTHING = Selection(with_=(EXCLUDE, UNFINISHED, RULES))
 def about_session(log: SessionLog) -> Row:
     """What the table "participants" says of a session as a whole; ``completed_share`` is of the planned episodes."""
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
+    skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
+    planned = len(log.plan.episodes) - skipped
     return {
         "player": log.player,
         "started_at": log.started_at,
         "end_reason": log.end_reason,
         "clean": log.clean,
         "segments": len(log.segments),
-        "completed_share": len(completed) / len(planned) if (planned := log.plan.episodes) else None,
+        "completed_share": len(completed) / planned if planned else None,
     }

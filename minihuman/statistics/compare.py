@@ -15,6 +15,7 @@ RESAMPLES = 9_999
 SEED = 20_230_613  # of the permutations, so that the same data give the same p
 LARGEST_G = 10  # above it a standardised difference says only that a spread is next to nothing
 _NOTHING = (math.nan, math.nan)
+_LARGEST_T = 1e9  # finite, as regroupings are told apart by subtraction
 
 Values = NDArray[np.float64]
 
@@ -157,8 +158,8 @@ def holm(ps: Sequence[float]) -> list[float]:
 
 
 def _welch(a: Values, b: Values, axis: int) -> Values:
-    """|Welch's t|; infinite where groups without any spread differ, 0 where they do not."""
+    """|Welch's t|; very large where groups without any spread differ, 0 where they do not."""
     apart = np.abs(a.mean(axis=axis) - b.mean(axis=axis))
     error = np.sqrt(a.var(axis=axis, ddof=1) / a.shape[axis] + b.var(axis=axis, ddof=1) / b.shape[axis])
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(apart < 1e-12, 0.0, apart / error)
+        return np.where(apart < 1e-12, 0.0, np.minimum(apart / error, _LARGEST_T))

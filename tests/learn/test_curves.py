@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from minihuman.learn.transfer.curves import area_under, improvement, interquartile_mean, wilson
+from minihuman.learn.transfer.curves import area_under, improvement, interquartile_mean
 from minihuman.statistics.compare import holm
 from tests.counts import count
 
@@ -93,15 +93,3 @@ def test_the_mean_of_the_middle_half_leaves_out_the_odd_run():
 def fewest(n, share):
     """What a count of ``n`` tries that come out with this chance stays above in 999 of 1,000 cases."""
     return int(stats.binom.ppf(0.001, n, share))
-
-
-def test_wilson_agrees_with_scipy():
-    from scipy.stats import binomtest
-
-    for successes, trials in ((0, 20), (3, 20), (20, 20), (57, 100)):
-        expected = binomtest(successes, trials).proportion_ci(method="wilson")
-        assert wilson(successes, trials) == pytest.approx((expected.low, expected.high))
-
-
-def test_nothing_tried_says_nothing():
-    assert wilson(0, 0) == (0.0, 1.0)

@@ -11,7 +11,7 @@ import torch
 from minihuman.learn.agent.network import Policy
 from minihuman.learn.agent.observe import Eyesight, Observation
 from minihuman.learn.agent.training_world import episode_seed
-from minihuman.learn.transfer.curves import wilson
+from minihuman.statistics.shares import wilson
 
 HELD_OUT = "held out"
 

@@ -75,15 +75,3 @@ def improvement(transfer: NDArray[np.float64], baseline: NDArray[np.float64]) ->
 def interquartile_mean(areas: NDArray[np.float64]) -> float:
     """The mean of the middle half of the runs (Agarwal et al., 2021); NaN for fewer than four."""
     return float(stats.trim_mean(areas, 0.25)) if len(areas) >= 4 else float("nan")
-
-
-def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """The 95 % score interval (Wilson, 1927) of a success rate; (0, 1) where nothing was tried."""
-    if trials == 0:
-        return 0.0, 1.0
-    z = 1.959963984540054
-    rate = successes / trials
-    middle = rate + z * z / (2 * trials)
-    half = z * np.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
-    scale = 1 + z * z / trials
-    return float(max(0.0, (middle - half) / scale)), float(min(1.0, (middle + half) / scale))

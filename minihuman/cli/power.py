@@ -1,0 +1,50 @@
+"""How many participants a study needs: power."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(power)
+
+
+def power(
+    protocol: Annotated[Path, typer.Argument(help="The study's TOML file.")],
+    effect: Annotated[str, typer.Option(help="excess=0.7 for 30 % fewer excess steps in one group; or none.")],
+    groups: Annotated[str, typer.Option(help="Participants a group to try.")] = "10,20,30,40",
+    measure: Annotated[str, typer.Option(help="A measure, or all.")] = "log_excess_steps",
+    block: Annotated[str | None, typer.Option(help="The block to look at; by default the last.")] = None,
+    studies: Annotated[int, typer.Option(min=10, help="How many studies to draw of each size.")] = 1000,
+    people: Annotated[int, typer.Option(min=4, help="How many simulated people to draw them from.")] = 60,
+    player: Annotated[str, typer.Option(help="Who plays.")] = "human-like",
+    seed: Annotated[int, typer.Option(help="Of the people and of the studies drawn.")] = 1,
+    out: Annotated[Path | None, typer.Option(help="A folder for the table as CSV and the figure.")] = None,
+) -> None:
+    """Say how likely a study of so many participants finds an effect, with the report's own test.
+
+    Example: minihuman power protocols/fourrooms-transfer.toml --effect excess=0.7 --groups 10,20,30,40
+    """
+    from minihuman.power.pool import groups_of, play_pool
+    from minihuman.power.studies import MEASURES, Effect, power_curve, values_of
+    from minihuman.power.told import told, write
+
+    sizes, wanted = groups_of(groups), Effect.parse(effect)
+    pool = play_pool(protocol.read_bytes(), people=people, player=player, seed=seed, block=block)
+    found = tuple(
+        one
+        for name in (MEASURES if measure == "all" else (measure,))
+        for one in power_curve(
+            name,
+            values_of(wanted.of(pool.episodes), name),
+            values_of(pool.episodes, name),
+            sizes,
+            studies=studies,
+            seed=seed,
+        )
+    )
+    print(told(pool, wanted, found, player=player))
+    for path in write(found, out) if out is not None else ():
+        print(path)

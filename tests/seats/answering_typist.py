@@ -1,0 +1,183 @@
+"""A participant made of X key and mouse events, who reads, answers and plays: any study, part after part.
+
+When to do something is looked up in the live log, as a person looks at the screen; what was answered is kept.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from minihuman.log.read.open_log import read_events
+from minihuman.players.port import way_of
+from minihuman.study import texts
+from minihuman.study.activities.drafts import Question, draft_of
+from minihuman.study.activities.pages import PagePlan
+from minihuman.study.activities.play_plan import PlayPlan
+from minihuman.study.activities.questions import QuestionsPlan
+from minihuman.study.events import Answered, EpisodeEnded, Event, Noted, PageShown, PartEnded, PartStarted, Stepped
+from minihuman.study.plan import EpisodePlan, Part, SessionPlan
+from minihuman.study.words import Words
+from minihuman.windows.blocking import TITLE
+from minihuman.windows.compose import spot_at
+from minihuman.worlds.adapt.world import World
+from tests.xserver import Typist
+
+PATIENCE_S = 120.0
+GRID = tuple(product(np.linspace(0.005, 0.995, 200), np.linspace(0.005, 0.995, 120)))
+
+
+@dataclass
+class Participant:
+    """Whoever sits there, and what they have answered: part, item, JSON value."""
+
+    typist: Typist
+    plan: SessionPlan
+    part_file: Path
+    size_px: tuple[int, int]
+    given: list[tuple[str, str, str]] = field(default_factory=list)
+
+    def take_part(self) -> None:
+        """Do every part, to the end."""
+        for number, part in enumerate(self.plan.parts):
+            self._until(lambda events, n=number: any(isinstance(e, PartStarted) and e.part == n for e in events))
+            self._do(number, part)
+
+    def _do(self, number: int, part: Part) -> None:
+        match part.plan:
+            case PagePlan() as page:
+                for place in range(1, len(page.pages) + 1):
+                    self._until(_page_is_open(number, place))
+                    self.typist.tap("enter")
+            case QuestionsPlan() as asked:
+                for place, question in enumerate(asked.items):
+                    self._until(_answers(number, place))
+                    self._answer(number, part.name, asked, place, question)
+                    self.typist.tap("tab")
+            case PlayPlan() as play:
+                self._play(number, play)
+            case _:
+                self.typist.tap(*self.plan.key_pool)
+
+    def _answer(self, number: int, name: str, asked: QuestionsPlan, place: int, question: Question) -> None:
+        """Now by mouse, now by key: a right answer where there is one, else one that depends on the place."""
+        codes, count = question.all_codes, len(question.all_codes)
+        chosen = codes.index(question.right) if question.right in codes else (place * 3 + 1) % max(1, count)
+        time.sleep(0.15)  # the question has to be on the screen before it can be pointed at
+        match question.kind:
+            case "slider" if place % 2:
+                steps = place + 1
+                self.typist.tap("home", *["right"] * steps)
+                value: object = int(question.minimum + steps * question.step)
+            case "slider":
+                along = 0.1 + 0.13 * place
+                self._click(asked, place, "slider", along)
+                total = round((question.maximum - question.minimum) / question.step)
+                value = int(question.minimum + round(along * total) * question.step)
+            case "number":
+                value = int(question.minimum) + 5
+                self.typist.tap(*str(value))
+            case _ if place % 2:
+                self.typist.tap(str(chosen + 1))
+                value = codes[chosen]
+            case _:
+                self._click(asked, place, f"option:{chosen}")
+                value = codes[chosen]
+        self.given.append((name, question.name, json.dumps(value, ensure_ascii=False)))
+
+    def _click(self, asked: QuestionsPlan, place: int, target: str, along: float = 0.5) -> None:
+        words, question = Words(self.plan.language, self.plan.words), asked.items[place]
+        screen = texts.question(
+            words,
+            title=asked.title,
+            asked=question,
+            item=draft_of(question, rtl=words.rtl).item(),
+            number=place,
+            count=len(asked.items),
+            note="",
+        )
+        found = [(x, y, spot_at(screen, self.size_px, float(x), float(y))) for x, y in GRID]
+        inside = [(x, y, at) for x, y, (name, at) in found if name == target]
+        assert inside, f"{target} is nowhere on the screen"
+        middle = np.median([y for _, y, _ in inside])
+        x, y, _ = min(inside, key=lambda spot: abs(spot[2] - along) + abs(spot[1] - middle))
+        self.typist.point(TITLE, float(x), float(y))
+        self.typist.button(True)
+        self.typist.button(False)
+
+    def _play(self, number: int, play: PlayPlan) -> None:
+        for place in range(len(play.instruction)):
+            self._until(_page_is_open(number, place + 1))
+            self.typist.tap("enter")
+        for episode in self.plan.episodes[play.first : play.first + play.count]:
+            self._until(_ready_or_over(number, episode.episode))
+            if any(isinstance(event, PartEnded) and event.part == number for event in self._events()):
+                return
+            if _last_phase(self._events()) == "ready":
+                time.sleep(0.05)
+                self.typist.tap("enter")
+            self._until(lambda events: _last_phase(events) == "playing")
+            for done, key in enumerate(_way(episode), 1):
+                self.typist.tap(key)
+                self._until(_steps(episode.episode, done))
+            self._until(_over(episode.episode))
+            self._until(lambda events: _last_phase(events) != "hold")
+            if _last_phase(self._events()) == "feedback":
+                self.typist.tap("enter")
+        if play.rest:
+            self._until(lambda events: _last_phase(events) == "rest")
+            self.typist.tap("enter")
+
+    def _until(self, holds: Callable[[list[Event]], bool]) -> None:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline_s:
+            if holds(self._events()):
+                return
+            time.sleep(0.03)
+        raise AssertionError(f"the log stopped at {self._events()[-3:]}")
+
+    def _events(self) -> list[Event]:
+        return list(read_events(self.part_file)) if self.part_file.exists() else []
+
+
+def _page_is_open(part: int, page: int) -> Callable[[list[Event]], bool]:
+    return lambda events: any(isinstance(e, PageShown) and (e.part, e.page) == (part, page) for e in events)
+
+
+def _answers(part: int, count: int) -> Callable[[list[Event]], bool]:
+    return lambda events: sum(isinstance(e, Answered) and e.part == part for e in events) >= count
+
+
+def _steps(episode: int, count: int) -> Callable[[list[Event]], bool]:
+    return lambda events: sum(isinstance(e, Stepped) and e.episode == episode for e in events) >= count
+
+
+def _over(episode: int) -> Callable[[list[Event]], bool]:
+    return lambda events: any(isinstance(e, EpisodeEnded) and e.episode == episode for e in events)
+
+
+def _ready_or_over(part: int, episode: int) -> Callable[[list[Event]], bool]:
+    def holds(events: list[Event]) -> bool:
+        if any(isinstance(e, PartEnded) and e.part == part for e in events):
+            return True
+        ended = not episode or any(isinstance(e, EpisodeEnded) and e.episode == episode - 1 for e in events)
+        return ended and _last_phase(events) in ("ready", "interval", "fixation", "playing")
+
+    return holds
+
+
+def _last_phase(events: Iterable[Event]) -> str:
+    return [e.text for e in events if isinstance(e, Noted) and e.kind == "phase"][-1]
+
+
+def _way(episode: EpisodePlan) -> list[str]:
+    """The keys of the shortest way to the goal."""
+    key_of = {action: key for key, action in episode.key_map.keys.items()}
+    with closing(World(episode.world, episode.options)) as world:
+        world.reset(episode.seed)
+        return [key_of[action] for action in way_of(world)]

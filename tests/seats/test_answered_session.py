@@ -1,0 +1,84 @@
+"""Questionnaires answered by real X key and mouse events: what was given is in the log, the table and the report."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from minihuman.lab.protocol_file import read_protocol
+from minihuman.lab.verify import verify
+from minihuman.log.read.open_log import open_log
+from minihuman.study.events import Answered
+from minihuman.study.expand import enrol, expand
+from minihuman.windows.blocking import TITLE
+from tests.seats.answering_typist import Participant
+from tests.xserver import Typist, xvfb
+
+pytestmark = pytest.mark.program
+
+SIZE_PX = (800, 600)
+FORMS = """
+[study]
+name = "forms"
+version = "1"
+seed = 2
+language = "de"
+[[groups]]
+name = "alle"
+parts = ["person", "last"]
+[[questions]]
+name = "person"
+form = "demographics"
+[[questions]]
+name = "last"
+form = "nasa-tlx"
+"""
+
+
+def minihuman(*words: str | Path, display: str = "") -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "minihuman", *map(str, words)],
+        env={**os.environ, "DISPLAY": display},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize("window", ["pygame", "pyglet"])
+def test_forms_answered_by_key_and_mouse_equal_log_table_and_report(window: str, tmp_path: Path) -> None:
+    file = tmp_path / "forms.toml"
+    file.write_text(FORMS)
+    study = read_protocol(file)
+    plan = expand(study, enrol(study, 0))
+    with xvfb(SIZE_PX) as display:
+        typist = Typist(display)
+        station = minihuman("run", file, "--data", tmp_path, "--window", window, "--windowed", display=display)
+        typist.focus(TITLE)
+        live = tmp_path / "forms/sub-01/ses-01/sub-01_ses-01.mcap.part"
+        somebody = Participant(typist, plan, live, SIZE_PX)
+        somebody.take_part()
+        said, complained = station.communicate(timeout=120)
+        typist.close()
+    assert station.returncode == 0, complained
+
+    log = open_log(Path(said.splitlines()[-1]))
+    assert (log.end_reason, verify(log).difference) == ("complete", "")
+    answered = [event for event in log.part_events if isinstance(event, Answered)]
+    assert len(somebody.given) == 11
+    assert [(event.part_name, event.item, event.value) for event in answered] == somebody.given
+    assert all(0 < event.shown_ns <= event.first_ns <= event.t_ns for event in answered)
+
+    assert minihuman("export", "parquet", tmp_path / "forms", tmp_path / "out").wait(120) == 0
+    rows = pq.read_table(tmp_path / "out/answers.parquet").to_pylist()
+    told = [(row["questions"], row["item"], row["number"] or row["answer"]) for row in rows]
+    assert told == [(part, item, json.loads(value)) for part, item, value in somebody.given]
+
+    assert minihuman("report", tmp_path / "forms", "--out", tmp_path / "report").wait(300) == 0
+    page = next((tmp_path / "report").rglob("*.html")).read_text()
+    for row in rows:
+        assert row["item"] in page
