@@ -192,7 +192,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         clear(self._row)
         self._lay_out()
         if self._row[FAILED]:
-            raise WorldError(f"{self} with seed {seed!r} found no free place for something it lays out")
+            raise WorldError(f"{self} with seed {seed!r} has no free place for something, or nothing fits its mission")
         if self._row[X] < 0:
             raise WorldError(f"{self} placed no agent; a layout places one")
         self._row[PHASE] = PLAYING
