@@ -202,7 +202,7 @@ def test_lerobot_files_cast_to_the_types_that_lerobot_makes_of_their_description
     assert isinstance(frames[0]["action_index"], int)
     assert len(frames[0]["action"]) == len(info["features"]["action"]["names"])
     info["features"]["action"]["shape"] = [1]  # what was written before: a list of one, described as a scalar
-    with pytest.raises(Exception, match="cast|convert|generating"):
+    with pytest.raises(Exception, match=r"cast|convert|generating"):
         datasets.Dataset.from_parquet(files, features=lerobots_features(info), cache_dir=str(tmp_path / "other"))
 
 
