@@ -314,6 +314,15 @@ POINTS = (
     Column("skipped", "whole", "", "How many episodes were not played; empty for one that was."),
     Column("why", "text", "", "Why: criterion, time or given_up."),
 )
+CLAUSES = (
+    *_WHO,
+    *_SEGMENT,
+    _T_NS,
+    Column("episode", "whole", "", "The session's episode, 1 for the first."),
+    Column("step", "whole", "", "The step that did it, 1 for the first."),
+    Column("clause", "whole", "", "Which clause of the episode's instruction, 1 for the first as it is read."),
+    Column("text", "text", "", "What the clause says."),
+)
 OTHER_INPUTS = (
     *_WHO,
     *_SEGMENT,
@@ -345,6 +354,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "parts": PARTS,
     "pages": PAGES,
     "points": POINTS,
+    "clauses": CLAUSES,
     "other_inputs": OTHER_INPUTS,
 }
 
@@ -367,6 +377,7 @@ FROM_TOPICS = {
     topics.PART_END: ("parts",),
     topics.PAGE: ("pages",),
     topics.POINTS: ("points",),
+    topics.CLAUSE: ("clauses",),
     topics.SKIP: ("points",),
     topics.TEXT: ("other_inputs",),
     topics.POINTER: ("other_inputs",),

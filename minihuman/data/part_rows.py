@@ -10,6 +10,7 @@ from minihuman.recorded.segment import PartEvent
 from minihuman.study.events import (
     AnswerChanged,
     Answered,
+    ClauseDone,
     EpisodesSkipped,
     PageShown,
     PartEnded,
@@ -109,6 +110,12 @@ def _points(event: PartEvent, log: SessionLog) -> _Row | None:
     return None
 
 
+def _clause(event: PartEvent, log: SessionLog) -> _Row | None:
+    if not isinstance(event, ClauseDone):
+        return None
+    return {"episode": event.episode + 1, "step": event.step, "clause": event.clause + 1, "text": event.text}
+
+
 def _input(event: PartEvent, log: SessionLog) -> _Row | None:
     match event:
         case TextTyped():
@@ -125,5 +132,6 @@ _MAKERS: Mapping[str, Callable[[PartEvent, SessionLog], _Row | None]] = {
     "parts": _part,
     "pages": _page,
     "points": _points,
+    "clauses": _clause,
     "other_inputs": _input,
 }

@@ -17,6 +17,7 @@ from minihuman.study import events as ev
 PLAIN: dict[type, tuple[str, type[Message]]] = {
     ev.EpisodesSkipped: (topics.SKIP, v1.EpisodesSkipped),
     ev.Scored: (topics.POINTS, v1.Scored),
+    ev.ClauseDone: (topics.CLAUSE, v1.ClauseDone),
     ev.PartStarted: (topics.PART, v1.PartStarted),
     ev.PartEnded: (topics.PART_END, v1.PartEnded),
     ev.PageShown: (topics.PAGE, v1.PageShown),

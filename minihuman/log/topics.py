@@ -37,6 +37,7 @@ FRAME = "/frame"
 OBSERVATION = "/obs"
 SKIP = "/episode/skip"
 POINTS = "/episode/points"
+CLAUSE = "/episode/clause"
 PART = "/session/part"
 PART_END = "/session/part_end"
 PAGE = "/page"
@@ -76,6 +77,7 @@ TOPICS = (
     Topic(EPISODE_END, v1.EpisodeEnd, "outcome, steps, return, last state hash"),
     Topic(SKIP, v1.EpisodesSkipped, "planned episodes that are not played: a criterion was met, or the time is up"),
     Topic(POINTS, v1.Scored, "an episode's points, and the session's so far"),
+    Topic(CLAUSE, v1.ClauseDone, "a clause of the episode's instruction is done; before the step that did it"),
     Topic(PART, v1.PartStarted, "a part of the session begins"),
     Topic(PART_END, v1.PartEnded, "a part is over, and which one is next"),
     Topic(PAGE, v1.PageShown, "a page of a text reached the display"),

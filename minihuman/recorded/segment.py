@@ -12,6 +12,7 @@ from minihuman.recorded.columns import EventColumns
 from minihuman.study.events import (
     AnswerChanged,
     Answered,
+    ClauseDone,
     EpisodesSkipped,
     KeyPressed,
     Noted,
@@ -27,7 +28,16 @@ from minihuman.study.events import (
 )
 
 PartEvent = (
-    PartStarted | PartEnded | PageShown | EpisodesSkipped | Scored | AnswerChanged | Answered | TextTyped | PointerUsed
+    PartStarted
+    | PartEnded
+    | PageShown
+    | EpisodesSkipped
+    | Scored
+    | ClauseDone
+    | AnswerChanged
+    | Answered
+    | TextTyped
+    | PointerUsed
 )
 Note = Noted | Paused | Resumed
 Pauses = tuple[tuple[int, int], ...]  # begin and end of each, ns of session time

@@ -173,6 +173,17 @@ class Scored:
 
 
 @dataclass(frozen=True, slots=True)
+class ClauseDone:
+    """A step has done one clause of the episode's instruction; before the event of its step."""
+
+    t_ns: int
+    episode: int
+    step: int
+    clause: int  # of the instruction as it is read, from 0
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class PartStarted:
     """A part of the session begins."""
 
@@ -307,6 +318,7 @@ Event = (
     | EpisodeEnded
     | EpisodesSkipped
     | Scored
+    | ClauseDone
     | PartStarted
     | PartEnded
     | PageShown

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.study.events import (
+    ClauseDone,
     EndCause,
     EpisodeEnded,
     EpisodeStarted,
@@ -174,6 +175,16 @@ class Play:
             state_hash=self._state_hash,
             observation_hash=transition.observation_hash,
         )
+
+    def clauses_done(self, t_ns: int) -> list[ClauseDone]:
+        """The clauses of the instruction that the last step has done."""
+        with world_calls():
+            clauses = self.world.clauses()
+        return [
+            ClauseDone(t_ns, self.plan.episode, self.steps, number, text)
+            for number, (text, step) in enumerate(clauses)
+            if step == self.steps
+        ]
 
     def stored(self, t_ns: int) -> list[ObservationStored]:
         """What is to be observed now, where the log is to hold it: one, else none."""

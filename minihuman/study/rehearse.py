@@ -1,16 +1,51 @@
-"""A protocol against its worlds: does each exist, and has it the actions and the steps that the blocks ask for?"""
+"""A protocol against its worlds: does each exist, has it the actions and steps that blocks ask for, does it play?"""
+
+from collections.abc import Callable
 
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.study.protocol import Block, Protocol
 from minihuman.worlds.adapt.world import World
 
+SEEDS = 5  # that are laid out where a block does not say which
 
-def rehearse(protocol: Protocol, source: str = "protocol") -> None:
-    """Make every block's world and look its actions up, playing nothing; ``source`` names the file in errors.
+
+def rehearse(
+    protocol: Protocol, source: str = "protocol", *, before: Callable[[Block], None] = lambda block: None
+) -> None:
+    """Make every block's world, look its actions up, and play it; ``source`` names the file in errors.
+
+    ``before`` is called with each block before its world is played.
 
     Raises:
         ProtocolError: at the first block whose world cannot be played as it says.
     """
+    _look_up(protocol, source)
+    for number, block in enumerate(protocol.blocks):
+        try:
+            before(block)
+            play_a_step(block)
+        except Exception as error:  # whatever somebody's world may raise
+            reason = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
+            raise ProtocolError(f"{source}: $.blocks[{number}].world: {block.world} fails ({reason})") from error
+
+
+def play_a_step(block: Block) -> None:
+    """Do everything once that an episode of a block does with its world, with each of its layouts and actions."""
+    seeds = sorted(set(block.seeds)) if isinstance(block.seeds, tuple) else range(SEEDS)
+    world = World(block.world, block.options)
+    try:
+        for seed in seeds:
+            world.reset(seed)
+        for action in (*block.actions, *block.distractors):
+            world.reset(seeds[0])
+            world.map(), world.pose(), world.state_hash()
+            world.step(world.action_names.index(action))
+        world.frame(block.view, palette=block.palette)
+    finally:
+        world.close()
+
+
+def _look_up(protocol: Protocol, source: str) -> None:
     for number, block in enumerate(protocol.blocks):
         try:
             world = World(block.world, block.options)

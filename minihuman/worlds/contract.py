@@ -69,6 +69,10 @@ class NativeWorld(abc.ABC):
             WorldError: as ``step``.
         """
 
+    def clauses(self) -> tuple[tuple[str, int], ...]:
+        """What the episode's instruction says, clause by clause, each with the step that did it; 0 for none yet."""
+        return ()
+
     def way(self) -> Sequence[int] | None:
         """Actions that lead to success from here, turns counted; empty if there are none, None if it cannot tell.
 

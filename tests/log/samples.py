@@ -298,6 +298,7 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
     ),
     ev.EpisodesSkipped: st.builds(ev.EpisodesSkipped, TIMES, COUNTS, COUNTS, st.sampled_from(get_args(ev.SkipReason))),
     ev.Scored: st.builds(ev.Scored, TIMES, COUNTS, FLOATS, FLOATS),
+    ev.ClauseDone: st.builds(ev.ClauseDone, TIMES, COUNTS, COUNTS, COUNTS, TEXTS),
     ev.PartStarted: st.builds(ev.PartStarted, TIMES, COUNTS, TEXTS, TEXTS),
     ev.PartEnded: st.builds(ev.PartEnded, TIMES, COUNTS, st.sampled_from(get_args(ev.PartEnd)), COUNTS),
     ev.PageShown: st.builds(ev.PageShown, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),

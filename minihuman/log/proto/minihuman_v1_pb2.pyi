@@ -407,6 +407,20 @@ class Scored(_message.Message):
     total: float
     def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., points: _Optional[float] = ..., total: _Optional[float] = ...) -> None: ...
 
+class ClauseDone(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "clause", "text")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    CLAUSE_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    clause: int
+    text: str
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., clause: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
+
 class PartStarted(_message.Message):
     __slots__ = ("t_ns", "part", "kind", "name")
     T_NS_FIELD_NUMBER: _ClassVar[int]

@@ -291,7 +291,8 @@ class Playing(Activity):
         self._limits.begin(now_ns)
 
     def _stepped(self, stepped: Stepped) -> None:
-        self.stage.say(*self._current.stored(self.stage.now_ns), stepped)
+        play, now_ns = self._current, self.stage.now_ns
+        self.stage.say(*play.stored(now_ns), *play.clauses_done(now_ns), stepped)
         if self._current.outcome is not None:
             self._episode_ended("")
 

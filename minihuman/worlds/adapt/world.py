@@ -126,6 +126,10 @@ class World:
         """Where the agent stands; None where the world cannot tell."""
         return self._known.pose() if self._known else None
 
+    def clauses(self) -> tuple[tuple[str, int], ...]:
+        """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        return self._known.clauses() if isinstance(self._known, NativeWorld) else ()
+
     def map(self) -> Map | None:
         """The floor plan; None where the world cannot tell."""
         return self._known.map() if self._known else None
@@ -219,6 +223,8 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
     except ModuleNotFoundError as error:
         raise WorldError(f"{world_id}: {error}; install the package that brings this world") from error
     except gymnasium.error.Error as error:
+        raise WorldError(f"{world_id}: {error}") from error
+    except WorldError as error:
         raise WorldError(f"{world_id}: {error}") from error
     except TypeError as error:
         raise WorldError(f"{world_id}: options {options!r} do not fit: {error}") from error

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from minihuman.errors import WorldError
 from minihuman.worlds.contract import Bounds
 from minihuman.worlds.go_to_obj import COLOURS, KINDS, arrange
 from minihuman.worlds.grid.core.state import TARGET
@@ -16,6 +15,7 @@ from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.planner import facing, walk
 from minihuman.worlds.grid.world import GridWorld
+from minihuman.worlds.options import MOST_CELLS, truth, whole
 
 
 class GoToObj(GridWorld):
@@ -42,11 +42,9 @@ class GoToObj(GridWorld):
         see_through_walls: bool = True,
         **options: Any,
     ) -> None:
-        if size < 5 or size % 2 == 0:
-            raise WorldError(f"size is {size!r}; a room with a middle and four objects is odd and 5 or more")
-        self.size = size
-        self.ambiguous = ambiguous
-        self.toggle_ends = toggle_ends
+        self.size = whole("size", size, 5, MOST_CELLS - 1, odd=True)  # with a middle, and four objects
+        self.ambiguous = truth("ambiguous", ambiguous)
+        self.toggle_ends = truth("toggle_ends", toggle_ends)
         super().__init__(
             width=size,
             height=size,

@@ -49,19 +49,24 @@ class Explorer:
     def __init__(self, state: State, view_size: int = 7) -> None:
         self.memory = Memory(state.row, view_size)
         self._plan: list[int] = []
-        self._expected: bytes | None = None
+        self._before = state.row.copy()  # the state when the plan was last looked at
 
     def action(self, state: State) -> int | None:
         """What to do now; None where nothing is left to try."""
+        way = self.way(state)
+        return way[0] if way else None
+
+    def way(self, state: State) -> list[int]:
+        """What to do from here, as far as it is decided; empty where nothing is left to try."""
         new = self.memory.look(state.row)
-        strayed = self._expected is not None and self._expected != _pose(state.row)
-        if not self._plan or new or strayed:
+        if self._plan and np.array_equal(_after(self._before, self._plan[0]), state.row):
+            self._plan.pop(0)  # done, as it was to be
+        elif not np.array_equal(self._before, state.row):
+            self._plan = []
+        if not self._plan or new:
             self._plan = self._decide(state.row)
-        if not self._plan:
-            return None
-        action = self._plan.pop(0)
-        self._expected = _after(state.row, action)
-        return action
+        self._before = state.row.copy()
+        return self._plan
 
     def _decide(self, row: Row) -> list[int]:
         known = self.memory.known(row)
@@ -159,12 +164,8 @@ def active(row: Row) -> tuple[int, ...]:
     return ()
 
 
-def _pose(row: Row) -> bytes:
-    return row[2:6].tobytes()
-
-
-def _after(row: Row, action: int) -> bytes:
-    """Where the agent should be after an action, and what it should hold."""
-    trial = row.copy()
-    act(trial, action, np.zeros(6, np.uint64))
-    return _pose(trial)
+def _after(row: Row, action: int) -> Row:
+    """The state after an action."""
+    after = row.copy()
+    act(after, action, np.zeros(6, np.uint64))
+    return after

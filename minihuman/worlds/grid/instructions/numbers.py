@@ -26,9 +26,12 @@ from minihuman.worlds.grid.instructions.block import (
     PICK_UP,
     PUT_NEXT,
     RIGHT,
+    SATISFIED,
+    STATUS,
     STRICT,
     THING,
     VERB,
+    WHEN,
 )
 from minihuman.worlds.grid.instructions.language import (
     PLACES,
@@ -106,6 +109,15 @@ def instruction_of(row: Row) -> Instruction:
 def sentence_of(row: Row) -> str:
     """The sentence of a state's instruction."""
     return _sentence(_said(row))
+
+
+def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
+    """The clauses of a state's instruction as text, each with the step that did it; 0 for none yet."""
+    lines = block(row)[CLAUSES:].reshape(-1, CLAUSE)
+    return tuple(
+        (str(clause), int(line[WHEN]) if line[STATUS] == SATISFIED else 0)
+        for clause, line in zip(clauses(instruction_of(row)), lines, strict=False)
+    )
 
 
 def _said(row: Row) -> bytes:

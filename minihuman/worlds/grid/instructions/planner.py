@@ -13,7 +13,7 @@ from minihuman.worlds.grid.core.cells import EMPTY
 from minihuman.worlds.grid.core.rules import TERMINATED, act
 from minihuman.worlds.grid.core.search import FAR, FOUND, NONE
 from minihuman.worlds.grid.core.state import CARRYING, MAX_STEPS, PHASE, PLAYING, STEP, Row, cell_at
-from minihuman.worlds.grid.core.tasks import DONE, DROP, RIGHT, front
+from minihuman.worlds.grid.core.tasks import DONE, DROP, PICKUP, RIGHT, front
 from minihuman.worlds.grid.instructions.block import (
     AFTER,
     ALONE,
@@ -144,7 +144,7 @@ def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | 
     if at_least >= FAR:
         return None, True, None
     if block(row)[CLAUSES + clause * CLAUSE + HELD] == 0 and row[CARRYING] != EMPTY and at_least <= 1:
-        first = [DONE]  # what is in hand from the start counts as put down from the second step on
+        first = [PICKUP]  # does nothing: what is in hand from the start counts as put down from the second step on
     outcome, actions = search_clause(row, clause, table, locks, sorts, 1, EXACT)
     if outcome == FOUND:
         return (*first, *actions.tolist()), False, at_least
