@@ -9,7 +9,6 @@ from minihuman.worlds.contract import Bounds
 from minihuman.worlds.go_to_obj import COLOURS, KINDS, arrange
 from minihuman.worlds.grid.core.state import TARGET
 from minihuman.worlds.grid.core.tasks import FORWARD, REACH, TOGGLE, front, prize
-from minihuman.worlds.grid.env import in_view
 from minihuman.worlds.grid.items import Item
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.missions import MissionSpace
@@ -82,11 +81,3 @@ class GoToObj(GridWorld):
         """The length of that way, twice."""
         count = len(self.way() or ()) or None
         return Bounds(count, count)
-
-
-def make(**options: Any) -> Any:
-    """The world for ``gymnasium.make``; ``view="first_person"`` shows it from inside, in 3D."""
-    return in_view(GoToObj, **options)
-
-
-vars(make)["metadata"] = GoToObj.metadata  # where Gymnasium looks which render modes it has to add
