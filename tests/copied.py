@@ -5,14 +5,19 @@ from pathlib import Path
 from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
+from minihuman.lab.summary import summarise
 from minihuman.log import segment_head, topics
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.scan import Scan
 
 
-def as_another(log: Path, participant: str, study_dir: Path) -> Path:
-    """Write the session of a finished log as that participant's, in its place below a study's folder."""
+def as_another(log: Path, participant: str, study_dir: Path, *, with_end: bool = False) -> Path:
+    """Write the session of a finished log as that participant's, in its place below a study's folder.
+
+    ``with_end`` adds to its end what earlier versions did not say there.
+    """
+    said = _end_of(log) if with_end else {}
     session = int(log.stem.rpartition("-")[2])
     to = study_dir / participant / f"ses-{session:02d}" / f"{participant}_ses-{session:02d}.mcap"
     to.parent.mkdir(parents=True)
@@ -39,10 +44,19 @@ def as_another(log: Path, participant: str, study_dir: Path) -> Path:
                 case Metadata(name=name, metadata=facts):
                     writer.flush()
                     own = {"participant": participant} if "participant" in facts else {}
-                    writer.add_metadata(name, facts | own)
+                    writer.add_metadata(name, facts | own | (said if name == topics.END_METADATA else {}))
                 case Attachment() if record.name != segment_head.NAME:  # a copy of what is another here
                     writer.add_attachment(
                         record.create_time, record.log_time, record.name, record.media_type, record.data
                     )
         writer.finish()
     return to
+
+
+def _end_of(log: Path) -> dict[str, str]:
+    found = summarise([log])
+    return {
+        "planned": str(found.episodes_planned),
+        "completed": str(found.episodes_completed),
+        "lasted_ns": str(round(found.duration_s * 1e9)),
+    }

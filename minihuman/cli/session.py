@@ -29,6 +29,7 @@ def run(
     data: DataFolder = Path("sessions"),
     window: Annotated[str, typer.Option(help="auto, pygame, pyglet, or one of your own.")] = "auto",
     fullscreen: Annotated[bool, typer.Option("--fullscreen/--windowed", help="The whole screen or a window.")] = True,
+    lsl: Annotated[bool, typer.Option("--lsl", help="Send markers by the Lab Streaming Layer too.")] = False,
 ) -> None:
     """Run a participant's session, or the rest of one that was cut short.
 
@@ -51,7 +52,7 @@ def run(
         print(
             f"{plan.participant.id}, group {plan.participant.group}, from episode {plan.first_episode + 1}", flush=True
         )
-        log = sit(plan, opened, clock, data)
+        log = sit(plan, opened, clock, data, markers=lsl)
     finally:
         opened.close()
     if log is not None:
@@ -90,6 +91,7 @@ def check(
     group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
     session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print the whole plan as JSON.")] = False,
+    pictures: Annotated[Path | None, typer.Option(help="Draw every screen into this folder, too.")] = None,
 ) -> None:
     """Check a protocol and its worlds, and print everything that a participant will play.
 
@@ -113,6 +115,12 @@ def check(
     if problems := list(dict.fromkeys(study_unreadable(study))):
         raise ProtocolError.of([f"{protocol}: {problem}" for problem in problems], str(protocol))
     print(msgspec.json.encode(plan).decode() if json else printable("\n".join(lines(plan))))
+    if pictures is not None:
+        from minihuman.seats.screens import save_screens
+
+        with waiting("drawing every screen"):
+            drawn = list(save_screens(plan, pictures))
+        print(f"{len(drawn) - 1} screens in {pictures}; all at a glance in {drawn[-1]}")
 
 
 def status(

@@ -16,7 +16,7 @@ from minihuman.data.table_schema import OF_EPISODES
 from minihuman.errors import StoreError
 
 _ROWS = 100_000  # handed out at once
-_SETTINGS = {"threads": "2", "memory_limit": "512MB"}
+_SETTINGS = {"threads": "2", "memory_limit": "128MB"}
 _MAKERS = ("data", "measures", "recorded")  # the packages whose code makes the rows
 
 

@@ -16,6 +16,7 @@ from minihuman.lab.register import read_register
 from minihuman.study.expand import enrol, expand
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import decode
+from tests.study.test_protocol import without_place
 
 pytestmark = pytest.mark.program
 
@@ -59,7 +60,8 @@ def test_check_prints_everything_a_participant_will_play():
 def test_check_prints_the_plan_itself_as_json():
     told = typed("check", TRANSFER, "--participant", "sub-03", "--json")
     study = decode(TRANSFER.read_bytes())
-    assert msgspec.json.decode(told.stdout, type=SessionPlan) == expand(study, enrol(study, 2))
+    assert told.stdout.strip().encode() == msgspec.json.encode(expand(study, enrol(study, 2)))
+    assert msgspec.json.decode(told.stdout, type=SessionPlan).participant.id == "sub-03"
 
 
 @pytest.mark.parametrize(
@@ -82,7 +84,7 @@ def test_check_prints_the_plan_itself_as_json():
 def test_check_finds_a_block_that_its_world_cannot_play(tmp_path, old, new, said):
     failed = typed("check", edited(tmp_path, old, new)).exception
     assert isinstance(failed, ProtocolError)
-    assert said in str(failed)
+    assert said in without_place(str(failed))
     assert "\n" not in str(failed)
 
 
