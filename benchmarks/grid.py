@@ -1,9 +1,10 @@
 """Steps per CPU-second of our grid worlds and of Minigrid's, in one process, taking turns.
 
-    python -m benchmarks.grid [--others]
+    python -m benchmarks.grid [--others] [--short]
 
 Each line is the median over rounds in which first the one, then the other plays: the machine's other work meets both.
 ``--others`` adds navix and xminigrid (both need jax) where they are installed: batches of 64 on the same CPU.
+``--short`` plays one round of a hundredth of the steps: it shows that everything runs, and measures nothing.
 """
 
 import argparse
@@ -90,10 +91,10 @@ def batched(name: str, steps: int) -> Callable[[], float]:
     return round_
 
 
-def compare(what: str, ours: Callable[[], float], theirs: Callable[[], float], wanted: float) -> None:
+def compare(what: str, ours: Callable[[], float], theirs: Callable[[], float], wanted: float, *, rounds: int) -> None:
     """Play rounds in turn and print medians and the median of the rounds' ratios."""
     ours(), theirs()  # compile and warm up
-    pairs = [(ours(), theirs()) for _ in range(ROUNDS)]
+    pairs = [(ours(), theirs()) for _ in range(rounds)]
     ratio = statistics.median(mine / its for mine, its in pairs)
     mine, its = (statistics.median(column) for column in zip(*pairs, strict=True))
     print(f"{what:44}{mine:12,.0f}{its:12,.0f}{ratio:9.0f}x   at least {wanted:.0f}x", flush=True)
@@ -144,21 +145,45 @@ def main() -> None:
     """Print every comparison."""
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("--others", action="store_true", help="also navix and xminigrid")
-    others = arguments.parse_args().others
+    arguments.add_argument("--short", action="store_true", help="one round of a hundredth of the steps")
+    asked = arguments.parse_args()
+    rounds, share = (1, 100) if asked.short else (ROUNDS, 1)
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in ("minigrid", "numba", "numpy"))
     print(f"minihuman {minihuman.__version__}; {versions}; Python {platform.python_version()}; {time.strftime('%F')}")
     print(f"{'':44}{'ours':>12}{'minigrid':>12}{'ratio':>10}")
     for name in WORLDS:
         make = lambda name=name: gymnasium.make(f"minihuman/MiniGrid-{name}")  # noqa: E731
         theirs = gymnasium.make(f"MiniGrid-{name}")
-        compare(f"{name}, one world", stepping(make(), 10_000), stepping(theirs, 400), 20)
-        compare(f"{name}, batch of {N}", batched(name, 400), stepping(theirs, 400), 300)
-        compare(f"{name}, reset", resetting(make(), 500), resetting(theirs, 20), 5)
+        compare(
+            f"{name}, one world", stepping(make(), 10_000 // share), stepping(theirs, 400 // share), 20, rounds=rounds
+        )
+        compare(
+            f"{name}, batch of {N}", batched(name, 400 // share), stepping(theirs, 400 // share), 300, rounds=rounds
+        )
+        compare(
+            f"{name}, reset",
+            resetting(make(), max(1, 500 // share)),
+            resetting(theirs, max(1, 20 // share)),
+            5,
+            rounds=rounds,
+        )
         picture = ImgObsWrapper(RGBImgPartialObsWrapper(gymnasium.make(f"MiniGrid-{name}"), tile_size=8))
-        compare(f"{name}, 56 x 56 pictures", stepping(pixels(make()), 5_000), stepping(picture, 200), 50)
+        compare(
+            f"{name}, 56 x 56 pictures",
+            stepping(pixels(make()), 5_000 // share),
+            stepping(picture, 200 // share),
+            50,
+            rounds=rounds,
+        )
     theirs = gymnasium.make("MiniGrid-DoorKey-8x8-v0")
-    compare("DoorKey-8x8 written in Python, one world", stepping(WrittenInPython(), 10_000), stepping(theirs, 400), 15)
-    if others:
+    compare(
+        "DoorKey-8x8 written in Python, one world",
+        stepping(WrittenInPython(), 10_000 // share),
+        stepping(theirs, 400 // share),
+        15,
+        rounds=rounds,
+    )
+    if asked.others:
         for name, rate in (("navix", navix_rate), ("xminigrid", xminigrid_rate)):
             print(f"{name}, DoorKey-8x8, batch of {N}: {rate():,.0f} steps per CPU-second", flush=True)
 

@@ -71,6 +71,10 @@ class WindowError(MinihumanError, RuntimeError):
     """No window can be opened here."""
 
 
+class DeviceError(MinihumanError, RuntimeError):
+    """A device of the protocol, or what it needs, is not there."""
+
+
 class ExportError(MinihumanError, ValueError):
     """An export cannot be made from these logs."""
 

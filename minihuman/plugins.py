@@ -11,7 +11,14 @@ from typing import Any
 from minihuman.errors import MinihumanError
 
 PREFIX = "minihuman."
-EXTRAS = {"torch": "learn", "stable_baselines3": "learn", "minari": "export", "pyarrow": "export", "datasets": "export"}
+EXTRAS = {
+    "torch": "learn",
+    "stable_baselines3": "learn",
+    "minari": "export",
+    "pyarrow": "export",
+    "datasets": "export",
+    "pylsl": "lsl",
+}
 
 
 @dataclass(frozen=True, slots=True)

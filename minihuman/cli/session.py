@@ -29,6 +29,7 @@ def run(
     data: DataFolder = Path("sessions"),
     window: Annotated[str, typer.Option(help="auto, pygame, pyglet, or one of your own.")] = "auto",
     fullscreen: Annotated[bool, typer.Option("--fullscreen/--windowed", help="The whole screen or a window.")] = True,
+    lsl: Annotated[bool, typer.Option("--lsl", help="Send markers by the Lab Streaming Layer too.")] = False,
 ) -> None:
     """Run a participant's session, or the rest of one that was cut short.
 
@@ -51,7 +52,7 @@ def run(
         print(
             f"{plan.participant.id}, group {plan.participant.group}, from episode {plan.first_episode + 1}", flush=True
         )
-        log = sit(plan, opened, clock, data)
+        log = sit(plan, opened, clock, data, markers=lsl)
     finally:
         opened.close()
     if log is not None:

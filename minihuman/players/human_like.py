@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from minihuman.errors import PlayerError
+from minihuman.errors import PlayerError, WorldError
 from minihuman.players.exploring import Searcher
 from minihuman.players.port import Player, Press, way_of
 from minihuman.study.plan import EpisodePlan
@@ -74,6 +74,7 @@ class HumanLikePlayer(Player):
         self.person = Person.parse(argument)
         self._rng = rng
         self._episodes = 0
+        self._lost = False
         self._pool: tuple[str, ...] = ()
         self._plan: EpisodePlan | None = None
         self._understood: dict[str, str] = {}  # key -> action
@@ -93,7 +94,7 @@ class HumanLikePlayer(Player):
             self._understood = dict(plan.key_map.keys)
         self._plan, self._pool = plan, pool
         self._episodes += 1
-        self._way, self._detour, self._last = [], [], None
+        self._way, self._detour, self._last, self._lost = [], [], None, False
         self._searcher = Searcher(world) if world.clauses() else None
 
     def press(self, world: World) -> Press:
@@ -135,9 +136,18 @@ class HumanLikePlayer(Player):
         if self._searcher is not None:
             self._way = self._searcher.way()
         elif not self._way:
-            self._way = way_of(world)
+            self._way = self._planned(world)
         known = [key for key, action in self._understood.items() if self._way[:1] == [action]]
         return known[0] if known else self._untried()
+
+    def _planned(self, world: World) -> list[str]:
+        """The way from here; none in an episode in which one was once too hard to find."""
+        if not self._lost:
+            try:
+                return way_of(world)
+            except WorldError:
+                self._lost = True
+        return []
 
     def _untried(self) -> str:
         """One of the keys not understood yet, those that seemed dead last."""

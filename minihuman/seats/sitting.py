@@ -7,29 +7,43 @@ from minihuman.lab.seal import note_end
 from minihuman.lab.summary import summarise
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.log.record.recorder import Recorder
 from minihuman.seats.desk import Desk, requests_path
+from minihuman.seats.devices.lsl import pylsl
+from minihuman.seats.devices.markers import MarkingRecorder
+from minihuman.seats.devices.sampling import SamplingRecorder, open_devices
 from minihuman.seats.machine import SessionClock, machine_facts, world_facts
 from minihuman.seats.run import run_session
 from minihuman.study.plan import SessionPlan
+from minihuman.study.protocol import decode
 from minihuman.study.session import Session
 from minihuman.windows.port import Window
 from minihuman.worlds.adapt.world import World
 
 
-def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path) -> Path | None:
-    """Run a session in an open window and return its log.
+def sit(plan: SessionPlan, window: Window, clock: SessionClock, data: Path, *, markers: bool = False) -> Path | None:
+    """Run a session in an open window and return its log; with ``markers`` it is told by LSL as well.
 
     Raises:
+        DeviceError: if a device that the protocol asks for is not there, or there is no LSL to send markers by.
         LogError: if the log exists already or cannot be written.
         WorldError: if the world failed; the log says so too, and everything before is in it.
         OSError: if the data folder cannot be written.
     """
     worlds = world_facts(episode.world for episode in plan.episodes)
-    facts = {"player": "human", **machine_facts(), **worlds, **clock.facts(), **window.facts()}
-    recorder = McapRecorder(data, plan, started_ns=clock.started_unix_ns)
-    session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
-    desk = Desk(requests_path(SegmentPath.of_plan(data, plan).log))
-    path = run_session(session, window, recorder, clock, desk=desk)
+    wanted = decode(plan.protocol_toml).devices if plan.protocol_toml else ()
+    if markers:
+        pylsl()  # before there is a log: without it nothing is to begin
+    with open_devices(wanted, clock) as (devices, of_devices):
+        facts = {"player": "human", **machine_facts(), **worlds, **clock.facts(), **window.facts(), **of_devices}
+        recorder: Recorder = McapRecorder(data, plan, started_ns=clock.started_unix_ns)
+        if devices:
+            recorder = SamplingRecorder(recorder, devices)
+        if markers:
+            recorder = MarkingRecorder(recorder, plan, clock)
+        session = Session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
+        desk = Desk(requests_path(SegmentPath.of_plan(data, plan).log))
+        path = run_session(session, window, recorder, clock, desk=desk)
     if path is not None:
         note_end(path)
     if session.failure is not None:

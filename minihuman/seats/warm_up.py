@@ -16,43 +16,25 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 
-from minihuman.errors import ProtocolError
 from minihuman.study.protocol import Block, Protocol
-from minihuman.study.rehearse import rehearse
+from minihuman.study.rehearse import play_a_step, rehearse
 from minihuman.worlds.adapt.world import World
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.kernels import at_first_compile
 
 
 def warm_up(protocol: Protocol, source: str = "protocol") -> None:
-    """Rehearse a protocol, and play a step of every block's world; ``source`` names the file in errors.
+    """Rehearse a protocol, and compile whatever its worlds need; ``source`` names the file in errors.
 
     Raises:
         ProtocolError: at the first block whose world cannot be played as it says, or fails at a step.
     """
-    with _no_collection(), Companion(protocol.blocks) as companion:
-        with at_first_compile(companion.start):
-            rehearse(protocol, source)
-        for number, block in enumerate(protocol.blocks):
-            try:
-                with at_first_compile(companion.start):
-                    companion.compile_with(block)
-                    play_a_step(block)
-            except Exception as error:  # whatever somebody's world may raise
-                reason = f"{type(error).__name__}: {error}"
-                raise ProtocolError(f"{source}: $.blocks[{number}].world: {block.world} fails ({reason})") from error
-
-
-def play_a_step(block: Block) -> None:
-    """Do everything once that an episode of a block does with its world."""
-    world = World(block.world, block.options)
-    try:
-        world.reset(seed=0)
-        world.map(), world.pose(), world.state_hash()
-        world.step(world.action_names.index(block.actions[0]))
-        world.frame(block.view, palette=block.palette)
-    finally:
-        world.close()
+    with (
+        _no_collection(),
+        Companion(protocol.blocks) as companion,
+        at_first_compile(companion.start),
+    ):
+        rehearse(protocol, source, before=companion.compile_with)
 
 
 class Companion:
@@ -65,7 +47,6 @@ class Companion:
     def __init__(self, blocks: Sequence[Block]) -> None:
         self._blocks = blocks
         self._folder = TemporaryDirectory(prefix="minihuman-")
-        self._pieces = len({_name(block) for block in blocks})  # as far as is known: one a world, or more
         self._seen: set[str] = set()  # those that this process began or waited for
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -79,8 +60,8 @@ class Companion:
         self._folder.cleanup()
 
     def start(self) -> None:
-        """Set it to work, unless it has been, there is nothing to share, or there is no core for it."""
-        if self._process is not None or self._pieces == 1 or (os.cpu_count() or 1) == 1:
+        """Set it to work, unless there is no core for it."""
+        if (os.cpu_count() or 1) == 1:
             return
         with suppress(OSError):  # no second process, no help
             self._process = subprocess.Popen(
@@ -101,7 +82,6 @@ class Companion:
         """
         pieces = {name: piece for name, piece in _pieces(block).items() if name not in self._seen}
         self._seen.update(pieces)
-        self._pieces += max(len(pieces) - 1, 0)
         elsewhere = False
         for name, piece in pieces.items():
             if not _begin(self._folder.name, name):

@@ -11,12 +11,10 @@ class Device(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A device whose samples go into the session's log, stamped on the session's clock."""
 
     name: str  # of its samples in the log: lower-case letters, digits, "-" and "_"
-    source: (
-        str  # what brings it: a plug-in's name, or "module:Class" of one's own; what follows a second ":" is its own
-    )
+    source: str  # the plug-in that brings it; what follows a ":" is its own ("lsl:EyeTracker")
     channels: tuple[str, ...] = ()  # what each of a sample's numbers is
     units: tuple[str, ...] = ()  # of each, "" for none; none at all where no channel has one
-    required: bool = True  # without it the session does not begin; else a note says that it is missing
+    required: bool = True  # without it the session does not begin; else the facts in the log say that it is missing
 
 
 def complaints(devices: tuple[Device, ...]) -> list[tuple[str, str]]:
@@ -30,7 +28,7 @@ def complaints(devices: tuple[Device, ...]) -> list[tuple[str, str]]:
         if device.name in names[:number]:
             found.append((f"{path}.name", f"is {device.name!r} again; give each its own name"))
         if not device.source:
-            found.append((f"{path}.source", "is empty; name a plug-in, or module:Class"))
+            found.append((f"{path}.source", "is empty; name a plug-in, such as lsl:NAME"))
         if device.units and len(device.units) != len(device.channels):
             found.append((f"{path}.units", f"has {len(device.units)} for {len(device.channels)} channels"))
         if len(set(device.channels)) < len(device.channels):

@@ -54,6 +54,7 @@ MODIFIERS = (
 )
 
 KEY_NAMES = frozenset(DIGITS + LETTERS + ARROWS + KEYPAD + FUNCTION + EDITING + PUNCTUATION + MODIFIERS)
+KEYS_IN_WORDS = f"0 to 9, a to z, f1 to f12, kp_0 to kp_9, {', '.join((*ARROWS, *EDITING, *PUNCTUATION, *MODIFIERS))}"
 RESERVED = frozenset(
     {"escape", "enter", "f8", "f9", "f12"}
 )  # the session's own: quit question, go on, pause, and the abort chord f9+f12

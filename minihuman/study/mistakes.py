@@ -23,13 +23,15 @@ def structural(tree: object, kind: type[msgspec.Struct], path: str = "$") -> Ite
         return
     hints = get_type_hints(kind)
     fields = {field.encode_name: field for field in msgspec.structs.fields(kind) if field.name not in NO_FIELDS}
+    meant = set()  # fields that are there under another name
     for name in tree:
         if name not in fields:
+            meant.update(difflib.get_close_matches(name, fields, n=1))
             yield f"{path}.{name}", f"is not a field; {nearest(name, fields)}"
     for name, field in fields.items():
         if name in tree:
             yield from _value(tree[name], hints[field.name], f"{path}.{name}")
-        elif field.required:
+        elif field.required and name not in meant:
             yield path, f"needs the field `{name}`: {_example(hints[field.name], name)}"
 
 

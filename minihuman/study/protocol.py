@@ -4,6 +4,7 @@ import difflib
 import hashlib
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from string import Formatter
 from typing import Any, Literal, TypeVar
@@ -12,23 +13,20 @@ import msgspec
 
 from minihuman.errors import ProtocolError
 from minihuman.study import about as facts
+from minihuman.study import analysis as judged
 from minihuman.study import devices as apparatus
-from minihuman.study.activities.drafts import Question
-from minihuman.study.activities.pages import Example
 from minihuman.study.activities.play_plan import Criterion, Points
 from minihuman.study.design import Day, Order, Override, Questionnaire, Text
 from minihuman.study.design_complaints import design_complaints
-from minihuman.study.keys import KEY_NAMES, RESERVED
+from minihuman.study.keys import KEY_NAMES, KEYS_IN_WORDS, RESERVED
+from minihuman.study.mistakes import structural, told
 from minihuman.study.plan import Bonus, KeyMapPolicy, PacePolicy, Spare
 from minihuman.worlds.contract import Palette, View
 
 MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
 
-_NO_FIELDS = frozenset({"toml", "files"})  # of Protocol, which the file itself does not have
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
-_FIELD = re.compile(r"unknown field `(?P<field>[^`]+)`(?: - at `(?P<path>[^`]+)`)?")
-_AT = re.compile(r"^(?P<what>.*?)(?: - at `(?P<path>[^`]+)`)?$", re.DOTALL)
 
 
 class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -126,6 +124,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bonus: Bonus | None = None
     files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
     about: facts.About = facts.About()
+    analysis: judged.Analysis = judged.Analysis()
     devices: tuple[apparatus.Device, ...] = ()
     toml: bytes = b""  # the file itself, byte for byte; not a field of the file
 
@@ -184,7 +183,7 @@ def decode(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | N
     """Read a protocol file's bytes; ``source`` names the file in errors, ``files`` are those it names beside itself.
 
     Raises:
-        ProtocolError: one line with file, path and the way out.
+        ProtocolError: of every mistake, a line each with file, line, path, value and the way out.
     """
     try:
         return _decoded(toml, source, files)
@@ -197,64 +196,19 @@ def decode(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | N
 
 def _decoded(toml: bytes, source: str, files: Mapping[str, bytes] | None) -> Protocol:
     try:
-        tree = tomllib.loads(toml.decode())
+        text = toml.decode("utf-8-sig")  # an editor may begin the file with a byte-order mark
+        tree = tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise ProtocolError(f"{source}: byte {error.start} is not UTF-8; save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError(f"{source}: not TOML: {error}") from None
-    for name in _NO_FIELDS.intersection(tree):
-        raise ProtocolError(f"{source}: $.{name} is not a field; {_known(Protocol)}")
-    try:
+    wrong = list(structural(tree, Protocol))
+    if not wrong:
         protocol = msgspec.convert(tree, Protocol)
-    except msgspec.ValidationError as error:
-        raise ProtocolError(f"{source}: {_explain(str(error))}") from None
-    for path, complaint in _impossible(protocol):
-        raise ProtocolError(f"{source}: {path} {complaint}")
+        wrong = _impossible(protocol)
+    if mistakes := told(wrong, source=source, text=text, tree=tree):
+        raise mistakes
     return msgspec.structs.replace(protocol, toml=toml, files=dict(files or {}))
-
-
-def _explain(message: str) -> str:
-    """msgspec's message, path first, with the nearest known field for an unknown one."""
-    if match := _FIELD.search(message):
-        path = match["path"] or "$"
-        return f"{path}.{match['field']} is not a field; {_known(_struct_at(path), match['field'])}"
-    match = _AT.match(message)
-    assert match is not None
-    what = match["what"].replace("Object missing required field", "needs the field")
-    return f"{match['path'] or '$'}: {what[0].lower()}{what[1:]}; see protocols/README.md"
-
-
-_STRUCTS: dict[str, type[msgspec.Struct]] = {
-    "study": Study,
-    "keys": Keys,
-    "groups": Group,
-    "blocks": Block,
-    "exclusions": Exclusion,
-    "pages": Text,
-    "questions": Questionnaire,
-    "orders": Order,
-    "sessions": Day,
-    "questions.items": Question,
-    "pages.example": Example,
-    "blocks.until": Criterion,
-    "blocks.points": Points,
-    "bonus": Bonus,
-    "about": facts.About,
-    "about.authors": facts.Author,
-    "about.participants": facts.ParticipantColumn,
-    "devices": apparatus.Device,
-}
-
-
-def _struct_at(path: str) -> type[msgspec.Struct]:
-    parts = ".".join(part.split("[")[0] for part in path.split(".")[1:])
-    return _STRUCTS.get(parts, _STRUCTS.get(parts.split(".")[0], Protocol))
-
-
-def _known(struct: type[msgspec.Struct], wrong: str = "") -> str:
-    names = [name for name in struct.__struct_fields__ if name not in _NO_FIELDS]
-    close = difflib.get_close_matches(wrong, names, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known fields: {', '.join(names)}"
 
 
 def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
@@ -271,6 +225,7 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
         *_carry_complaints(protocol),
         *design_complaints(protocol),
         *facts.complaints(protocol.about),
+        *judged.complaints(protocol.analysis, tuple(block.name for block in protocol.blocks)),
         *apparatus.complaints(protocol.devices),
         *(
             (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
@@ -298,7 +253,7 @@ def _keys_complaints(keys: Keys) -> list[tuple[str, str]]:
     for number, key in enumerate(keys.pool):
         if key not in KEY_NAMES:
             close = difflib.get_close_matches(key, KEY_NAMES, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else "the names are in minihuman/study/keys.py"
+            hint = f"did you mean {close[0]!r}?" if close else f"keys are called {KEYS_IN_WORDS}"
             found.append((f"$.keys.pool[{number}]", f"is {key!r}, which is no key; {hint}"))
         elif key in RESERVED:
             found.append((f"$.keys.pool[{number}]", f"is {key!r}, which the session itself uses; choose another"))
@@ -347,8 +302,9 @@ def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]
         found.append(("max_steps", f"is {block.max_steps}; use 1 to 1000000"))
     if not block.actions:
         found.append(("actions", "is empty; name the actions that get a key"))
-    if len(set(block.actions + block.distractors)) < len(block.actions + block.distractors):
-        found.append(("actions", "and distractors name an action twice; name each once"))
+    twice = [name for name, count in Counter(block.actions + block.distractors).items() if count > 1]
+    if twice:
+        found.append(("actions", f"and distractors name {', '.join(map(repr, twice))} twice; name each once"))
     if len(block.actions) > pool:
         found.append(("actions", f"has {len(block.actions)} for {pool} keys in $.keys.pool; add keys"))
     if protocol.keys.spare == "distractor" and not block.distractors:

@@ -22,6 +22,7 @@ class Lines:
             if header := _HEADER.match(line):
                 table = _table(header[2], counts, array=header[1] == "[[")
                 self._at.setdefault(table, number)
+                self._at.setdefault(_STEP.sub("", table) if table.endswith("]") else table, number)
             elif key := _KEY.match(line):
                 self._at.setdefault(f"{table}.{_plain(key[1])}", number)
 

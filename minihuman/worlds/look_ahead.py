@@ -6,7 +6,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld
 
 
-def first_success(world: NativeWorld, actions: Sequence[int], *, most_scenes: int = 20_000) -> list[int] | None:
+def first_success(world: NativeWorld, actions: Sequence[int], *, most_scenes: int = 2_000) -> list[int] | None:
     """The shortest list of these actions that earns something, found by trying them all; None if there is none.
 
     Scenes that two ways lead to are looked at once. The world is left as it was. Its step limit counts.

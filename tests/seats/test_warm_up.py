@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from itertools import groupby
 
 import pytest
 from msgspec.structs import replace
@@ -58,8 +59,9 @@ def test_where_something_is_compiled_a_second_process_takes_what_is_not_begun_fr
         notes.write_text("")
         warm_up(study)
         here, lines = str(os.getpid()), [line.split() for line in notes.read_text().splitlines()]
-        assert [name for name, process in lines if process == here] == list(names)
-        return [name for name, process in lines if process != here]
+        # each world is laid out several times
+        assert [name for name, _ in groupby(name for name, process in lines if process == here)] == list(names)
+        return [name for name, _ in groupby(name for name, process in lines if process != here)]
 
     assert elsewhere() == ["farthest", "far"]
     assert elsewhere() == []  # all is compiled in this process now

@@ -40,8 +40,16 @@ def test_the_papers_study_is_two_groups_of_ten_episodes_a_block_on_keys_one_to_n
     [
         ("episodes = 2", "episodes = 0", "demo.toml: $.blocks[0].episodes is 0; an episode count is 1 to 10000"),
         ("episodes = 2", "episode = 2", "demo.toml: $.blocks[0].episode is not a field; did you mean 'episodes'?"),
-        ("episodes = 2", "", "demo.toml: $.blocks[0]: needs the field `episodes`; see protocols/README.md"),
-        ("episodes = 2", 'episodes = "2"', "demo.toml: $.blocks[0].episodes: expected `int`, got `str`"),
+        (
+            "episodes = 2",
+            "",
+            "demo.toml: $.blocks[0] needs the field `episodes`: write a whole number, as in episodes = 10",
+        ),
+        (
+            "episodes = 2",
+            'episodes = "2"',
+            "demo.toml: $.blocks[0].episodes is '2'; write a whole number, as in episodes = 10",
+        ),
         ("seed = 7", "seed = -7", "demo.toml: $.study.seed is -7; a seed is 0 or more"),
         ('name = "demo"', 'name = "De mo"', "demo.toml: $.study.name is 'De mo'; use lower-case"),
         ('"5"]', '"spacebar"]', "demo.toml: $.keys.pool[4] is 'spacebar', which is no key; did you mean 'space'?"),
@@ -53,7 +61,11 @@ def test_the_papers_study_is_two_groups_of_ten_episodes_a_block_on_keys_one_to_n
         ("episodes = 2", "episodes = 2\nseeds = [1]", "demo.toml: $.blocks[0].seeds has 1 seeds for 2 episodes"),
         ("episodes = 2", "episodes = 2\nseeds = [1, -2]", "demo.toml: $.blocks[0].seeds has a negative seed"),
         ("episodes = 2", 'episodes = 2\npace = "real_time"', "demo.toml: $.blocks[0].step_period_ms is 0.0"),
-        ("episodes = 2", 'episodes = 2\npace = "slow"', "demo.toml: $.blocks[0].pace: invalid enum value 'slow'"),
+        (
+            "episodes = 2",
+            'episodes = 2\npace = "slow"',
+            "demo.toml: $.blocks[0].pace is 'slow'; it is one of on_key, real_time",
+        ),
         ("{steps}", "{stepps}", "demo.toml: $.blocks[0].feedback has a bad placeholder"),
         ("seed = 7", "seed = 7\nbreak_s = inf", "demo.toml: $.study.break_s is inf; a break is 0 to 86400 s"),
         ("seed = 7", "seed = 7\nbreak_s = nan", "demo.toml: $.study.break_s is nan; a break is 0 to 86400 s"),
@@ -62,12 +74,20 @@ def test_the_papers_study_is_two_groups_of_ten_episodes_a_block_on_keys_one_to_n
     ],
 )
 def test_a_mistake_is_one_line_with_file_path_and_way_out(old, new, message):
-    assert broken(old, new).startswith(message)
+    said = broken(old, new)
+    assert without_place(said).startswith(message)
+    assert "not TOML" in said or re.match(r"demo\.toml:\d+: ", said)
+
+
+def without_place(said: str) -> str:
+    """A message without line and block, which another test looks at."""
+    said = re.sub(r"^([\w./-]+\.toml|protocol):\d+: ", r"\1: ", said)
+    return re.sub(r"(\$\S+) \((?:block|group|page) '[^']*'\)", r"\1", said)
 
 
 def test_a_carried_key_map_needs_as_many_actions():
     toml = (PROTOCOLS / "fourrooms-transfer.toml").read_text().replace('["left", "right", "forward"]', '["left"]')
-    with pytest.raises(ProtocolError, match=r"\$\.groups\[0\]\.blocks\[1\] is 'first-person' with 3 actions carried"):
+    with pytest.raises(ProtocolError, match=r"\$\.groups\[0\]\.blocks\[1\].* is 'first-person' with 3 actions"):
         decode(toml.encode())
 
 

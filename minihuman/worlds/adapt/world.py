@@ -224,6 +224,8 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
         raise WorldError(f"{world_id}: {error}; install the package that brings this world") from error
     except gymnasium.error.Error as error:
         raise WorldError(f"{world_id}: {error}") from error
+    except WorldError as error:
+        raise WorldError(f"{world_id}: {error}") from error
     except TypeError as error:
         raise WorldError(f"{world_id}: options {options!r} do not fit: {error}") from error
     except Exception as error:  # a constructor may raise whatever it likes of an id or an option

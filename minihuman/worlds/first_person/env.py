@@ -23,6 +23,7 @@ from minihuman.worlds.first_person.picture import Pictures
 from minihuman.worlds.first_person.saved import Saved, put_back, take
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
+from minihuman.worlds.options import MOST_PIXELS, one_of, truth, whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.whole import check_action, check_max_steps
 
@@ -86,15 +87,17 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         domain_rand: bool = False,
         assets: str | Path | None = None,
     ) -> None:
-        if min(obs_width, obs_height) < 1:
-            raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
-        if view not in ("agent", "top"):
-            raise WorldError(f"view is {view!r}; render() draws the 'agent' view or the 'top' view")
-        if render_mode not in (None, "rgb_array"):
-            raise WorldError(f"render_mode is {render_mode!r}; a first-person world renders as 'rgb_array'")
+        sizes = (("obs_width", obs_width), ("obs_height", obs_height))
+        for name, pixels in (*sizes, ("window_width", window_width), ("window_height", window_height)):
+            whole(name, pixels, 1, MOST_PIXELS)
+        one_of("view", view, ("agent", "top"))
+        one_of("render_mode", render_mode, (None, "rgb_array"))
+        truth("domain_rand", domain_rand)
+        if not actions:
+            raise WorldError(f"actions is {actions!r}; a world has one or more of {', '.join(rules.ACTIONS)}")
         if unknown := set(actions) - set(rules.ACTIONS):
             raise WorldError(f"no action is called {', '.join(sorted(unknown))}; there are {', '.join(rules.ACTIONS)}")
-        self.action_names = actions
+        self.action_names = tuple(actions)
         self.action_space = gymnasium.spaces.Discrete(len(actions))
         self.observation_space = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
         self.max_steps = None if max_steps is None else check_max_steps(max_steps)

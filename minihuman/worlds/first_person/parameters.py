@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.chance import uniform
+from minihuman.worlds.options import MOST_METRES, number
 
 Value = float | tuple[float, float, float]
 
@@ -44,6 +46,10 @@ class Parameters:
 
     def __init__(self, table: Mapping[str, Parameter]) -> None:
         self._table = dict(table)
+        for name, parameter in self._table.items():
+            for value in (parameter.low, parameter.default, parameter.high):
+                for each in value if isinstance(value, tuple) else (value,):
+                    number(f"parameters.{name}", each, *LIMITS[name])
 
     def __getitem__(self, name: str) -> Parameter:
         try:
@@ -83,6 +89,22 @@ class Parameters:
         assert not isinstance(value, tuple), name
         return value
 
+
+LIMITS: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        **dict.fromkeys(("sky_color", "light_color", "light_ambient"), (0, 10)),
+        "light_pos": (-1e6, 1e6),
+        "obj_color_bias": (-1, 1),
+        "forward_step": (0.001, MOST_METRES),
+        "forward_drift": (-MOST_METRES, MOST_METRES),
+        "turn_step": (0.1, 360),
+        "bot_radius": (0.001, 100),
+        "cam_pitch": (-80, 80),
+        "cam_fov_y": (5, 170),
+        "cam_height": (0, MOST_METRES),
+        "cam_fwd_disp": (-10, 10),
+    }
+)
 
 # Colours are red, green, blue from 0 to 1; lengths metres; angles degrees. The numbers are Miniworld's.
 DEFAULTS = Parameters(

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from minihuman.errors import WorldError
 from minihuman.worlds.contract import Bounds
 from minihuman.worlds.first_person.entities import Ball, Box, Entity, Key
 from minihuman.worlds.first_person.env import FirstPersonEnv
@@ -12,6 +11,7 @@ from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.first_person.rules import MOVES
 from minihuman.worlds.go_to_obj import arrange
 from minihuman.worlds.look_ahead import first_success
+from minihuman.worlds.options import MOST_METRES, number
 
 
 class GoToObj(FirstPersonEnv):
@@ -47,13 +47,11 @@ class GoToObj(FirstPersonEnv):
         actions: tuple[str, ...] = MOVES,
         **options: Any,
     ) -> None:
-        if size < 5:
-            raise WorldError(f"size is {size!r}; a room with four objects and space to turn is 5 m wide or more")
-        self.size = float(size)
-        self.reach_m = reach_m
-        self.tolerance_m = tolerance_m
-        self.lift_m = lift_m
-        self.object_m = object_m
+        self.size = float(number("size", size, 5, MOST_METRES))  # four objects, and space to turn
+        self.reach_m = number("reach_m", reach_m, 0, MOST_METRES)
+        self.tolerance_m = number("tolerance_m", tolerance_m, 0, MOST_METRES)
+        self.lift_m = number("lift_m", lift_m, 0, 100)
+        self.object_m = number("object_m", object_m, 0.01, 10)
         options = {"parameters": DEFAULTS.fixed(forward_step=step_m, turn_step=turn_deg)} | options
         super().__init__(max_steps=max_steps, actions=tuple(actions), **options)
 

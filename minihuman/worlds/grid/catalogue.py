@@ -4,7 +4,7 @@ from typing import Any
 
 from minihuman.worlds.entry import Entry
 
-_MAKE = "minihuman.worlds.grid.env:make"
+_MAKE = "minihuman.worlds.inside.make:make"
 _MAKE_MANY = "minihuman.worlds.grid.batch:GridBatch"
 
 
@@ -122,7 +122,7 @@ ENTRIES: tuple[Entry, ...] = (
     ),
     Entry(
         "MiniGrid-GoToObj-Transfer-v0",
-        "minihuman.worlds.grid.transfer:make",
+        "minihuman.worlds.inside.make:make_go_to_obj",
         summary="go to one of four objects, the 3D one's pair",
     ),
 )

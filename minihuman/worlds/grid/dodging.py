@@ -16,7 +16,7 @@ from minihuman.worlds.grid.core.state import DIRECTION, MAX_STEPS, PHASE, PLAYIN
 from minihuman.worlds.grid.core.tasks import FORWARD, LEFT, RIGHT
 from minihuman.worlds.look_ahead import back_to_start
 
-MOST_STATES = 200_000  # some seconds
+MOST_STATES = 50_000  # a second or two
 
 
 def among_obstacles(start: Row, words: Words, bound: NDArray[np.int32]) -> list[int] | None:

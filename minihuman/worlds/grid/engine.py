@@ -4,7 +4,7 @@ import abc
 from collections.abc import Sequence
 from copy import deepcopy
 from operator import index
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import gymnasium
 import numpy as np
@@ -33,7 +33,6 @@ from minihuman.worlds.grid.core.state import (
     WIDTH,
     Row,
     State,
-    X,
     clear,
     row_length,
 )
@@ -46,12 +45,14 @@ from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.instructions.verify import hand_over
 from minihuman.worlds.grid.kinds import Kind, check_kinds
 from minihuman.worlds.grid.missions import MissionSpace
-from minihuman.worlds.grid.planner import bounds, plan
+from minihuman.worlds.grid.planner import bounds, way
 from minihuman.worlds.grid.text import to_text
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.options import MOST_CELLS, one_of, truth, whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.whole import check_max_steps
 
+MOST_LINES = 32 * MOST_CELLS  # of pixels that `render` draws
 YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
 
 
@@ -104,8 +105,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         tile_size: int = 32,
         palette: Palette = "classic",
     ) -> None:
-        if width < 3 or height < 3:
-            raise WorldError(f"a grid of {width} x {height} has no room inside its walls; 3 x 3 is the smallest")
+        whole("width", width, 3, MOST_CELLS)
+        whole("height", height, 3, MOST_CELLS)
+        truth("see_through_walls", see_through_walls)
+        one_of("palette", palette, get_args(Palette))
+        whole("tile_size", tile_size, 1, MOST_LINES // max(width, height))
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise WorldError(
                 f"render_mode is {render_mode!r}; a grid world renders as {', '.join(self.metadata['render_modes'])}"
@@ -175,6 +179,18 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self._words_know = self._words_ahead = True
         return self._words
 
+    def _check_agent(self) -> None:
+        """There is an agent, in the grid, looking somewhere."""
+        state = self.state
+        (x, y), direction = state.position, state.direction
+        if x < 0:
+            raise WorldError(f"{self} placed no agent; a layout places one")
+        if not (x < state.width and 0 <= y < state.height and 0 <= direction < 4):
+            raise WorldError(
+                f"{self} placed the agent in cell ({x}, {y}) looking {direction}; cells are (0, 0) to "
+                f"({state.width - 1}, {state.height - 1}), directions 0 to 3"
+            )
+
     def _now(self) -> Words:
         """Where the random stream is, in words that are only read."""
         if not self._words_know:
@@ -193,8 +209,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self._lay_out()
         if self._row[FAILED]:
             raise WorldError(f"{self} with seed {seed!r} found no free place for something it lays out")
-        if self._row[X] < 0:
-            raise WorldError(f"{self} placed no agent; a layout places one")
+        self._check_agent()
         self._row[PHASE] = PLAYING
         observation = self.observation()
         if self._row[TASK] == INSTRUCTED:
@@ -271,11 +286,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         return clauses_done(self._row) if self._row[TASK] == INSTRUCTED else ()
 
     def way(self) -> Sequence[int] | None:
-        """The shortest list of actions to success; empty if there is none."""
-        return plan(self._in_world(), self._now()) or ()
+        """A list of actions to success, the shortest unless that takes too long to find; empty if there is none."""
+        return way(self._in_world(), self._now()) or ()
 
     def bounds(self) -> Bounds:
-        """The length of that list, twice; where it would take too long to find, what it cannot be shorter than."""
+        """The length of the shortest list, twice, or what it cannot be shorter than and the length of a longer one."""
         return bounds(self._in_world(), self._now())
 
     def state_hash(self) -> int:

@@ -1,7 +1,6 @@
 """GridEnv: a world of the catalogue, laid out by its family's compiled layout."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from minihuman.worlds.grid.engine import GridEngine
@@ -47,21 +46,3 @@ class GridEnv(GridEngine):
     def _lay_out(self) -> None:
         self.recipe.lay_out(self._row, self._stream())
         self.mission = self.mission_space.of(self._row)
-
-
-def make(family: str, **options: Any) -> Any:
-    """A catalogue world for ``gymnasium.make``; ``view="first_person"`` shows it from inside, in 3D."""
-    return in_view(partial(GridEnv, family), **options)
-
-
-def in_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: Any) -> Any:
-    """A grid world as it is, or seen from inside."""
-    if view == "grid":
-        return grid(**options)
-    from minihuman.worlds.inside.grid_view import first_person
-
-    picture = {name: options.pop(name) for name in ("obs_width", "obs_height") if name in options}
-    return first_person(grid(**options), view, **picture)
-
-
-vars(make)["metadata"] = GridEngine.metadata  # where Gymnasium looks which render modes it has to add

@@ -28,6 +28,24 @@ from minihuman.worlds.grid.core.tasks import (
 from minihuman.worlds.grid.dodging import among_obstacles
 
 FIRST_LIMIT = 1 << 12  # nodes of the first search; each next one may keep 16 times as many
+MOST_STATES = 1 << 18  # nodes after which a way need no longer be the shortest; half a second
+HURRIED = 2, 5, 3  # how many times the bound counts then, one after the other
+
+
+def way(state: State, words: Words) -> list[int] | None:
+    """A list of actions that succeeds: the shortest, or where that takes too long to find, one a little longer.
+
+    None if there is none.
+
+    Raises:
+        WorldError: if no such list was found in some seconds either.
+    """
+    try:
+        return plan(state, words, limit=MOST_STATES)
+    except WorldError:
+        if state.row[TASK] in (DODGE, INSTRUCTED):
+            raise
+    return _in_a_hurry(state, *_relaxed(state))
 
 
 def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> list[int] | None:
@@ -66,7 +84,7 @@ def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> l
             return descend(walking, *here)
     allowed = min(FIRST_LIMIT, limit)
     while True:
-        outcome, actions = search(row, bound, extra, allowed, np.zeros(6, np.uint64))
+        outcome, actions = search(row, bound, extra, allowed, np.zeros(6, np.uint64), 1)
         if outcome == FOUND:
             return [int(action) for action in actions]
         if outcome != FULL:
@@ -92,16 +110,30 @@ def _bounds_as_told(state: State) -> Bounds:
     return UNKNOWN if way.unsolvable else Bounds(way.at_least, len(way.actions) if way.found else None)
 
 
-def bounds(state: State, words: Words, *, limit: int = 1 << 20) -> Bounds:
-    """How many actions success takes: the plan's number twice, or the least there can be where the search gave up."""
+def bounds(state: State, words: Words) -> Bounds:
+    """How many actions success takes: the shortest list's number, or from the least there can be to what was found."""
     if state.row[TASK] == INSTRUCTED:
         return _bounds_as_told(state)
+    table, extra = _relaxed(state)
+    at_least = int(table[(*state.position, state.direction)]) + extra
     try:
-        found = plan(state, words, limit=limit)
+        exact = plan(state, words, limit=MOST_STATES)
+        return UNKNOWN if exact is None else Bounds(len(exact), len(exact))
     except WorldError:
-        table, extra = _relaxed(state)
-        return Bounds(at_least=int(table[(*state.position, state.direction)]) + extra)
-    return UNKNOWN if found is None else Bounds(len(found), len(found))
+        pass
+    try:
+        found = None if state.row[TASK] == DODGE else _in_a_hurry(state, table, extra)
+        return Bounds(at_least, None if found is None else len(found))
+    except WorldError:
+        return Bounds(at_least)
+
+
+def _in_a_hurry(state: State, table: NDArray[np.int32], extra: int) -> list[int] | None:
+    for weight in HURRIED:
+        outcome, actions = search(state.row, table, extra, MOST_STATES, np.zeros(6, np.uint64), weight)
+        if outcome != FULL:
+            return actions.tolist() if outcome == FOUND else None
+    raise WorldError("no way was found to what is asked for; make the world smaller, or its movable things fewer")
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:

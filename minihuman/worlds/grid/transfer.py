@@ -5,17 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from minihuman.errors import WorldError
 from minihuman.worlds.contract import Bounds
 from minihuman.worlds.go_to_obj import COLOURS, KINDS, arrange
 from minihuman.worlds.grid.core.state import TARGET
 from minihuman.worlds.grid.core.tasks import FORWARD, REACH, TOGGLE, front, prize
-from minihuman.worlds.grid.env import in_view
 from minihuman.worlds.grid.items import Item
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.planner import facing, walk
 from minihuman.worlds.grid.world import GridWorld
+from minihuman.worlds.options import MOST_CELLS, truth, whole
 
 
 class GoToObj(GridWorld):
@@ -42,11 +41,9 @@ class GoToObj(GridWorld):
         see_through_walls: bool = True,
         **options: Any,
     ) -> None:
-        if size < 5 or size % 2 == 0:
-            raise WorldError(f"size is {size!r}; a room with a middle and four objects is odd and 5 or more")
-        self.size = size
-        self.ambiguous = ambiguous
-        self.toggle_ends = toggle_ends
+        self.size = whole("size", size, 5, MOST_CELLS - 1, odd=True)  # with a middle, and four objects
+        self.ambiguous = truth("ambiguous", ambiguous)
+        self.toggle_ends = truth("toggle_ends", toggle_ends)
         super().__init__(
             width=size,
             height=size,
@@ -84,11 +81,3 @@ class GoToObj(GridWorld):
         """The length of that way, twice."""
         count = len(self.way() or ()) or None
         return Bounds(count, count)
-
-
-def make(**options: Any) -> Any:
-    """The world for ``gymnasium.make``; ``view="first_person"`` shows it from inside, in 3D."""
-    return in_view(GoToObj, **options)
-
-
-vars(make)["metadata"] = GoToObj.metadata  # where Gymnasium looks which render modes it has to add

@@ -21,6 +21,7 @@ from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.kinds import Kind
 from minihuman.worlds.inside.grid_scene import Seen, carried, rooms, things, walled
+from minihuman.worlds.options import MOST_PIXELS, whole
 from minihuman.worlds.pose import Map, Pose
 
 _EYE_M = 0.6  # above the floor
@@ -41,8 +42,8 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
     compile_apart = rules, colours, faces
 
     def __init__(self, grid: GridEngine, *, obs_width: int = 80, obs_height: int = 60) -> None:
-        if min(obs_width, obs_height) < 1:
-            raise WorldError(f"an observation of {obs_width} x {obs_height} pixels shows nothing; both are 1 or more")
+        whole("obs_width", obs_width, 1, MOST_PIXELS)
+        whole("obs_height", obs_height, 1, MOST_PIXELS)
         self.grid = grid
         self.size_px = (obs_width, obs_height)
         if grid.render_mode == "ansi":

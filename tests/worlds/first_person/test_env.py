@@ -159,7 +159,7 @@ def test_a_ball_is_shown_in_the_colour_of_the_palette():
     [
         ({"max_steps": 0}, "max_steps is 0"),
         ({"view": "side"}, "view is 'side'"),
-        ({"obs_width": 0}, "0 x 60 pixels"),
+        ({"obs_width": 0}, "obs_width is 0; it is a whole number, 1 to 4096"),
     ],
 )
 def test_a_wrong_option_is_named(options, said):

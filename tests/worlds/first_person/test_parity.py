@@ -59,6 +59,8 @@ def played(name: str, seed: int, policy, options):
         others.append(_sum(env))
         rewards.append(reward)
         flags.append((terminated, truncated))
+        if terminated or truncated:
+            break
     job = Job(name, seed, tuple(actions), options)
     return job, (stage.floor.walls, things, camera, light, poses, others, rewards, flags)
 

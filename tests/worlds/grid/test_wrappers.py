@@ -105,7 +105,7 @@ def test_stable_baselines_takes_every_world_flat():
     [
         (lambda: ours.OneHot(gymnasium.make("CartPole-v1")), "no grid world|observes Box"),
         (lambda: ours.OneHot(ours.Flat(make())), "before its image"),
-        (lambda: ours.ViewSize(make(), 4), "it is odd"),
+        (lambda: ours.ViewSize(make(), 4), "it is an odd number"),
         (lambda: ours.GoalDirection(make(), "north"), "'north' is no measure"),
         (lambda: ours.StochasticAction(make(), 1.5), "a probability is 0 to 1"),
         (lambda: ours.GoalDirection(make("MiniGrid-Fetch-5x5-N2-v0")).reset(seed=0), "no goal to point to"),

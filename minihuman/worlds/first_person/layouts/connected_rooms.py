@@ -3,12 +3,12 @@
 import math
 from typing import Any
 
-from minihuman.errors import WorldError
 from minihuman.worlds.first_person.chance import uniform
 from minihuman.worlds.first_person.entities import Ball, Box, ImageFrame, Key, Mesh
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
 from minihuman.worlds.first_person.rules import MOVES
+from minihuman.worlds.options import MOST_METRES, number
 
 
 class FourRooms(GoalEnv):
@@ -54,9 +54,7 @@ class Hallway(GoalEnv):
     """A hallway of ``length`` metres with a red box at its far end."""
 
     def __init__(self, *, length: float = 12, **options: Any) -> None:
-        if length < 2:
-            raise WorldError(f"length is {length!r}; a hallway is 2 m long or more")
-        self.length = length
+        self.length = number("length", length, 2, MOST_METRES)
         super().__init__(**options)
 
     def build(self) -> None:

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from minihuman.errors import WorldError
 from minihuman.worlds.first_person.building.outline import Point
 from minihuman.worlds.first_person.building.rooms import Room
 from minihuman.worlds.first_person.chance import uniform
 from minihuman.worlds.first_person.entities import Box, Position
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
+from minihuman.worlds.options import number, point, whole
 
+MOST_ROOMS = 32  # in a row or a column of a maze
 _GAP = 0.25  # between the rooms of a maze
 
 
@@ -19,7 +20,7 @@ class _Fork(GoalEnv):
     """A corridor that ends in two arms; the box is in one of them, by chance or at ``goal_pos``."""
 
     def __init__(self, *, goal_pos: Position | None = None, max_steps: int | None = 280, **options: Any) -> None:
-        self.goal_pos = goal_pos
+        self.goal_pos = None if goal_pos is None else point("goal_pos", goal_pos)
         super().__init__(max_steps=max_steps, **options)
 
     def place_box(self, left: tuple[Room, float], right: tuple[Room, float]) -> None:
@@ -82,12 +83,10 @@ class Maze(GoalEnv):
         max_steps: int | None = None,
         **options: Any,
     ) -> None:
-        if num_rows < 1 or num_cols < 1:
-            raise WorldError(f"a maze of {num_rows} rows and {num_cols} columns has no room; each is 1 or more")
-        self.num_rows = num_rows
-        self.num_cols = num_cols
-        self.room_size = room_size
-        super().__init__(max_steps=max_steps or num_rows * num_cols * 24, **options)
+        self.num_rows = whole("num_rows", num_rows, 1, MOST_ROOMS)
+        self.num_cols = whole("num_cols", num_cols, 1, MOST_ROOMS)
+        self.room_size = number("room_size", room_size, 1, 100)
+        super().__init__(max_steps=num_rows * num_cols * 24 if max_steps is None else max_steps, **options)
 
     def build(self) -> None:
         """Lay the rooms out in rows, and open walls along a random walk that turns back where it is stuck."""

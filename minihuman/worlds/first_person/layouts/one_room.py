@@ -2,20 +2,20 @@
 
 from typing import Any
 
-from minihuman.errors import WorldError
 from minihuman.worlds.first_person.chance import uniform
 from minihuman.worlds.first_person.colours import COLOUR_NAMES
 from minihuman.worlds.first_person.entities import Ball, Box, Key, Mesh
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
 from minihuman.worlds.first_person.rules import ACTIONS
+from minihuman.worlds.options import MOST_METRES, number, whole
 
 
 class OneRoom(GoalEnv):
     """A square room of ``size`` metres with a red box."""
 
     def __init__(self, *, size: float = 10, max_steps: int | None = 180, **options: Any) -> None:
-        self.size = _checked(size)
+        self.size = number("size", size, 2, MOST_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
@@ -29,10 +29,8 @@ class PickupObjects(FirstPersonEnv):
     """A yard of ``size`` metres with ``num_objs`` things; each one picked up earns 1 and is gone."""
 
     def __init__(self, *, size: float = 12, num_objs: int = 5, max_steps: int | None = 400, **options: Any) -> None:
-        if num_objs < 1:
-            raise WorldError(f"num_objs is {num_objs}; there is 1 thing to pick up or more")
-        self.size = _checked(size)
-        self.num_objs = num_objs
+        self.size = number("size", size, 2, MOST_METRES)
+        self.num_objs = whole("num_objs", num_objs, 1, 100)
         super().__init__(max_steps=max_steps, actions=ACTIONS[:5], **options)
 
     def build(self) -> None:
@@ -59,7 +57,7 @@ class PutNext(FirstPersonEnv):
     """A room with a box of each colour; the red one is to be put next to the yellow one."""
 
     def __init__(self, *, size: float = 12, max_steps: int | None = 250, **options: Any) -> None:
-        self.size = _checked(size)
+        self.size = number("size", size, 2, MOST_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
@@ -80,7 +78,7 @@ class RoomObjects(FirstPersonEnv):
     """A yard with a box, a ball and a key to look at; nothing is rewarded and nothing ends it."""
 
     def __init__(self, *, size: float = 10, max_steps: int | None = None, **options: Any) -> None:
-        self.size = _checked(size)
+        self.size = number("size", size, 2, MOST_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
@@ -97,7 +95,7 @@ class CollectHealth(FirstPersonEnv):
     """A room of slime that costs 2 health a step, with 18 medical kits; each one picked up restores all 100."""
 
     def __init__(self, *, size: float = 16, max_steps: int | None = 1000, **options: Any) -> None:
-        self.size = _checked(size)
+        self.size = number("size", size, 2, MOST_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
@@ -129,9 +127,3 @@ _YARD = {"wall": "brick_wall", "floor": "asphalt", "ceiling": None}
 
 def _any_colour(world: FirstPersonEnv) -> str:
     return COLOUR_NAMES[world.np_random.integers(len(COLOUR_NAMES))]
-
-
-def _checked(size: float) -> float:
-    if size < 2:
-        raise WorldError(f"size is {size!r}; a room is 2 m wide or more")
-    return size

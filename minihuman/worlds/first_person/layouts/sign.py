@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 
 import gymnasium
 
-from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import Box, Key, TextFrame
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.first_person.rules import MOVES
+from minihuman.worlds.options import MOST_METRES, number, whole
 
 _GAP = 0.25
 _COLOURS = ("blue", "red", "green")
@@ -29,13 +29,9 @@ class Sign(FirstPersonEnv):
     def __init__(
         self, *, size: float = 10, max_steps: int | None = 20, color_index: int = 0, goal: int = 0, **options: Any
     ) -> None:
-        if color_index not in (0, 1, 2):
-            raise WorldError(f"color_index is {color_index!r}; it is 0 (blue), 1 (red) or 2 (green)")
-        if goal not in (0, 1):
-            raise WorldError(f"goal is {goal!r}; it is 0 (box) or 1 (key)")
-        self.size = size
-        self.color_index = color_index
-        self.goal = goal
+        self.size = number("size", size, 5, MOST_METRES)
+        self.color_index = whole("color_index", color_index, 0, 2)  # blue, red, green
+        self.goal = whole("goal", goal, 0, 1)  # box, key
         options = {"parameters": DEFAULTS.fixed(forward_step=0.7, turn_step=45.0)} | options
         super().__init__(max_steps=max_steps, actions=(*MOVES, "done"), **options)
         self.observation_space = gymnasium.spaces.Dict(obs=self.observation_space, goal=gymnasium.spaces.Discrete(2))

@@ -16,6 +16,7 @@ from minihuman.worlds.first_person.way.sight import lies_on, shortest_way
 if TYPE_CHECKING:
     from minihuman.worlds.first_person.env import FirstPersonEnv
 
+_MOST_CELLS = 20_000_000  # that the floor is divided into: some seconds, and 200 MB
 _MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that rounding never decides a move
 
 
@@ -39,6 +40,9 @@ def plan(world: "FirstPersonEnv", goal: Entity) -> tuple[int, ...] | None:
     walls, discs, zones = stage.floor.walls, _obstacles(stage), _zones(world)
     bounds = np.array(stage.floor.bounds)
     cell = min(step / 2, 0.1)
+    cells = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) / cell**2
+    if cells > _MOST_CELLS:
+        raise WorldError(f"no way is planned on a floor of {cells:.0f} cells of {cell:g} m; the most is {_MOST_CELLS}")
     place = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
     reach = _reach(stage, goal) - _MARGIN
     if math.hypot(x - goal.pos[0], z - goal.pos[2]) < reach:

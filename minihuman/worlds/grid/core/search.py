@@ -112,7 +112,7 @@ def stands_or_ends(row: Row, code: int, through: bool) -> bool:
 
 @kernel()
 def search(
-    start: Row, bound: NDArray[np.int32], extra: int, limit: int, words: NDArray[np.uint64]
+    start: Row, bound: NDArray[np.int32], extra: int, limit: int, words: NDArray[np.uint64], weight: int
 ) -> tuple[int, NDArray[np.int64]]:
     """Find a shortest list of actions to success.
 
@@ -122,6 +122,7 @@ def search(
         extra: What to add to the bound.
         limit: Nodes that may be kept.
         words: Scratch for the rules, which take a random stream and draw nothing from it here.
+        weight: How many times the bound counts: 1 finds a shortest list, more a list sooner.
 
     Returns:
         FOUND and the actions, or NONE or FULL and no actions.
@@ -138,8 +139,6 @@ def search(
     cost, parent, cause = np.empty(limit, np.int32), np.empty(limit, np.int32), np.empty(limit, np.int8)
     closed = np.zeros(limit, np.bool_)
     table = np.full(4 * limit, -1, np.int32)  # open addressing
-    # by cost plus bound: the newest entry. A way through every cell, turning in each, for every object there is
-    bucket = np.full(4096 + 4 * row[WIDTH] * row[HEIGHT] * (1 + objects), -1, np.int64)
     entry_node, entry_next = np.empty(4 * limit, np.int32), np.empty(4 * limit, np.int64)
     entries = 0
     none = np.empty(0, np.int64)
@@ -151,6 +150,9 @@ def search(
     estimate = bound[row[X], row[Y], row[DIRECTION]] + extra
     if estimate >= FAR:
         return NONE, none
+    estimate *= weight
+    bucket = np.full(4096 + 16 * (estimate + objects * (row[WIDTH] + row[HEIGHT])), -1, np.int64)  # the newest entry
+    dropped = False
     bucket[estimate] = 0
     entry_node[0], entry_next[0] = 0, -1
     entries = 1
@@ -192,12 +194,16 @@ def search(
             elif closed[known] or cost[known] <= cost[node] + 1:
                 continue
             cost[known], parent[known], cause[known] = cost[node] + 1, node, action
-            worth = bound[row[X], row[Y], row[DIRECTION]] + extra + cost[known]
+            ahead = bound[row[X], row[Y], row[DIRECTION]] + extra
+            worth = weight * ahead + cost[known]
             if worth < len(bucket):
                 entry_node[entries], entry_next[entries] = known, bucket[worth]
                 bucket[worth] = entries
                 entries += 1
-    return NONE, none
+                estimate = min(estimate, worth)
+            elif ahead < FAR:
+                dropped = True
+    return FULL if dropped else NONE, none
 
 
 @part()

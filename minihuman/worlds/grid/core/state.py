@@ -78,7 +78,10 @@ def cell_at(row: Row, x: int, y: int) -> int:
 
 @kernel("int64(int32[::1], int64, int64)")
 def lift(row: Row, x: int, y: int) -> int:
-    """Empty a cell and return what lay there."""
+    """Empty a cell and return what lay there. Outside the grid nothing does, and the row is marked FAILED."""
+    if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
+        row[FAILED] = 1
+        return EMPTY
     code = row[HEADER + x * row[HEIGHT] + y]
     row[HEADER + x * row[HEIGHT] + y] = EMPTY
     identity = identity_of(code)
@@ -89,8 +92,13 @@ def lift(row: Row, x: int, y: int) -> int:
 
 @kernel("void(int32[::1], int64, int64, int64)")
 def put(row: Row, x: int, y: int, code: int) -> None:
-    """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie."""
+    """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie.
+
+    Outside the grid nothing is laid, and the row is marked FAILED.
+    """
     lift(row, x, y)
+    if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
+        return
     row[HEADER + x * row[HEIGHT] + y] = code
     identity = identity_of(code)
     if identity > 0:

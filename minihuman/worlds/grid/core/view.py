@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import AGENT, DOOR, GREY_WALL, OPEN, RED, WALL, colour_of, kind_of, state_of
 from minihuman.worlds.grid.core.own import hiding_looks
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
 from minihuman.worlds.kernels import inlined, kernel, part
+from minihuman.worlds.options import whole
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
 USUAL_VIEW = 7
@@ -22,9 +22,7 @@ def see_size(size: int) -> int:
     Raises:
         WorldError: if it cannot.
     """
-    if size % 2 == 0 or not 3 <= size <= LARGEST_VIEW:
-        raise WorldError(f"agent_view_size is {size!r}; it is odd, 3 to {LARGEST_VIEW}")
-    return size
+    return whole("agent_view_size", size, 3, LARGEST_VIEW, odd=True)
 
 
 @kernel()

@@ -6,11 +6,12 @@ from numpy.typing import NDArray
 from minihuman.worlds.grid.core.cells import CLOSED, DOOR, GREEN_GOAL, SORTED_COLOURS
 from minihuman.worlds.grid.core.chance import Words, integer
 from minihuman.worlds.grid.core.place import place, place_agent, wall_rect
-from minihuman.worlds.grid.core.state import HEIGHT, WIDTH, Row, make, put
+from minihuman.worlds.grid.core.state import FAILED, HEIGHT, WIDTH, Row, make, put
 from minihuman.worlds.kernels import kernel, part
 
 RIGHT, BOTTOM, LEFT, TOP = range(4)  # walls of a room
 SMALLEST = 4  # columns and rows, walls included
+MOST_TRIED = 2_000_000  # rooms, about a second; a grid that takes more cannot hold so many
 TRIES = 8  # places tried for each next room
 
 
@@ -19,11 +20,16 @@ def multi_room(row: Row, words: Words, fewest: int, most: int, largest: int) -> 
     """From ``fewest`` to ``most`` rooms of up to ``largest`` columns and rows."""
     count = integer(words, fewest, most + 1)
     rooms = np.empty((0, 6), np.int64)
+    left = MOST_TRIED
     while len(rooms) < count:
         door_x, door_y = integer(words, 0, row[WIDTH] - 2), integer(words, 0, row[WIDTH] - 2)
         drawn = draw_chain(row, words, count, largest, door_x, door_y)
         if len(drawn) > len(rooms):
             rooms = drawn
+        left -= TRIES + len(drawn)
+        if left < 0:
+            row[FAILED] = 1
+            return
     door_colour = -1
     for k in range(count):
         x, y, width, height, door_x, door_y = rooms[k]

@@ -68,7 +68,7 @@ def draw_objects(row: Row, words: Words, objects: int, apart: bool) -> NDArray[n
         while apart and beside_any(drawn, x, y) and row[FAILED] == 0:
             x, y = draw_place(row, words, 0, 0, row[WIDTH], row[HEIGHT], FOR_EVER)
             tries += 1
-            if tries > 100_000:
+            if tries > 10_000:
                 row[FAILED] = 1
         put(row, x, y, make(row, kind, colour, 0))
         drawn[k, 0], drawn[k, 1], drawn[k, 2], drawn[k, 3] = kind, colour, x, y

@@ -8,7 +8,7 @@ from typing import Any
 
 from minihuman.worlds.entry import Entry
 
-_MAKE = "minihuman.worlds.grid.env:make"
+_MAKE = "minihuman.worlds.inside.make:make"
 _MAKE_MANY = "minihuman.worlds.grid.batch:GridBatch"
 
 

@@ -1,0 +1,167 @@
+"""Devices of a protocol: what they give is in the log and in a table, and a session goes on or stops as it says."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from minihuman.data.selection import Selection
+from minihuman.data.study import Sessions
+from minihuman.errors import DeviceError, LogError
+from minihuman.lab.next_session import next_session
+from minihuman.lab.verify import verify
+from minihuman.log.read.open_log import open_log, read_events
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.seats.devices.port import Device, Sample, make_device
+from minihuman.seats.devices.sampling import SamplingRecorder, open_devices
+from minihuman.seats.machine import SessionClock
+from minihuman.seats.run import run_session
+from minihuman.seats.simulated import SimulatedWindow
+from minihuman.study.devices import Device as Wanted
+from minihuman.study.events import Sampled
+from minihuman.study.protocol import decode
+from minihuman.study.session import Session
+from minihuman.study.well_formed import complaints
+from minihuman.worlds.adapt.world import World
+from tests.golden.make import study
+
+DEVICES = """
+[[devices]]
+name = "gaze"
+source = "eye-tracker"
+channels = ["x", "y"]
+units = ["px", "px"]
+[[devices]]
+name = "box"
+source = "trigger-box"
+"""
+
+
+class EyeTracker(Device):
+    """A gaze on a circle, as many samples as are asked for; the second is lost."""
+
+    def __init__(self, fails_after: int = 10**9) -> None:
+        self._given, self._fails_after = 0, fails_after
+
+    def open(self, clock):
+        self._clock = clock
+        return {"model": "circle"}
+
+    def read(self):
+        self._given += 1
+        if self._given > self._fails_after:
+            raise OSError("the cable is out")
+        values = (math.nan, math.nan) if self._given == 2 else (self._given, -self._given)
+        return [Sample(self._clock() - 5_000_000, values)]
+
+    def close(self):
+        self.closed = True
+
+
+class TriggerBox(EyeTracker):
+    """A word now and then."""
+
+    def read(self):
+        return [Sample(self._clock(), text="S1")]
+
+
+class OnTheClock:
+    """A simulated participant's virtual clock that takes a little real time as well, so that devices can be asked."""
+
+    def __init__(self):
+        self.now_ns = 0
+
+    def __call__(self):
+        return self.now_ns
+
+    def advance_to(self, t_ns):
+        time.sleep(0.004)
+        self.now_ns = max(self.now_ns, t_ns)
+
+
+def sat(data, devices, clock):
+    from minihuman.players.choose import make_player
+
+    protocol = decode(study("resumed").toml + DEVICES.encode())
+    plan = next_session(protocol, data, participant="sub-01")
+    session = Session(plan, World, {"player": "optimal"}, picture_px=None)
+    recorder = SamplingRecorder(McapRecorder(data, plan, started_ns=1_790_000_000_000_000_000), devices)
+    window = SimulatedWindow(make_player("random", np.random.default_rng(1)), session, clock)
+    return run_session(session, window, recorder, clock)
+
+
+@pytest.fixture
+def log(tmp_path):
+    clock = OnTheClock()
+    devices = {"gaze": EyeTracker(), "box": TriggerBox()}
+    for device in devices.values():
+        device.open(clock)
+    return sat(tmp_path, devices, clock)
+
+
+def test_samples_lie_between_the_events_of_a_session_that_still_proves(log):
+    events = list(read_events(log))
+    samples = [event for event in events if isinstance(event, Sampled)]
+    assert {one.device for one in samples} == {"gaze", "box"}
+    assert len(samples) > 5
+    assert complaints(events) == []
+    assert verify(open_log(log)).difference == ""
+
+
+def test_samples_are_a_table_with_the_protocols_words(log):
+    [rows] = Sessions(log, Selection()).rows(with_shortest=False)
+    table = rows.rows["samples"].to_pandas()
+    gaze = table[table["device"] == "gaze"]
+    assert set(gaze["channel"]) == {"x", "y"}
+    assert gaze["value"].isna().sum() == 2  # the lost one
+    assert set(table[table["device"] == "box"]["said"]) == {"S1"}
+    segment = open_log(log).segments[0]
+    assert len(segment.samples) == len(gaze) // 2 + (table["device"] == "box").sum()
+    assert segment.samples[0].t_ns >= 0
+
+
+def test_a_device_that_fails_stops_the_session_and_says_so(tmp_path):
+    clock = OnTheClock()
+    device = EyeTracker(fails_after=3)
+    device.open(clock)
+    with pytest.raises(LogError, match="a device failed: the cable is out"):
+        sat(tmp_path, {"gaze": device}, clock)
+    [part_or_log] = tmp_path.rglob("*.mcap*")
+    assert len(open_log(part_or_log).segments[0].samples) <= 3
+
+
+def test_a_device_that_is_not_there_is_named(monkeypatch):
+    needed = Wanted(name="gaze", source="nobody")
+    with (
+        pytest.raises(DeviceError, match="device 'gaze': device 'nobody' is unknown; it is one of lsl"),
+        open_devices([needed], SessionClock()),
+    ):
+        pass
+    with open_devices([Wanted(name="gaze", source="nobody", required=False)], SessionClock()) as (devices, facts):
+        assert devices == {}
+        assert "is unknown" in facts["device_gaze_missing"]
+
+
+@pytest.mark.program
+def test_a_stream_of_the_lab_streaming_layer_is_a_device():
+    pylsl = pytest.importorskip("pylsl")
+    outlet = pylsl.StreamOutlet(pylsl.StreamInfo("Eyes", "Gaze", 2, 100, pylsl.cf_float32, "eyes-of-a-test"))
+    clock = SessionClock()
+    device = make_device("lsl:Eyes")
+    assert device.open(clock) == {"stream": "Eyes", "type": "Gaze", "rate_hz": "100"}
+    assert outlet.wait_for_consumers(10)
+    sent = []
+    for number in range(20):
+        outlet.push_sample([number, -number])
+        sent.append(clock())
+        time.sleep(0.005)
+    got = []
+    for _ in range(200):
+        got += device.read()
+        if len(got) == 20:
+            break
+        time.sleep(0.01)
+    device.close()
+    assert [sample.values for sample in got] == [(number, -number) for number in range(20)]
+    assert all(abs(sample.t_ns - t_ns) < 50_000_000 for sample, t_ns in zip(got, sent, strict=True))

@@ -1,0 +1,79 @@
+"""Tries what it is told on its standard input, a world and its options a line, as check and simulate would."""
+
+import json
+import sys
+import traceback
+
+import numpy as np
+from msgspec.structs import replace
+
+from minihuman.errors import MinihumanError, WorldError
+from minihuman.log.record.recorder import MemoryRecorder
+from minihuman.players.choose import make_player
+from minihuman.seats.run import run_session
+from minihuman.seats.simulated import SimulatedWindow
+from minihuman.study.expand import enrol, expand
+from minihuman.study.protocol import decode
+from minihuman.study.rehearse import rehearse
+from minihuman.study.session import Session
+from minihuman.windows.scripted import VirtualClock
+from minihuman.worlds.adapt.world import World
+
+TOML = """
+[study]
+name = "options"
+version = "1"
+seed = 1
+[keys]
+pool = ["1", "2"]
+[[groups]]
+name = "all"
+blocks = ["only"]
+[[blocks]]
+name = "only"
+world = {world!r}
+episodes = 2
+max_steps = 1
+actions = [{action!r}]
+"""
+
+
+def outcome(world_id: str, options: dict[str, object]) -> str:
+    action = "left" if "MiniGrid" in world_id else "turn_left"
+    protocol = decode(TOML.format(world=world_id, action=action).encode())
+    protocol = replace(protocol, blocks=(replace(protocol.blocks[0], options=options),))
+    try:
+        rehearse(protocol, "study.toml")
+    except MinihumanError as error:
+        said = str(error)
+        if "\n" in said or "$.blocks[0]" not in said:
+            return f"broken: refused in words that nobody can use: {said!r}"
+        return f"refused: {said}"
+    simulate(protocol)
+    world = World(world_id, options)
+    world.reset(0)
+    try:
+        world.way(), world.bounds()
+    except WorldError as error:  # it may say that it would take too long
+        return f"played; {str(error).splitlines()[0]}"
+    return "played"
+
+
+def simulate(protocol) -> None:
+    plan = expand(protocol, enrol(protocol, 0))
+    clock, session = VirtualClock(), Session(plan, World, {}, picture_px=None)
+    window = SimulatedWindow(make_player("random", np.random.default_rng(0)), session, clock)
+    run_session(session, window, MemoryRecorder(), clock)
+
+
+def main() -> None:
+    for line in sys.stdin:
+        try:
+            said = outcome(*json.loads(line))
+        except Exception:
+            said = "broken: " + " | ".join(traceback.format_exc().splitlines()[-4:])
+        print(said, flush=True)
+
+
+if __name__ == "__main__":
+    main()
