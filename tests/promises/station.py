@@ -1,0 +1,80 @@
+"""A session as a process of its own that tells what was shown and what was acknowledged, until it is killed."""
+
+import os
+import time
+from collections.abc import Sequence
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from minihuman.lab.next_session import next_session
+from minihuman.log.record.finish import recover
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.seats.machine import SessionClock
+from minihuman.seats.run import run_session
+from minihuman.study.events import Event, Stepped
+from minihuman.study.inputs import Input, KeyDown, Shown
+from minihuman.study.protocol import decode
+from minihuman.study.screens import PlayScreen, Screen
+from minihuman.study.session import Session
+from minihuman.windows.port import Window
+from minihuman.worlds.adapt.world import World
+
+
+class Told(McapRecorder):
+    """Counts the steps that it is given."""
+
+    given = 0
+
+    def write(self, events: Sequence[Event]) -> None:
+        super().write(events)
+        self.given += sum(isinstance(event, Stepped) for event in events)
+
+
+class Hurried(Window):
+    """Somebody who answers every picture at once, every ``key_s`` seconds; tells what was shown when it was."""
+
+    def __init__(self, clock: SessionClock, session: Session, recorder: Told, told: Connection, key_s: float) -> None:
+        self._clock, self._session, self._recorder, self._told, self._key_s = clock, session, recorder, told, key_s
+        self._presses = 0
+        self._playing = False
+
+    def show(self, screen: Screen) -> Shown:
+        self._playing = isinstance(screen, PlayScreen)
+        now_ns = self._clock()
+        self._told.send((self._recorder.given, self._recorder.durable_steps))
+        return Shown(now_ns, now_ns, now_ns)
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        time.sleep(self._key_s)
+        play = self._session.play
+        self._presses += 1
+        if play is None:
+            return [KeyDown(self._clock(), "enter")]
+        keys = list(play.plan.key_map.keys)
+        return [KeyDown(self._clock(), keys[self._presses % 2])]  # left and right, for ever
+
+    def facts(self) -> dict[str, str]:
+        return {"window": "hurried"}
+
+    def close(self) -> None:
+        pass
+
+
+def play(toml: bytes, data: Path, told: Connection, key_s: float, fsync_s: float) -> None:
+    """Sit down at once, and play until somebody ends it."""
+    plan = next_session(decode(toml), data, participant="sub-01")
+    clock = SessionClock()
+    recorder = Told(data, plan, started_ns=clock.started_unix_ns, sync=partial(_slow_sync, fsync_s))
+    session = Session(plan, World, {"player": "hurried"}, picture_px=None)
+    run_session(session, Hurried(clock, session, recorder, told, key_s), recorder, clock)
+
+
+def _slow_sync(seconds: float, fd: int) -> None:
+    time.sleep(seconds)
+    os.fsync(fd)
+
+
+def finish(part: Path) -> None:
+    """Recover a cut-off log."""
+    recover(part)
