@@ -91,6 +91,7 @@ def check(
     group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
     session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print the whole plan as JSON.")] = False,
+    pictures: Annotated[Path | None, typer.Option(help="Draw every screen into this folder, too.")] = None,
 ) -> None:
     """Check a protocol and its worlds, and print everything that a participant will play.
 
@@ -114,6 +115,12 @@ def check(
     if problems := list(dict.fromkeys(study_unreadable(study))):
         raise ProtocolError.of([f"{protocol}: {problem}" for problem in problems], str(protocol))
     print(msgspec.json.encode(plan).decode() if json else printable("\n".join(lines(plan))))
+    if pictures is not None:
+        from minihuman.seats.screens import save_screens
+
+        with waiting("drawing every screen"):
+            drawn = list(save_screens(plan, pictures))
+        print(f"{len(drawn) - 1} screens in {pictures}; all at a glance in {drawn[-1]}")
 
 
 def status(
