@@ -20,6 +20,8 @@ from minihuman.report.methods import methods
 from minihuman.report.page import Page, page
 from minihuman.report.published import is_papers
 from minihuman.report.results import Results, results
+from minihuman.study.analysis import Analysis
+from minihuman.study.protocol import decode
 
 _CURVES = (
     ("reward", "reward", (0.0, 1.0)),
@@ -49,7 +51,7 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
         episodes = store.tables.table("episodes", _EPISODE_COLUMNS).to_pandas()
         blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
         answers = store.tables.table("answers").to_pandas()
-    found = results(episodes, blocks, participants)
+    found = results(episodes, blocks, participants, named_before(store.kept))
     qualities = [kept.quality for kept in store.kept if kept.quality is not None]
     outlines = [kept.outline for kept in store.kept if kept.outline is not None]
     paths = _paths(store.kept, sessions.selection, out / "figures")
@@ -69,6 +71,14 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
     where = out / "report.html"
     where.write_text(page(facts, found), encoding="utf-8")
     return (where, *tables, *(path for _, path, _ in figures))
+
+
+def named_before(kept: Sequence[Kept]) -> Analysis:
+    """What the protocol named before the study; nothing where its versions name different things."""
+    one_of_each = {one.outline.protocol_sha256: one.path for one in kept if one.outline is not None}
+    protocols = [(open_log(Path(path)).plan.protocol_toml, path) for path in one_of_each.values()]
+    named = {decode(toml, path).analysis for toml, path in protocols if toml}
+    return named.pop() if len(named) == 1 else Analysis()
 
 
 def _study(store: Store, sessions: Sessions) -> str:

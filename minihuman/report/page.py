@@ -1,7 +1,7 @@
 """The report as one self-contained HTML page: figures inside, nothing fetched from anywhere."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -13,7 +13,7 @@ from minihuman.data.quality import Quality
 from minihuman.report.html import STYLE, figure, interval, number, p_value, records, spread, table
 from minihuman.report.published import SOURCE, published
 from minihuman.report.recorded import answers, left_out, quality, skipped
-from minihuman.report.results import MEASURES, BlockResults, Results, group_rewards
+from minihuman.report.results import MEASURES, Alike, BlockResults, Results, Role, group_rewards
 from minihuman.statistics.compare import Comparison
 from minihuman.statistics.growth import LEAST_EPISODES, Growth
 from minihuman.statistics.power import Power
@@ -79,6 +79,17 @@ def difference_statement(one: Comparison, block: str) -> str:
     )
 
 
+def alike_statement(one: Alike, roles: Mapping[str, Role]) -> str:
+    """Whether two groups are shown to be alike, in one sentence."""
+    (primary,) = (name for name, role in roles.items() if role == "primary")
+    shown = "are shown to be alike" if one.test.alike else "are not shown to be alike"
+    return (
+        f"{MEASURES[primary].capitalize()}: {one.first} and {one.second} {shown} within {one.test.bounds[1]:g}, as the "
+        f"protocol says (two one-sided tests, p {p_value(one.test.p)}; 90 % interval of the difference "
+        f"{interval(one.test.interval, sign='+')})."
+    )
+
+
 def power_statement(one: Power) -> str:
     """What the sample could show, in one sentence."""
     a, b = one.n
@@ -122,7 +133,8 @@ def _block(one: BlockResults, facts: Page, *, is_target: bool) -> list[str]:
         f'<p class="lead">{worlds}{one.episodes} episodes count{compared}.</p>',
         *(f'<p class="key">{escape(difference_statement(each, one.block))}</p>' for each in rewards),
         f'<div class="beside">{_measures(one)}{_subjects(one)}</div>',
-        _comparisons(one.comparisons, one.block),
+        _comparisons(one.comparisons, one.roles, one.block),
+        *(f'<p class="key">{escape(alike_statement(each, one.roles))}</p>' for each in one.alike),
         _growth(one.growth),
         *(f"<p>{escape(power_statement(each))}</p>" for each in one.powers),
         *(figure(path, caption) for block, path, caption in facts.figures if block == one.block),
@@ -156,26 +168,40 @@ def _subjects(one: BlockResults) -> str:
     return table(caption, ("group", "subject", "n", "reward"), rows, words=2)
 
 
-def _comparisons(found: Sequence[Comparison], block: str) -> str:
+def _comparisons(found: Sequence[Comparison], roles: Mapping[str, Role], block: str) -> str:
+    if not found:
+        return ""
+    named = set(roles.values()) != {"exploratory"}
     rows = [
         (
-            MEASURES[one.measure], f"{one.first} \N{MINUS SIGN} {one.second}",
-            number(one.means[0]), number(one.means[1]),
-            number(one.difference), interval(one.interval),
-            f"{one.n[0]}, {one.n[1]}", p_value(one.p), p_value(one.p_holm), p_value(one.smallest_p),
-            number(one.g, 2), interval(one.g_interval, 2), one.reason or "\N{EN DASH}",
+            MEASURES[one.measure], *((roles[one.measure],) if named else ()),
+            f"{one.first} \N{MINUS SIGN} {one.second}",
+            f"{one.n[0]}, {one.n[1]}", f"{number(one.means[0])}, {number(one.means[1])}",
+            _with_interval(one.difference, one.interval),
+            p_value(one.p), p_value(one.p_holm), p_value(one.smallest_p),
+            _with_interval(one.g, one.g_interval, 2),
         )
         for one in found
     ]  # fmt: skip
     heads = (
-        *("measure", "groups", "first", "second", "difference", "95 % interval"),
-        *("n", "p", "p (Holm)", "smallest p", "g", "95 % interval of g", "not compared because"),
+        *("measure", *(("named before",) if named else ()), "groups", "n", "means", "difference"),
+        *("p", "p (Holm)", "smallest p", "g"),
     )
+    apart = ", within the primary measure, within the secondary ones, and within the rest, which nobody named before"
     caption = (
-        f"Groups compared in block {block}, one value a participant. p: two-sided permutation test of Welch's t; "
-        "interval: Welch's t; smallest p: what groups of these sizes can come to; g: Hedges'."
+        f"Groups compared in block {block}, one value a participant, 95 % intervals in brackets. p: two-sided "
+        "permutation test of Welch's t; interval of the difference: Welch's; smallest p: what groups of these sizes "
+        f"can come to; g: Hedges'. p is corrected for how many there are (Holm){apart if named else ''}."
     )
-    return table(caption, heads, rows, words=2) if rows else ""
+    reasons = [
+        f"{MEASURES[one.measure]}, {one.first} \N{MINUS SIGN} {one.second}: {one.reason}" for one in found if one.reason
+    ]
+    because = f'<p class="few">Not compared, or not in every way: {escape("; ".join(reasons))}.</p>' if reasons else ""
+    return f'<div class="wide">{table(caption, heads, rows, words=3 if named else 2)}</div>{because}'
+
+
+def _with_interval(value: float, bounds: tuple[float, float], digits: int = 3) -> str:
+    return number(value, digits) if math.isnan(bounds[0]) else f"{number(value, digits)} ({interval(bounds, digits)})"
 
 
 def _growth(found: Growth | None) -> str:

@@ -1,26 +1,46 @@
 """What a study shows, block by block, and who was left out. From the tables, not the logs."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
 
 from minihuman.statistics.compare import Comparison, compare_groups
+from minihuman.statistics.equivalence import Equivalence, equivalence
 from minihuman.statistics.growth import Growth, growth
 from minihuman.statistics.power import Power, power
+from minihuman.study.analysis import Analysis
 
 MEASURES = {  # columns of the block table that groups are compared on, and what they are called
-    "reward_mean": "reward",
+    "log_excess_steps_mean": "log of the steps over the best way (time-outs at the limit)",
+    "spl_mean": "SPL: success weighted by path length",
     "success": "success (share of episodes)",
+    "reward_mean": "reward",
+    "steps_at_limit_mean": "steps (time-outs at the limit)",
     "reward_first": "reward of the first episode",
     "reward_slope": "learning: change of reward from one episode to the next, over the first five",
-    "excess_steps_mean": "steps over the fewest possible",
+    "excess_steps_mean": "steps over the best way, of successes alone",
     "playing_s_mean": "playing time of an episode (s)",
     "reaction_median_ms": "reaction time, median (ms)",
     "path_efficiency_mean": "path efficiency",
     "in_vain_share": "share of steps in vain",
     "found_all_s": "time until every key was found (s)",
 }
+
+
+Role = Literal["primary", "secondary", "exploratory"]  # named in the protocol before anybody played, or not
+
+
+@dataclass(frozen=True, slots=True)
+class Alike:
+    """Whether two groups are shown to be alike."""
+
+    first: str
+    second: str
+    test: Equivalence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +53,9 @@ class BlockResults:
     subjects: pd.DataFrame  # group, participant, session, episodes, reward_mean, reward_sd
     groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
     measures: pd.DataFrame  # measure, group, n, mean, sd; of measures that have a value in this block
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[Comparison, ...]  # the primary measure first, then the secondary ones
+    roles: Mapping[str, Role]  # of each measure that is compared
+    alike: tuple[Alike, ...]  # of the primary measure, where the protocol says how near is alike
     growth: Growth | None  # of the reward over the block's episodes
     powers: tuple[Power, ...]  # one for each pair of groups, in the order of the comparisons of reward
 
@@ -53,30 +75,47 @@ class Results:
         return next((one for one in self.blocks if one.block == self.target), None)
 
 
-def results(episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame) -> Results:
-    """Work out the results from the three tables as they were written."""
+def results(
+    episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame, analysis: Analysis | None = None
+) -> Results:
+    """Work out the results from the three tables as they were written, judged by what the protocol names."""
+    analysis = analysis or Analysis()
     counted_people = participants[participants["left_out"].isna()]
     counted = episodes[episodes["left_out"].isna()]
     kept = blocks[blocks["left_out"].isna()]
     order = _most_prepared_first(blocks)
+    target = analysis.block or target_block(kept)
     return Results(
         blocks=tuple(
-            block_results(name, kept[kept["block"] == name], counted[counted["block"] == name], order)
+            block_results(
+                name,
+                kept[kept["block"] == name],
+                counted[counted["block"] == name],
+                order,
+                analysis if name == target else Analysis(),
+            )
             for name in in_order_of_play(kept)
         ),
-        target=target_block(kept),
+        target=target,
         exclusions=exclusions(episodes, participants),
         kept=(len(counted_people), len(counted)),
     )
 
 
-def block_results(block: str, rows: pd.DataFrame, episodes: pd.DataFrame, order: list[str]) -> BlockResults:
+def block_results(
+    block: str, rows: pd.DataFrame, episodes: pd.DataFrame, order: list[str], analysis: Analysis
+) -> BlockResults:
     """One block's, from its rows of the block table and its episodes."""
     rows = rows.sort_values(["group", "participant", "session"])
     told = [measure for measure in MEASURES if rows[measure].notna().any()]
     each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
     order = [group for group in order if (each["group"] == group).any()]
-    comparisons = compare_groups(each, told, order=order)
+    roles = _roles(told, analysis)
+    comparisons = tuple(
+        one
+        for role in get_args(Role)
+        for one in compare_groups(each, [name for name in roles if roles[name] == role], order=order)
+    )
     return BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
@@ -87,9 +126,27 @@ def block_results(block: str, rows: pd.DataFrame, episodes: pd.DataFrame, order:
         groups=group_rewards(each),
         measures=_measures(each, told),
         comparisons=comparisons,
+        roles=roles,
+        alike=_alike(each, analysis, order),
         growth=growth(episodes, "reward", order=order),
         powers=tuple(power(one.n) for one in comparisons if one.measure == "reward_mean"),
     )
+
+
+def _roles(told: Sequence[str], analysis: Analysis) -> dict[str, Role]:
+    roles: dict[str, Role] = dict.fromkeys(told, "exploratory")
+    roles |= {name: "secondary" for name in analysis.secondary if name in roles}
+    roles |= {name: "primary" for name in (analysis.primary,) if name in roles}
+    return roles
+
+
+def _alike(each: pd.DataFrame, analysis: Analysis, order: Sequence[str]) -> tuple[Alike, ...]:
+    if analysis.equivalence is None:
+        return ()
+    bounds = -analysis.equivalence, analysis.equivalence
+    told = {group: each.loc[each["group"] == group, analysis.primary].dropna().to_numpy(np.float64) for group in order}
+    tested = ((a, b, equivalence(told[a], told[b], bounds)) for a, b in combinations(order, 2))
+    return tuple(Alike(a, b, test) for a, b, test in tested if test is not None)
 
 
 def in_order_of_play(blocks: pd.DataFrame) -> list[str]:

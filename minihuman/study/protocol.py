@@ -13,6 +13,7 @@ import msgspec
 
 from minihuman.errors import ProtocolError
 from minihuman.study import about as facts
+from minihuman.study import analysis as judged
 from minihuman.study import devices as apparatus
 from minihuman.study.activities.play_plan import Criterion, Points
 from minihuman.study.design import Day, Order, Override, Questionnaire, Text
@@ -123,6 +124,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bonus: Bonus | None = None
     files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
     about: facts.About = facts.About()
+    analysis: judged.Analysis = judged.Analysis()
     devices: tuple[apparatus.Device, ...] = ()
     toml: bytes = b""  # the file itself, byte for byte; not a field of the file
 
@@ -223,6 +225,7 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
         *_carry_complaints(protocol),
         *design_complaints(protocol),
         *facts.complaints(protocol.about),
+        *judged.complaints(protocol.analysis, tuple(block.name for block in protocol.blocks)),
         *apparatus.complaints(protocol.devices),
         *(
             (f"$.exclusions[{number}]", "has neither below nor above; give one of them")

@@ -150,10 +150,11 @@ def test_the_report_its_curves_and_its_statistics(study, counting, tmp_path):
     ]
     found = results(*frames)
     assert found.kept == (9, len(counting))
-    assert found.subjects["episodes"].sum() == len(counting)
-    (reward,) = [one for one in found.comparisons if one.measure == "reward_mean"]
+    assert sum(block.subjects["episodes"].sum() for block in found.blocks) == len(counting)
+    (reward,) = [one for one in found.target_block.comparisons if one.measure == "reward_mean"]
     assert sum(reward.n) == 9
-    assert found.growth is None or max(term.people for term in found.growth.terms) <= 9
+    growth = found.target_block.growth
+    assert growth is None or max(term.people for term in growth.terms) <= 9
     counted = frames[0][frames[0]["left_out"].isna()]
     assert sum(int((~np.isnan(curve)).sum()) for curve in learning_curves(counted).values()) == len(counting)
     text = page.read_text()

@@ -178,3 +178,49 @@ def test_each_world_has_its_own_dataset(tmp_path):
     items = chosen([played(world, number=number) for number, world in enumerate(WORLDS)])
     names = {path.name for path in imitation.export(iter(items), tmp_path).paths}
     assert names == {"minigrid-fourrooms-v0", "miniworld-fourrooms-v0", "minigrid-doorkey-5x5-v0"}
+
+
+def lerobots_features(info):
+    """The types that LeRobot's own ``get_hf_features_from_features`` (0.4.4) makes of ``info.json`` and casts to."""
+    made = {}
+    for name, feature in info["features"].items():
+        if feature["dtype"] == "image":
+            made[name] = datasets.Image()
+        elif feature["shape"] == [1]:
+            made[name] = datasets.Value(feature["dtype"])
+        else:
+            made[name] = datasets.Sequence(datasets.Value(feature["dtype"]), length=feature["shape"][0])
+    return datasets.Features(made)
+
+
+def test_lerobot_files_cast_to_the_types_that_lerobot_makes_of_their_description(items, tmp_path):
+    (root,) = lerobot.export(iter(items), tmp_path / "out").paths
+    info = json.loads((root / "meta/info.json").read_text())
+    files = [str(path) for path in sorted(root.glob("data/*/*.parquet"))]
+    frames = datasets.Dataset.from_parquet(files, features=lerobots_features(info), cache_dir=str(tmp_path / "cache"))
+    assert frames.num_rows == info["total_frames"]
+    assert isinstance(frames[0]["action_index"], int)
+    assert len(frames[0]["action"]) == len(info["features"]["action"]["names"])
+    info["features"]["action"]["shape"] = [1]  # what was written before: a list of one, described as a scalar
+    with pytest.raises(Exception, match=r"cast|convert|generating"):
+        datasets.Dataset.from_parquet(files, features=lerobots_features(info), cache_dir=str(tmp_path / "other"))
+
+
+def test_lerobot_statistics_are_those_of_the_frames(tmp_path):
+    items = chosen([played(WORLDS[0], number=number, steps=40) for number in range(3)])
+    (root,) = lerobot.export(iter(items), tmp_path).paths
+    stats = json.loads((root / "meta/stats.json").read_text())
+    frames = np.concatenate([(item.episode.t_ns[1:] - item.episode.t_ns[0]) / 1e9 for item in items])
+    said = stats["time_s"]
+    assert (said["min"], said["max"], said["count"]) == ([frames.min()], [frames.max()], [len(frames)])
+    assert said["mean"] == pytest.approx([frames.mean()])
+    assert said["std"] == pytest.approx([frames.std()])
+    assert said["min"] < said["q01"] < said["q10"] < said["q50"] < said["q90"] < said["q99"] < said["max"]
+
+
+def test_lerobot_card_has_front_matter(items, tmp_path):
+    (root,) = lerobot.export(iter(items), tmp_path).paths
+    front = (root / "README.md").read_text().split("---\n")[1]
+    said = dict(line.split(": ", 1) for line in front.splitlines())
+    assert json.loads(said["task_categories"]) == ["robotics"]
+    assert json.loads(said["configs"])[0]["data_files"] == "data/*/*.parquet"

@@ -24,6 +24,7 @@ from minihuman.study.protocol import Protocol, decode
 from minihuman.study.session import Session
 from minihuman.windows.scripted import VirtualClock
 from minihuman.worlds.adapt.world import World
+from tests.golden.guests import again
 
 STARTED_NS = 1_790_000_000_123_456_789  # the first session's wall clock; an hour later the next segment
 HOUR_NS = 3_600_000_000_000
@@ -77,6 +78,7 @@ BLOCKS = {
     "real-time": _SMALL + 'pace = "real_time"\nstep_period_ms = 400.0\nnoop = "done"\n',
     "observations": _SMALL.replace("episodes = 3", "episodes = 2") + "record_observations = true\n",
     "first-person": _ROOM,
+    "guest": _SMALL,
     "mixed": _SMALL.replace("episodes = 3", "episodes = 1") + _ROOM.replace("episodes = 2", "episodes = 1"),
     "foreign": _SMALL.replace("minihuman/", "minigrid:"),
     "no-step": _SMALL,
@@ -173,6 +175,8 @@ def make(data: Path) -> None:
     segment(data, study("real-time"))
     segment(data, study("observations"))
     segment(data, study("first-person"))
+    alone = segment(data, study("guest"))  # the frozen one is of the study "resumed"
+    again(alone, alone.with_suffix(".with"), lambda ours: ours % 7).replace(alone)
     segment(data, study("mixed"))
     segment(data, study("foreign"), "random")
     segment(data, study("no-step"), after_steps=0, key="escape")

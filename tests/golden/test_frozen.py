@@ -23,6 +23,7 @@ HELD = {
     "v1/cut-off/sub-01": ("goal cut_off", [5, 4], "cut_off"),
     "v1/first-person/sub-01": ("goal goal", [4, 27], "complete"),
     "v1/foreign/sub-01": ("timeout timeout goal", [30, 30, 12], "complete"),
+    "v1/guest/sub-01": ("goal abandoned goal goal", [5, 2, 5, 5], "complete"),
     "v1/marked/sub-01": ("goal goal goal", [5, 5, 5], "complete"),
     "v1/mixed/sub-01": ("goal goal", [5, 21], "complete"),
     "v1/no-episode/sub-01": ("", [], "window_closed"),

@@ -1,10 +1,8 @@
 """Guests: other programs' topics in a log, their files beside it, and topics that a newer version adds."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
 from minihuman.data.opened import log_files
@@ -16,51 +14,10 @@ from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.open_log import open_log, read_events
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.finish import leftovers, recover
-from minihuman.log.topics import SCHEMA_VERSION, SEGMENT_METADATA
+from tests.golden.guests import Guest, again
 from tests.golden.make import segment, study
 
 PLAIN = Path(__file__).parents[1] / "golden/v1/resumed/sub-01/ses-01/sub-01_ses-01.mcap"
-Guest = Callable[[int], int | None]  # the number of one more message after ours of this number; None: none there
-
-
-def again(log: Path, target: Path, guest: Guest, *, version: str = str(SCHEMA_VERSION), leave_out: int = 0) -> Path:
-    """Write a log again with a guest's messages between ours; those that a newer version counts shift ours on."""
-    scan = Scan(log)
-    with target.open("wb") as file:
-        writer = Writer(file, chunk_size=4096)
-        writer.start(profile="minihuman")
-        gaze = writer.register_channel("/ext/gaze", "json", 0)
-        channels: dict[tuple[str, int], int] = {}
-        shift = 0
-        for record in scan:
-            match record:
-                case LogMessage():
-                    schema = scan.schemas[record.channel.schema_id]
-                    if (record.channel.topic, schema.id) not in channels:
-                        number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                        channels[record.channel.topic, schema.id] = writer.register_channel(
-                            record.channel.topic, "protobuf", number
-                        )
-                    shift *= record.sequence != 1
-                    sequence = record.sequence + shift
-                    if record.sequence != leave_out:
-                        channel = channels[record.channel.topic, schema.id]
-                        writer.add_message(channel, record.log_time, record.data, record.publish_time, sequence)
-                    if (its := guest(sequence)) is not None:
-                        shift += its == sequence + 1
-                        writer.add_message(gaze, record.log_time, b'{"x": 1}', record.log_time, its)
-                case Metadata():
-                    writer.flush()
-                    facts = record.metadata
-                    if record.name == SEGMENT_METADATA:
-                        facts = facts | {"schema_version": version}
-                    writer.add_metadata(record.name, facts)
-                case Attachment():
-                    writer.add_attachment(record.create_time, record.log_time, record.name, "", record.data)
-        writer.finish()
-    return target
-
-
 GUESTS: dict[str, Guest] = {
     "uncounted": lambda ours: 0,
     "counting for itself": lambda ours: ours % 7,

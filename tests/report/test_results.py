@@ -1,8 +1,11 @@
+import numpy as np
 import pandas as pd
 import pytest
 
 from minihuman.report.published import published
-from minihuman.report.results import exclusions, group_rewards, target_block
+from minihuman.report.results import MEASURES, block_results, exclusions, group_rewards, target_block
+from minihuman.study import analysis as judged
+from minihuman.study.analysis import Analysis
 
 
 def test_the_published_subject_means_are_the_papers():
@@ -37,3 +40,68 @@ def test_what_was_left_out_is_listed_with_its_reason():
         ["slow", "episode", "s2"],
     ]
     assert listed["episode"].tolist()[1] == 4
+
+
+def played(people, seed=1):
+    """One block's rows of the block table and its episodes: two groups of so many people each."""
+    rng = np.random.default_rng(seed)
+    who = [(group, f"{group}-{number}") for group in ("a", "b") for number in range(people)]
+    rows = pd.DataFrame(
+        {"group": group, "participant": name, "session": 1, "block": "grid", "episodes": 3, "reward_sd": 0.1}
+        | dict.fromkeys(MEASURES, np.nan)
+        | {"log_excess_steps_mean": rng.normal(3, 0.1), "reward_mean": rng.normal(0.8, 0.1), "success": rng.random()}
+        for group, name in who
+    )
+    episodes = pd.DataFrame(
+        {"group": group, "participant": name, "world": "w", "episode_in_block": at, "reward": rng.random()}
+        for group, name in who
+        for at in (1, 2, 3)
+    )
+    return rows, episodes
+
+
+def test_what_was_named_before_is_judged_first_and_apart():
+    named = Analysis(primary="log_excess_steps_mean", secondary=("success",), equivalence=0.5)
+    found = block_results("grid", *played(12), ["a", "b"], named)
+    assert [one.measure for one in found.comparisons] == ["log_excess_steps_mean", "success", "reward_mean"]
+    assert found.roles == {
+        "log_excess_steps_mean": "primary",
+        "success": "secondary",
+        "reward_mean": "exploratory",
+    }
+    assert all(one.p_holm == one.p for one in found.comparisons)  # each is alone in its role
+    (alike,) = found.alike
+    assert alike.test.alike
+
+
+def test_without_a_word_before_everything_is_corrected_together():
+    found = block_results("grid", *played(12), ["a", "b"], Analysis())
+    assert set(found.roles.values()) == {"exploratory"}
+    smallest = min(found.comparisons, key=lambda one: one.p)
+    assert smallest.p_holm == pytest.approx(min(1, 3 * smallest.p))
+    assert found.alike == ()
+
+
+def test_the_measures_of_a_protocol_are_the_reports():
+    assert set(judged.MEASURES) == set(MEASURES)
+
+
+@pytest.mark.parametrize(
+    ("analysis", "field", "words"),
+    [
+        (Analysis(primary="speed"), "primary", "no measure"),
+        (Analysis(primary="success", secondary=("success",)), "secondary", "the primary measure already"),
+        (Analysis(primary="success", equivalence=0.0), "equivalence", "more than 0"),
+        (Analysis(equivalence=0.1), "equivalence", "name one"),
+        (Analysis(block="maze"), "block", "is no block; blocks: grid"),
+    ],
+)
+def test_an_analysis_that_cannot_be_made_is_refused(analysis, field, words):
+    ((path, complaint),) = judged.complaints(analysis, ("grid",))
+    assert path == f"$.analysis.{field}"
+    assert words in complaint
+
+
+def test_a_sound_analysis_has_no_complaints():
+    sound = Analysis(primary="success", secondary=("reward_mean",), equivalence=0.1, block="grid")
+    assert judged.complaints(sound, ("grid",)) == []
