@@ -25,12 +25,12 @@ from pathlib import Path
 
 import numpy as np
 
-from minihuman.errors import LogError
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.log.read.open_log import open_log
 from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
 from minihuman.worlds.adapt.world import World
+from tests.seats.session_typist import enter_at, until
 from tests.xserver import Typist, xvfb
 
 UNSEEN_S = 2.0  # a step that changed nothing in the stripes looked at
@@ -88,15 +88,13 @@ def measure(window: str, world: str, keys: int, size_px: tuple[int, int], checko
         )
         typist = Typist(display)
         typist.focus(TITLE)
-        begin_episode(typist, Path(folder), 1)
+        begin_episode(typist, Path(folder))
         study = read_protocol(protocol)
         pressed = list(expand(study, enrol(study, 0)).episodes[0].key_map.keys)
         seen_ms, waiting = one_by_one(typist, pressed, keys)
-        time.sleep(2)  # the last picture is held
-        begin_episode(typist, Path(folder), 2)
+        begin_episode(typist, Path(folder))
         rolling = rolled(typist, pressed, keys)
-        time.sleep(2)
-        typist.tap("enter")
+        enter_at(typist, Path(folder), "closing", "page")
         station.communicate(timeout=120)
         log = open_log(next(Path(folder).rglob("*.mcap")))
     began_ns = datetime.fromisoformat(log.started_at).timestamp() * 1e9
@@ -122,10 +120,9 @@ def measure(window: str, world: str, keys: int, size_px: tuple[int, int], checko
     )
 
 
-def begin_episode(typist: Typist, folder: Path, number: int) -> None:
-    typist.tap("enter")
-    while begun(folder) < number:
-        time.sleep(0.2)
+def begin_episode(typist: Typist, folder: Path) -> None:
+    enter_at(typist, folder, "ready")
+    until(folder, "playing")
     time.sleep(2)  # the log is written before the picture is shown
 
 
@@ -161,14 +158,6 @@ def rolled(typist: Typist, pressed: list[str], keys: int) -> list[Sent]:
         sent.append(send(typist, pressed[(number - 1) % 2], False))
     sent.append(send(typist, pressed[(keys - 1) % 2], False))
     return sent
-
-
-def begun(folder: Path) -> int:
-    """How many episodes the live log holds: from an episode's start on its keys act."""
-    try:
-        return max((len(open_log(part).episodes) for part in folder.rglob("*.part")), default=0)
-    except LogError:  # nothing of the session is written yet
-        return 0
 
 
 def turns(world: str) -> str:

@@ -91,6 +91,7 @@ def check(
     group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
     session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print the whole plan as JSON.")] = False,
+    pictures: Annotated[Path | None, typer.Option(help="Draw every screen into this folder, too.")] = None,
 ) -> None:
     """Check a protocol and its worlds, and print everything that a participant will play.
 
@@ -114,16 +115,35 @@ def check(
     if problems := list(dict.fromkeys(study_unreadable(study))):
         raise ProtocolError.of([f"{protocol}: {problem}" for problem in problems], str(protocol))
     print(msgspec.json.encode(plan).decode() if json else printable("\n".join(lines(plan))))
+    if pictures is not None:
+        from minihuman.seats.screens import save_screens
+
+        with waiting("drawing every screen"):
+            drawn = list(save_screens(plan, pictures))
+        print(f"{len(drawn) - 1} screens in {pictures}; all at a glance in {drawn[-1]}")
 
 
 def status(
     study_dir: Annotated[Path, typer.Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
+    due: Annotated[bool, typer.Option("--due", help="Only of whom a session is expected, or the rest of one.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines; with --due.")] = False,
 ) -> None:
     """Say who has taken part, how far each session came, and which were cut off.
 
-    Example: minihuman status sessions/fourrooms-transfer
+    Example: minihuman status sessions/fourrooms-transfer --due
     """
     from minihuman.lab.status import status_lines
 
+    if due:
+        from datetime import UTC, datetime
+
+        import msgspec
+
+        from minihuman.lab.due import due as expected
+
+        found = expected(study_dir, datetime.now(UTC).date())
+        told = [one.line() for one in found] or ["nobody is due"]
+        print(msgspec.json.encode(found).decode() if json else printable("\n".join(told)))
+        return
     for line in status_lines(study_dir):
         print(printable(line))

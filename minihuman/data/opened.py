@@ -3,6 +3,7 @@
 What cannot be read is named with its reason, and the rest goes on.
 """
 
+import atexit
 import gc
 import os
 from collections import deque
@@ -144,6 +145,7 @@ def _oldest(waiting: "deque[_Batch[T]]", each: Callable[[list[Path]], list[T]]) 
 def _settle(work: Callable[[SessionLog], object]) -> None:
     """Make a process ready. Handed over, ``work`` has imported what it needs: the collector may leave that alone."""
     gc.freeze()
+    atexit.register(gc.unfreeze)  # else libraries in C take what is frozen for leaked, and say so
 
 
 def _work_on_each(paths: list[Path], work: Callable[[SessionLog], T]) -> list[T | Skipped]:

@@ -115,7 +115,8 @@ class Participant:
             self._until(_page_is_open(number, place + 1))
             self.typist.tap("enter")
         for episode in self.plan.episodes[play.first : play.first + play.count]:
-            self._until(_ready_or_over(number, episode.episode))
+            before = None if episode.episode == play.first else episode.episode - 1
+            self._until(_ready_or_over(number, before))
             if any(isinstance(event, PartEnded) and event.part == number for event in self._events()):
                 return
             if _last_phase(self._events()) == "ready":
@@ -161,11 +162,11 @@ def _over(episode: int) -> Callable[[list[Event]], bool]:
     return lambda events: any(isinstance(e, EpisodeEnded) and e.episode == episode for e in events)
 
 
-def _ready_or_over(part: int, episode: int) -> Callable[[list[Event]], bool]:
+def _ready_or_over(part: int, before: int | None) -> Callable[[list[Event]], bool]:
     def holds(events: list[Event]) -> bool:
         if any(isinstance(e, PartEnded) and e.part == part for e in events):
             return True
-        ended = not episode or any(isinstance(e, EpisodeEnded) and e.episode == episode - 1 for e in events)
+        ended = before is None or any(isinstance(e, EpisodeEnded) and e.episode == before for e in events)
         return ended and _last_phase(events) in ("ready", "interval", "fixation", "playing")
 
     return holds

@@ -26,32 +26,33 @@ def type_session(typist: Typist, plan: SessionPlan, data: Path) -> None:
     begin(typist, plan, data)
     for episode in plan.episodes:
         if episode.episode > 0 and episode.episode_in_block == 0:
-            _enter(typist, data, "instructions")
-            _enter(typist, data, "ready")
-        _until(data, "playing")
+            enter_at(typist, data, "instructions")
+            enter_at(typist, data, "ready")
+        until(data, "playing")
         _play(typist, episode)
-        _enter(typist, data, "feedback")
+        enter_at(typist, data, "feedback")
         last_of_block = episode.episode_in_block == episode.episodes_in_block - 1
         if last_of_block and plan.texts[episode.block].rest:
-            _enter(typist, data, "rest")
-    _enter(typist, data, "closing", "page")
+            enter_at(typist, data, "rest")
+    enter_at(typist, data, "closing", "page")
 
 
 def begin(typist: Typist, plan: SessionPlan, data: Path) -> None:
     """Everything up to the first episode's first picture."""
     typist.tap(*plan.key_pool)
-    _enter(typist, data, "instructions")
-    _enter(typist, data, "ready")
-    _until(data, "playing")
+    enter_at(typist, data, "instructions")
+    enter_at(typist, data, "ready")
+    until(data, "playing")
 
 
-def _enter(typist: Typist, data: Path, *phases: str) -> None:
-    _until(data, *phases)
+def enter_at(typist: Typist, data: Path, *phases: str) -> None:
+    """Press Enter once the session is in one of these phases, and its screen is there."""
+    until(data, *phases)
     time.sleep(0.2)  # written before it is shown
     typist.tap("enter")
 
 
-def _until(data: Path, *phases: str) -> None:
+def until(data: Path, *phases: str) -> None:
     """Wait until the live log says that the session is in one of these phases."""
     deadline_s = time.monotonic() + PATIENCE_S
     while (now := _phase(data)) not in phases:
