@@ -208,7 +208,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         clear(self._row)
         self._lay_out()
         if self._row[FAILED]:
-            raise WorldError(f"{self} with seed {seed!r} found no free place for something it lays out")
+            raise WorldError(f"{self} with seed {seed!r} has no free place for something, or nothing fits its mission")
         self._check_agent()
         self._row[PHASE] = PLAYING
         observation = self.observation()
