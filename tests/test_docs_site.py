@@ -33,5 +33,6 @@ def test_the_windows_pictures_are_made_again(tmp_path):
     made["windows"](tmp_path)
     names = {"window_keyboard_check.png", "window_grid.png", "window_first_person.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
-    for name in names:
-        assert Image.open(tmp_path / name).size == Image.open(DOCS / "images" / name).size
+    for path in (folder / name for folder in (tmp_path, DOCS / "images") for name in names):
+        with Image.open(path) as picture:
+            assert picture.size == (800, 450)
