@@ -29,7 +29,7 @@ def export(
     *,
     selection: Any,
 ) -> None:
-    """Write demonstrations for other libraries, every observation played again, or stored, and checked.
+    """Write a study for other programs: tables, demonstrations with every observation checked, archives' formats.
 
     Example: minihuman export minari sessions/fourrooms-transfer demos --outcome goal
     """
@@ -46,5 +46,5 @@ def export(
             stored_frames=stored_frames,
             progress=lambda log: status.update(str(log)),
         )
-    say(card.account.lines())
+    say((*card.account.lines(), *(f"left out: {line}" for line in written.left_out)))
     print(f"{written.episodes} episodes, {written.steps} steps in {out}; see {out / 'README.md'}")

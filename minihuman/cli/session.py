@@ -125,12 +125,25 @@ def check(
 
 def status(
     study_dir: Annotated[Path, typer.Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
+    due: Annotated[bool, typer.Option("--due", help="Only of whom a session is expected, or the rest of one.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines; with --due.")] = False,
 ) -> None:
     """Say who has taken part, how far each session came, and which were cut off.
 
-    Example: minihuman status sessions/fourrooms-transfer
+    Example: minihuman status sessions/fourrooms-transfer --due
     """
     from minihuman.lab.status import status_lines
 
+    if due:
+        from datetime import UTC, datetime
+
+        import msgspec
+
+        from minihuman.lab.due import due as expected
+
+        found = expected(study_dir, datetime.now(UTC).date())
+        told = [one.line() for one in found] or ["nobody is due"]
+        print(msgspec.json.encode(found).decode() if json else printable("\n".join(told)))
+        return
     for line in status_lines(study_dir):
         print(printable(line))

@@ -73,19 +73,29 @@ def play(
 
 
 def doctor(
+    protocol: Annotated[Path | None, typer.Argument(help="A study, whose own worlds are then drawn, too.")] = None,
     data: Annotated[Path, typer.Option(help="Where sessions are to be kept.")] = Path("sessions"),
     window: WindowOption = "auto",
-    fullscreen: FullscreenOption = False,
+    fullscreen: Annotated[
+        bool | None, typer.Option("--fullscreen/--windowed", help="As `run` has it; with a study the whole screen.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
 ) -> None:
-    """Measure whether this machine is fit to run participants; exit 1 if it is not.
+    """Measure whether this machine is fit to run participants, or a study's; exit 1 if it is not.
 
-    Example: minihuman doctor --fullscreen
+    Example: minihuman doctor protocols/fourrooms-transfer.toml
     """
+    import msgspec
+
+    from minihuman.lab.protocol_file import read_protocol
     from minihuman.seats.doctor import examine, verdict
 
+    study = None if protocol is None else read_protocol(protocol)
+    whole = study is not None if fullscreen is None else fullscreen
     findings = []
-    for finding in examine(window=window, data=data, fullscreen=fullscreen):
+    for finding in examine(window=window, data=data, fullscreen=whole, protocol=study):
         findings.append(finding)
-        print(finding.line(), flush=True)
-    print(verdict(findings))
+        if not json:
+            print(finding.line(), flush=True)
+    print(msgspec.json.encode(findings).decode() if json else verdict(findings))
     raise typer.Exit(1 if any(finding.unfit_because for finding in findings) else 0)

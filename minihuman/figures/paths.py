@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from minihuman.figures.style import (
@@ -25,6 +25,7 @@ from minihuman.figures.style import (
     blank,
     our_style,
 )
+from minihuman.figures.things import draw_thing, named
 from minihuman.measures.path import turns_in_place
 from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.worlds.pose import Map
@@ -34,7 +35,8 @@ _RING_FROM_RAD = math.pi / 4  # a smaller turn is a bend of the line, which show
 _FULL_CIRCLE = 2 * math.pi
 _PANELS = 10  # episodes of one block in a session's figure
 _ACROSS = 4  # panels beside each other that stay readable in a column
-_KEY_CM = 1.15  # height of the strip that explains colours and marks
+_KEY_CM = 1.25  # height of the strip that explains colours and marks
+_NAMES_CM = 0.35  # and of each row of things named in it
 
 
 def draw_map(ax: Axes, floor: Map) -> Axes:
@@ -44,17 +46,7 @@ def draw_map(ax: Axes, floor: Map) -> Axes:
     segments = [((wall[0], wall[1]), (wall[2], wall[3])) for wall in floor.walls]
     ax.add_collection(LineCollection(segments, colors=WALL, linewidths=0.8, capstyle="projecting", zorder=2))
     for thing in floor.things:
-        circle = Circle(
-            (thing.x, thing.z),
-            thing.radius,
-            facecolor=thing.colour,
-            edgecolor=WALL,
-            alpha=0.45,
-            linewidth=0.4,
-            zorder=1,
-        )
-        circle.set_gid(f"thing: {thing.name}")
-        ax.add_patch(circle)
+        draw_thing(ax, thing)
     margin = 0.03 * max(x1 - x0, z1 - z0)
     ax.set(xlim=(x0 - margin, x1 + margin), ylim=(z1 + margin, z0 - margin), aspect="equal", xticks=[], yticks=[])
     ax.spines[:].set_visible(False)
@@ -148,10 +140,12 @@ def paths_figure(
     groups = [(title, list(episodes)) for title, episodes in columns if episodes]
     rows = max((math.ceil(len(episodes) / across) for _, episodes in groups), default=1)
     panels_cm = rows * (width_cm / max(1, across * len(groups)) + 0.3) + 0.5
+    things = named(episode.start.map for _, episodes in groups for episode in episodes)
+    key_cm = _KEY_CM + _NAMES_CM * math.ceil(len(things) / _ACROSS)
     with our_style():
-        figure = blank(width_cm=width_cm, height_cm=panels_cm + _KEY_CM)
+        figure = blank(width_cm=width_cm, height_cm=panels_cm + key_cm)
         figure.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)
-        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[panels_cm, _KEY_CM])[:, 0]
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[panels_cm, key_cm])[:, 0]
         parts = above.subfigures(1, max(1, len(groups)), squeeze=False)[0]
         for part, (title, episodes) in zip(parts, groups, strict=False):
             part.suptitle(title, fontsize=7.5)
@@ -160,7 +154,7 @@ def paths_figure(
                 ax.axis("off")
             for ax, episode in zip(axes, episodes, strict=False):
                 episode_panel(ax, episode)
-        _draw_key(below)
+        _draw_key(below, things, key_cm)
     return figure
 
 
@@ -173,14 +167,17 @@ def session_paths(log: SessionLog) -> Figure:
     return paths_figure(groups, across=max(1, _ACROSS // max(1, len(groups))))
 
 
-def _draw_key(part: SubFigure) -> None:
-    """What the colours and marks mean, in the strip under the panels."""
+def _draw_key(part: SubFigure, things: Sequence[Line2D], key_cm: float) -> None:
+    """What the colours, marks and things mean, in the strip under the panels."""
+    from_top = 0.25 / key_cm  # the colour bar keeps its size whatever is named below it
     bar = part.colorbar(
-        ScalarMappable(cmap=TIME_COLOURS), cax=part.add_axes((0.2, 0.78, 0.6, 0.12)), orientation="horizontal"
+        ScalarMappable(cmap=TIME_COLOURS),
+        cax=part.add_axes((0.2, 1 - from_top, 0.6, 0.14 / key_cm)),
+        orientation="horizontal",
     )
-    bar.set_ticks([0, 1], labels=["start", "end"])
+    bar.set_ticks([0, 1], labels=["first step", "last step"])
     bar.set_label("time within the episode", labelpad=-8)
-    part.legend(handles=_legend(), loc="lower center", ncols=4, handletextpad=0.2, columnspacing=1.2)
+    part.legend(handles=[*_legend(), *things], loc="lower center", ncols=_ACROSS, handletextpad=0.2, columnspacing=1.2)
 
 
 def _legend() -> list[Line2D]:

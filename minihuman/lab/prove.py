@@ -24,7 +24,7 @@ from minihuman.log.record.live_file import attachments, segment_facts
 from minihuman.log.segment_head import SegmentHead
 from minihuman.log.versions import Decode, reader_for
 from minihuman.study.again import RULES, differences
-from minihuman.study.events import EpisodeEnded, Event, SessionEnded, SessionStarted, Stepped
+from minihuman.study.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted, Stepped
 from minihuman.study.expand import enrol, expand, participant_index
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import decode as decode_protocol
@@ -225,12 +225,13 @@ def _end(segment: _Segment, so_far: Sequence[_Segment], *, finished: bool) -> It
         for event in earlier.events
         if isinstance(event, EpisodeEnded) and event.outcome != "abandoned"
     }
+    skipped = sum(event.count for earlier in so_far for event in earlier.events if isinstance(event, EpisodesSkipped))
     expected = {
         "segment": segment.number,
         "reason": ended.reason if ended else "cut_off",
         "steps": str(sum(isinstance(event, Stepped) for event in segment.events)),
         "last_message": str(segment.last_sequence),
-        "planned": str(len(segment.started.plan.episodes) if segment.started else 0),
+        "planned": str(len(segment.started.plan.episodes) - skipped if segment.started else 0),
         "lasted_ns": str(segment.last_ns - segment.first_ns),
     }
     if all(earlier.provable for earlier in so_far):

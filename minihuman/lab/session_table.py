@@ -26,6 +26,7 @@ _VALUES = attrgetter(*(field.name for field in fields(Summary)))
 _TABLE = f"sessions_v1 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
 _PAGE = f"SELECT log, path, problem, {', '.join(_COLUMNS)} FROM sessions_v1 WHERE log > ? ORDER BY log LIMIT 100"
 BUSY_S = 2.0  # how long another process may hold the table before we do without it
+_SPOILT = (sqlite3.Error, UnicodeError)  # what a damaged file makes sqlite raise
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,7 @@ class _Table:
         """Rows behind a log's name; none at the end."""
         try:
             return _checked(self._table.execute(_PAGE, (after,)).fetchall())
-        except sqlite3.Error:
+        except _SPOILT:
             self._table.close()
             self._table = _refreshed(sqlite3.connect(":memory:"), self._study)
             return _checked(self._table.execute(_PAGE, (after,)).fetchall())
@@ -91,7 +92,7 @@ def _up_to_date(study: Path) -> sqlite3.Connection:
     """Open the table as of now; one in memory where the file cannot be written, is busy, or is no table."""
     try:
         return _refreshed(sqlite3.connect(study / FILE_NAME, timeout=BUSY_S), study)
-    except sqlite3.Error:
+    except _SPOILT:
         return _refreshed(sqlite3.connect(":memory:"), study)
 
 
@@ -101,7 +102,7 @@ def _refreshed(table: sqlite3.Connection, study: Path) -> sqlite3.Connection:
             table.execute(f"CREATE TABLE IF NOT EXISTS {_TABLE}")
             table.execute("CREATE TEMP TABLE present (log TEXT PRIMARY KEY)")
             _refresh(table, study)
-    except sqlite3.Error:
+    except _SPOILT:
         table.close()
         raise
     return table

@@ -15,6 +15,7 @@ from pathlib import Path
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from minihuman.errors import LogError
+from minihuman.log.regular import open_regular
 from minihuman.study.plan import SessionPlan
 
 LOG_SUFFIX = ".mcap"
@@ -72,9 +73,9 @@ def is_guest(path: Path) -> bool:
     if _OURS.search(path.name):
         return False
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             start = file.read(64)
-    except OSError:
+    except (OSError, LogError):
         return False
     begin = len(MAGIC) + _HEADER.size
     return start.startswith(MAGIC) and not start[begin:].startswith(_PROFILE)

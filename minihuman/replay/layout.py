@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import rerun.blueprint as rrb
 
 from minihuman.recorded.episode import SessionLog
-from minihuman.replay.moments import ALIGNED, SESSION_TIME
+from minihuman.replay.moments import ALIGNED, PLAY_TIME
 from minihuman.replay.scene import session_root
 
 _MARGIN = 0.04
+Bounds = tuple[float, float, float, float]
 
 
 def layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
@@ -19,14 +20,14 @@ def layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
         rrb.Horizontal(*columns) if not single else columns[0],
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=SESSION_TIME if single else ALIGNED, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=PLAY_TIME if single else ALIGNED, play_state="paused"),
         auto_views=False,
     )
 
 
 def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     root = session_root(log)
-    pictures = [_map_view(log, "Map"), *([rrb.Spatial2DView(origin=f"{root}/view", name="View")] if with_view else [])]
+    pictures = [_maps(log), *([rrb.Spatial2DView(origin=f"{root}/view", name="View")] if with_view else [])]
     return rrb.Horizontal(
         rrb.Vertical(*pictures, row_shares=[3, 2][: len(pictures)]),
         rrb.Vertical(
@@ -46,15 +47,25 @@ def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
 def _column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
     root = session_root(log)
     return rrb.Vertical(
-        _map_view(log, f"{root} ({log.plan.participant.group})"),
+        _maps(log, f"{root} ({log.plan.participant.group}): "),
         *([rrb.Spatial2DView(origin=f"{root}/view", name="View")] if with_view else []),
         rrb.TimeSeriesView(origin=root, contents=["$origin/return"], name="Return"),
         rrb.TextLogView(origin=f"{root}/events", name="Events"),
     )
 
 
-def _map_view(log: SessionLog, name: str) -> rrb.Spatial2DView:
-    bounds = [episode.start.map.bounds for episode in log.episodes if episode.start.map is not None]
+def _maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
+    """The map in as many sizes as the blocks have; the first block's is in front."""
+    bounds: dict[str, list[Bounds]] = {}
+    for episode in log.episodes:
+        if episode.start.map is not None:
+            bounds.setdefault(episode.plan.block_name, []).append(episode.start.map.bounds)
+    if len(bounds) < 2:
+        return _map_view(log, f"{name}map", next(iter(bounds.values()), []))
+    return rrb.Tabs(*(_map_view(log, f"{name}map of {block}", theirs) for block, theirs in bounds.items()))
+
+
+def _map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
     visual = None
     if bounds:
         x0, z0 = min(b[0] for b in bounds), min(b[1] for b in bounds)

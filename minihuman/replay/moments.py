@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from minihuman.recorded.episode import SessionLog
 
 SESSION_TIME = "session_time"  # since the session's first segment began
+PLAY_TIME = "play_time"  # since the session's first episode began, 0 before it: where a replay opens
 STEP = "step"  # counts on through the session; every episode's first picture counts as one too
 EPISODE = "episode"  # 1 for the session's first, 0 before it
 ALIGNED = "aligned_time"  # several sessions: their n-th episodes begin together
@@ -36,6 +37,10 @@ class Moments:
             aligned_ns=None if aligned_ns is None else np.array([aligned_ns[n] for n in numbers], np.int64),
         )
 
+    @property
+    def _first_ns(self) -> int:
+        return int(self.start_t_ns[0]) if len(self.start_t_ns) else 0
+
     def columns(self, t_ns: ArrayLike) -> list[rr.TimeColumn]:
         """The timelines' values at these times, ns since the session began."""
         times = np.asarray(t_ns, np.int64)
@@ -44,6 +49,7 @@ class Moments:
         episodes = np.where(place < 0, 0, self.numbers[place]) if len(self.numbers) else np.zeros(len(times), np.int64)
         columns = [
             rr.TimeColumn(SESSION_TIME, duration=times.astype("timedelta64[ns]")),
+            rr.TimeColumn(PLAY_TIME, duration=np.maximum(times - self._first_ns, 0).astype("timedelta64[ns]")),
             rr.TimeColumn(STEP, sequence=np.maximum(steps, 0)),
             rr.TimeColumn(EPISODE, sequence=episodes),
         ]

@@ -179,14 +179,18 @@ def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, mome
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
-    """A lane a physical key: what became of each press, until it came up."""
+    """A lane a physical key, with its actions' names: what became of each press, until it came up."""
     lanes: dict[str, list[KeyPressed]] = defaultdict(list)
     for press in log.keys:
         if press.verdict != "repeat":
             lanes[press.key].append(press)
+    actions: dict[str, dict[str, None]] = defaultdict(dict)  # of each key, in the order in which it got them
+    for episode in log.episodes:
+        for key, action in episode.plan.key_map.keys.items():
+            actions[key].setdefault(action)
     states = list(_KEY_STATES)
     for key, presses in sorted(lanes.items()):
-        lane = f"{root}/keys/{key}"
+        lane = f"{root}/keys/{'-'.join((key, *actions.get(key, ())))}"
         style = rr.StateConfiguration(values=states, labels=states, colors=list(_KEY_STATES.values()))
         recording.log(lane, style, static=True)
         columns = rr.StateChange.columns(state=[press.verdict if press.down else "" for press in presses])

@@ -1,9 +1,11 @@
 """Opening a recording: rerun's own viewer in a window, or its web viewer for this machine only."""
 
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import quote
 
 ADDRESS = "127.0.0.1"
 
@@ -25,4 +27,17 @@ def viewer_environment() -> dict[str, str]:
 
 def show(recording: Path, *, web: bool) -> int:
     """Show a recording until the viewer is closed, and give its exit status."""
-    return subprocess.call(viewer_command(recording, web=web), env=viewer_environment())
+    command, environment = viewer_command(recording, web=web), viewer_environment()
+    if not web:
+        return subprocess.call(command, env=environment)
+    page, source = _free_port(), _free_port()
+    address = quote(f"rerun+http://{ADDRESS}:{source}/proxy", safe="")
+    print(f"open http://{ADDRESS}:{page}?url={address}   (Ctrl-C ends it)", flush=True)
+    ports = ["--web-viewer-port", str(page), "--port", str(source)]
+    return subprocess.call([*command, *ports], env=environment | {"RUST_LOG": "error"}, stdout=subprocess.DEVNULL)
+
+
+def _free_port() -> int:
+    with socket.socket() as taken:
+        taken.bind((ADDRESS, 0))
+        return int(taken.getsockname()[1])

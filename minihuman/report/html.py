@@ -22,6 +22,8 @@ th:first-child, td:first-child { text-align: left; padding-left: 0; }
 td:not(.word) { white-space: nowrap; } td, th { padding-right: .5rem; }
 td.word, th.word { text-align: left; }
 caption { text-align: left; color: #555; padding-bottom: .3rem; }
+.wide { overflow-x: auto; } .wide table { font-size: .87em; } .wide td, .wide th { padding-left: .3rem; }
+.wide td.word:first-child { min-width: 11rem; }
 .beside { display: flex; flex-wrap: wrap; gap: 3rem; align-items: flex-start; }
 figure { margin: 1rem 0; display: inline-block; vertical-align: top; } figure img { width: 24rem; max-width: 100%; }
 figcaption { color: #555; max-width: 24rem; }

@@ -169,26 +169,39 @@ def _subjects(one: BlockResults) -> str:
 
 
 def _comparisons(found: Sequence[Comparison], roles: Mapping[str, Role], block: str) -> str:
+    if not found:
+        return ""
+    named = set(roles.values()) != {"exploratory"}
     rows = [
         (
-            MEASURES[one.measure], roles[one.measure], f"{one.first} \N{MINUS SIGN} {one.second}",
-            number(one.means[0]), number(one.means[1]),
-            number(one.difference), interval(one.interval),
-            f"{one.n[0]}, {one.n[1]}", p_value(one.p), p_value(one.p_holm), p_value(one.smallest_p),
-            number(one.g, 2), interval(one.g_interval, 2), one.reason or "\N{EN DASH}",
+            MEASURES[one.measure], *((roles[one.measure],) if named else ()),
+            f"{one.first} \N{MINUS SIGN} {one.second}",
+            f"{one.n[0]}, {one.n[1]}", f"{number(one.means[0])}, {number(one.means[1])}",
+            _with_interval(one.difference, one.interval),
+            p_value(one.p), p_value(one.p_holm), p_value(one.smallest_p),
+            _with_interval(one.g, one.g_interval, 2),
         )
         for one in found
     ]  # fmt: skip
     heads = (
-        *("measure", "named before", "groups", "first", "second", "difference", "95 % interval"),
-        *("n", "p", "p (Holm)", "smallest p", "g", "95 % interval of g", "not compared because"),
+        *("measure", *(("named before",) if named else ()), "groups", "n", "means", "difference"),
+        *("p", "p (Holm)", "smallest p", "g"),
     )
+    apart = ", within the primary measure, within the secondary ones, and within the rest, which nobody named before"
     caption = (
-        f"Groups compared in block {block}, one value a participant. p: two-sided permutation test of Welch's t; "
-        "interval: Welch's t; smallest p: what groups of these sizes can come to; g: Hedges'. p is corrected (Holm) "
-        "within the primary measure, within the secondary ones, and within the rest, which nobody named before."
+        f"Groups compared in block {block}, one value a participant, 95 % intervals in brackets. p: two-sided "
+        "permutation test of Welch's t; interval of the difference: Welch's; smallest p: what groups of these sizes "
+        f"can come to; g: Hedges'. p is corrected for how many there are (Holm){apart if named else ''}."
     )
-    return table(caption, heads, rows, words=3) if rows else ""
+    reasons = [
+        f"{MEASURES[one.measure]}, {one.first} \N{MINUS SIGN} {one.second}: {one.reason}" for one in found if one.reason
+    ]
+    because = f'<p class="few">Not compared, or not in every way: {escape("; ".join(reasons))}.</p>' if reasons else ""
+    return f'<div class="wide">{table(caption, heads, rows, words=3 if named else 2)}</div>{because}'
+
+
+def _with_interval(value: float, bounds: tuple[float, float], digits: int = 3) -> str:
+    return number(value, digits) if math.isnan(bounds[0]) else f"{number(value, digits)} ({interval(bounds, digits)})"
 
 
 def _growth(found: Growth | None) -> str:

@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from minihuman.errors import WindowError
+from minihuman.seats.doctor_worlds import LATEST_MS, pictures_ms
 from minihuman.study.inputs import KeyDown
+from minihuman.study.protocol import Protocol
 from minihuman.study.screens import PlayScreen, Screen
 from minihuman.windows.blocking import BlockingWindow
 from minihuman.windows.choose import open_window
@@ -45,17 +47,20 @@ class Finding:
         return f"{verdict:8} {self.name:22} {self.value}"
 
 
-def examine(*, window: str, data: Path, fullscreen: bool = False) -> Iterator[Finding]:
+def examine(
+    *, window: str, data: Path, fullscreen: bool = False, protocol: Protocol | None = None
+) -> Iterator[Finding]:
     """Look at this machine, finding by finding; what cannot be looked at is a finding too.
 
     Args:
         window: "auto", "pygame" or "pyglet".
         data: where sessions are to be kept; made if absent.
         fullscreen: measure the whole screen, as participants will see it.
+        protocol: a study whose own worlds are to be drawn, too.
     """
     yield _versions()
     yield _clock_resolution()
-    yield from _display(window, fullscreen=fullscreen)
+    yield from _display(window, protocol, fullscreen=fullscreen)
     yield from _disk(data)
 
 
@@ -83,7 +88,7 @@ def _clock_resolution() -> Finding:
     return Finding("clock", f"monotonic, {resolution_ns:.0f} ns", coarse)
 
 
-def _display(name: str, *, fullscreen: bool) -> Iterator[Finding]:
+def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
     try:
         window = open_window(name, time.monotonic_ns, fullscreen=fullscreen)
     except WindowError as error:
@@ -97,8 +102,16 @@ def _display(name: str, *, fullscreen: bool) -> Iterator[Finding]:
         yield Finding("keys", f"known by {identity}", "" if identity.startswith("position") else by_symbol)
         if isinstance(window, BlockingWindow):
             yield from _frames(window, synced=facts["vsync"] == "on" and facts["refresh_hz_reported"] != "unknown")
+            yield from _pictures(window, protocol) if protocol is not None else ()
     finally:
         window.close()
+
+
+def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
+    """The study's own worlds, in this window's size."""
+    for block, median, p95 in pictures_ms(window, protocol):
+        late = f"a picture of block {block} takes {median:.0f} ms, over {LATEST_MS:.0f}" if median > LATEST_MS else ""
+        yield Finding(f"block {block}", f"step to flip: median {median:.1f} ms, 95 % {p95:.1f} ms", late)
 
 
 def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:

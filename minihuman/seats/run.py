@@ -1,5 +1,6 @@
 """The loop around a session: wait, receive, write, show. Every effect is here, nothing is decided here."""
 
+import logging
 import signal
 import sys
 import threading
@@ -17,6 +18,7 @@ from minihuman.study.screens import Screen
 from minihuman.study.session import Session
 from minihuman.windows.port import Clock, Window
 
+LOG = logging.getLogger("minihuman")
 # A toolkit that blocks in C lets no Python signal handler run: come up for air this often.
 SIGNAL_CHECK_NS = 200_000_000
 # Python's threads take turns every 5 ms: the log's could keep a picture waiting for that long.
@@ -57,7 +59,10 @@ def run_session(
                     raise
                 loop.hold_last_screen(last_screen_s)
         finally:
-            session.close()
+            try:
+                session.close()
+            except Exception as error:  # the world is done with; its log is not
+                LOG.warning("the world did not close: %s: %s", type(error).__name__, error)
             path = recorder.close()
     if loop.log_error:
         raise loop.log_error

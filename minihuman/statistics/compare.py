@@ -12,6 +12,7 @@ from scipy import special, stats
 
 LEVEL = 0.95
 RESAMPLES = 9_999
+_AT_ONCE = 200_000  # values permuted at a time
 SEED = 20_230_613  # of the permutations, so that the same data give the same p
 LARGEST_G = 10  # above it a standardised difference says only that a spread is next to nothing
 _NOTHING = (math.nan, math.nan)
@@ -117,6 +118,7 @@ def permutation_p(a: Values, b: Values) -> float:
         (a, b),
         _welch,
         n_resamples=RESAMPLES,
+        batch=max(1, _AT_ONCE // (len(a) + len(b))),  # the same permutations, fewer of them in memory at a time
         vectorized=True,
         alternative="greater",
         rng=np.random.default_rng(SEED),

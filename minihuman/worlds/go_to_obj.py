@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-COLOURS = ("red", "green", "blue", "purple", "yellow", "grey")
+from minihuman.worlds.colours import COLOURS as COLOURS
+
 KINDS = ("ball", "box", "key")
 WALLS = ("left", "bottom", "right", "top")  # the order in which objects are listed
 

@@ -34,7 +34,7 @@ def _feed(digest: "hashlib.blake2b", value: Any) -> None:
             digest.update(b"s%d;" % len(encoded) + encoded)
         case bytes():
             digest.update(b"y%d;" % len(value) + value)
-        case np.ndarray():
+        case np.ndarray() if not value.dtype.hasobject:  # whose bytes would be addresses
             array = np.ascontiguousarray(value)
             array = array.astype(array.dtype.newbyteorder("<"), copy=False)
             digest.update(f"a{array.dtype.str}{array.shape};".encode())

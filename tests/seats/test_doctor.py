@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -6,6 +7,7 @@ import pytest
 
 from minihuman.seats.doctor import Finding, examine, verdict
 
+DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
 pytestmark = pytest.mark.program
 
 
@@ -21,6 +23,15 @@ def test_it_measures_display_keys_and_disk(window: str, display: str, tmp_path: 
     for name in ("versions", "refresh", "frame time", "key to flip", "free space", "fsync"):
         assert any(line[9:].startswith(name) for line in said.splitlines()), said
     assert "This machine is " in said.splitlines()[-1]
+
+
+def test_a_studys_own_worlds_are_drawn_in_its_own_size(display: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "minihuman", "doctor", str(DEMO), "--data", str(tmp_path), "--json"]
+    done = subprocess.run(command, env={"DISPLAY": display}, capture_output=True, text=True, timeout=120)
+    found = {one["name"]: one["value"] for one in json.loads(done.stdout)}
+    assert "fullscreen true" in found["display"]
+    for block in ("block grid", "block first-person"):
+        assert found[block].startswith("step to flip: median")
 
 
 def test_without_a_display_it_reports_the_rest_and_says_not_fit(tmp_path: Path) -> None:

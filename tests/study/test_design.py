@@ -135,11 +135,11 @@ def test_questions_may_come_in_an_order_of_ones_own():
 
 
 MISTAKES = {
-    "[[groups]]\nname='a'\nparts=['nix']": r"\$\.groups\[0\]\.parts\[0\] is 'nix', which is no part",
+    "[[groups]]\nname='a'\nparts=['nix']": r"groups\[0\]\.parts\[0\] \(group 'a'\) is 'nix', which is no part",
     "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nform='tlx'": "is 'tlx'; forms: nasa-tlx",
     "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'": "needs items, or the name of a form",
-    "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nform='nasa-tlx'\nback_to='x'": "back_to is 'x'",
-    "[[groups]]\nname='a'\nratio=0\nparts=['p']\n[[pages]]\nname='p'": r"ratio is 0; use 1 to 100",
+    "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nform='nasa-tlx'\nback_to='x'": "back_to .* is 'x'",
+    "[[groups]]\nname='a'\nratio=0\nparts=['p']\n[[pages]]\nname='p'": r"ratio \(group 'a'\) is 0; use 1 to 100",
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[words.ready]\ntytle='x'": r"words\.ready\.tytle",
     "[[groups]]\nname='a'\n[[sessions]]\nname='s'\nparts=['p']\ndays_after=[1,2]\n[[pages]]\nname='p'": "first session",
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.for_group.b]\ntext='x'": "is for no group",

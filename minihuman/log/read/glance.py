@@ -10,6 +10,8 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
+from minihuman.errors import LogError
+from minihuman.log.regular import open_regular
 from minihuman.log.topics import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
 
 _HEAD = struct.Struct("<BQ")  # of a record: its kind, how many bytes follow
@@ -36,9 +38,9 @@ class Glance:
 def first_facts(path: Path) -> dict[str, str]:
     """What a log's first segment says of itself: study, participant, session, start; {} where that cannot be read."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             start = file.read(_FIRST_BYTES)
-    except OSError:
+    except (OSError, LogError):
         return {}
     if start.startswith(MAGIC):
         for kind, content in _records(start[len(MAGIC) :]):
@@ -52,7 +54,8 @@ def first_facts(path: Path) -> dict[str, str]:
 def glance(path: Path) -> Glance | None:
     """Read a finished log's summary; None where it has none, or a checksum says that the file is not as it was."""
     try:
-        data = path.read_bytes()
+        with open_regular(path) as file:
+            data = file.read()
         begin = _checked_summary(data)
         return None if begin is None else _glance(data, begin)
     except (OSError, struct.error, ValueError):

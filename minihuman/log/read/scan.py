@@ -8,7 +8,6 @@ their messages is theirs.
 
 import mmap
 import os
-import stat
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
@@ -28,6 +27,7 @@ from minihuman.errors import LogError
 from minihuman.log import segment_head
 from minihuman.log.read.chunk import HEAD, LogMessage, Messages, Records, cut
 from minihuman.log.read.frames import LARGEST_BYTES, attachment_of, chunk_of, metadata_of, next_whole, stream, times_of
+from minihuman.log.regular import open_regular
 from minihuman.log.segment_head import SegmentHead
 from minihuman.log.topics import BY_NAME, END_METADATA, MISSING_METADATA, PLAN, SEGMENT_METADATA
 
@@ -315,22 +315,6 @@ def _channel(content: bytes) -> Channel:
 def _schema(content: bytes) -> Schema:
     schema: Schema = Schema.read(stream(content))
     return schema
-
-
-def open_regular(path: Path) -> BinaryIO:
-    """Open a file to read it.
-
-    Raises:
-        LogError: if it cannot be opened, or is a pipe, a device or anything else that is no regular file.
-    """
-    try:
-        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # opening a pipe would wait for its writer
-        if stat.S_ISREG(os.fstat(fd).st_mode):
-            return os.fdopen(fd, "rb")
-        os.close(fd)
-    except OSError as error:
-        raise LogError(f"{path} cannot be opened: {error.strerror}") from error
-    raise LogError(f"{path} is no regular file; name a session log")
 
 
 def _number(text: str) -> int:

@@ -63,9 +63,9 @@ class Playing(Activity):
 
     @property
     def world_takes_a_moment(self) -> bool:
-        """Whether the next episode's world has to be made, while somebody looks."""
+        """Whether the next episode's world has to be made."""
         plan = self.stage.plan.episodes[self.stage.next_episode]
-        return self.stage.picture_px is not None and not self.stage.has_world(plan.world, plan.options)
+        return not self.stage.has_world(plan.world, plan.options)
 
     @property
     def feedback_text(self) -> str:

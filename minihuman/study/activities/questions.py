@@ -5,7 +5,7 @@ from typing import Literal
 import msgspec
 
 from minihuman.study import texts
-from minihuman.study.activities.drafts import Draft, Question, draft_of, is_right
+from minihuman.study.activities.drafts import Draft, Question, Value, draft_of, is_right
 from minihuman.study.activities.port import Activity, Ended, Kind
 from minihuman.study.events import AnswerChanged, Answered, Noted
 from minihuman.study.inputs import Input, KeyDown, PointerMoved, PointerPressed, Shown, Typed
@@ -60,21 +60,24 @@ class Questions(Activity):
             case KeyDown():
                 self._key(happened)
             case Typed() if not self._wrong:
-                self._change(lambda draft: draft.typed(happened.text))
+                before = self._answer
+                self._draft.typed(happened.text)
+                self._changed_from(before)
             case PointerPressed(target="go_on"):
                 self._give()
             case PointerPressed(target="back"):
                 self._step_back()
             case PointerPressed() | PointerMoved() if not self._wrong:
-                down = isinstance(happened, PointerPressed)
-                self._change(lambda draft: draft.point(happened.target, happened.along, down=down))
+                before = self._answer
+                self._draft.point(happened.target, happened.along, down=isinstance(happened, PointerPressed))
+                self._changed_from(before)
 
     def _key(self, press: KeyDown) -> None:
-        meant: list[bool] = []
-        self._change(lambda draft: meant.append(draft.key(press)))
+        before = self._answer
         typing = self._draft.asked.kind in ("number", "text", "long_text")
-        if meant[0]:
+        if self._draft.key(press):
             self.stage.say_key(press, "accepted", self.phase)
+            self._changed_from(before)
         elif press.repeat:
             self.stage.say_key(press, "repeat", self.phase)
         elif press.key in (*ENTER, "tab"):
@@ -86,10 +89,13 @@ class Questions(Activity):
         else:
             self.stage.say_key(press, "typing" if typing else "unmapped", self.phase)
 
-    def _change(self, by) -> None:  # type: ignore[no-untyped-def]
-        before = self._draft.value, self._draft.words
-        by(self._draft)
-        if (self._draft.value, self._draft.words) == before:
+    @property
+    def _answer(self) -> tuple[Value, str]:
+        return self._draft.value, self._draft.words
+
+    def _changed_from(self, before: tuple[Value, str]) -> None:
+        """Say so if the answer is another now."""
+        if self._answer == before:
             return
         self._note = ""
         self._changes += 1

@@ -10,17 +10,11 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.first_person.colours import COLOURS, hex_colour
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose, Thing
 
-_COLOURS = {
-    "red": "#ff0000",
-    "green": "#00ff00",
-    "blue": "#0000ff",
-    "purple": "#7026c2",
-    "yellow": "#ffff00",
-    "grey": "#636363",
-}
+_COLOURS = {name: hex_colour(rgb) for name, rgb in COLOURS.items()}
 
 
 def is_miniworld_like(env: Any) -> bool:

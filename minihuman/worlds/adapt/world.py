@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.adapt.minigrid_like import MinigridLike, is_minigrid_like
 from minihuman.worlds.adapt.miniworld_like import MiniworldLike, is_miniworld_like
+from minihuman.worlds.adapt.wrappers import Wrappers
 from minihuman.worlds.contract import UNKNOWN, Bounds, NativeWorld, Palette, View
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
@@ -59,6 +60,7 @@ class World:
             raise WorldError(f"{world_id}: its actions are {space}; a session needs Discrete actions, one a key")
         self._first_action = int(space.start)
         self.action_names = _action_names(self._env.unwrapped, int(space.n), self._first_action)
+        self._wrappers = Wrappers(self._env)
         self._known: NativeWorld | None = None
         self._observation: Any = None
         self._steps = 0
@@ -104,7 +106,8 @@ class World:
         return min((int(limit) for limit in said if limit is not None), default=None)
 
     def reset(self, seed: int) -> Observed:
-        """Begin an episode from a seed."""
+        """Begin an episode from a seed, with wrappers as they were made."""
+        self._wrappers.begin()
         self._observation, _ = self._env.reset(seed=seed)
         self._known = _known(self._env.unwrapped)
         self._steps = 0
@@ -140,13 +143,14 @@ class World:
         Where a world keeps its state to itself it covers what can be seen of it: observation, random stream, steps.
         """
         if self._known:
-            return self._known.state_hash()
+            return self._with_wrappers(self._known.state_hash())
         random = self._env.unwrapped.np_random.bit_generator.state
-        return hash64({"observation": self._observation_hash(), "random": random, "steps": self._steps})
+        seen = {"observation": self._observation_hash(), "random": random, "steps": self._steps}
+        return self._with_wrappers(hash64(seen))
 
     def scene_hash(self) -> int:
         """The same without the number of steps taken, where the world tells them apart."""
-        return self._known.scene_hash() if self._known else self.state_hash()
+        return self._with_wrappers(self._known.scene_hash()) if self._known else self.state_hash()
 
     def way(self) -> tuple[str, ...] | None:
         """Names of actions that lead to success from here, turns counted; empty if there are none.
@@ -168,10 +172,12 @@ class World:
     ) -> NDArray[np.uint8]:
         """The picture a person sees, uint8[H, W, 3], at most ``size_px`` (width, height) where the world can choose.
 
+        Where a wrapper draws anew, it is what the wrapper renders, whatever the view.
+
         Raises:
             WorldError: if the environment draws something else than a picture.
         """
-        if self._known:
+        if self._known and not self._wrappers.redraw:
             return self._known.picture(view=view, size_px=size_px, palette=palette)
         picture: Any = self._env.render()
         if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.shape[2] != 3:
@@ -188,22 +194,27 @@ class World:
             inside = self._env.unwrapped.save()
         else:
             inside = self._known.save() if self._known else copy.deepcopy(vars(self._env.unwrapped))
-        return inside, _limits(self._env), copy.deepcopy(self._observation), self._steps
+        return inside, _limits(self._env), self._wrappers.save(), copy.deepcopy(self._observation), self._steps
 
     def restore(self, saved: Any) -> None:
         """Go back to a saved state; the copy is not consumed."""
-        inside, limits, observation, self._steps = saved
+        inside, limits, wrappers, observation, self._steps = saved
         self._observation = copy.deepcopy(observation)
         if self._known:
             self._known.restore(inside)
         else:
             vars(self._env.unwrapped).update(copy.deepcopy(inside))
+        self._wrappers.restore(wrappers)
         for wrapper, elapsed in zip(_time_limits(self._env), limits, strict=True):
             wrapper._elapsed_steps = elapsed
 
     def close(self) -> None:
         """Let go of the environment."""
         self._env.close()
+
+    def _with_wrappers(self, hashed: int) -> int:
+        changes = self._wrappers.changes()
+        return hash64([hashed, changes]) if changes else hashed
 
     def _observation_hash(self) -> int:
         try:

@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
+from minihuman.worlds.grid.core.state import FAILED
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.families import recipe
 from minihuman.worlds.grid.recipe import Recipe
 
-SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette"})
+SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov"})
 
 
 class GridEnv(GridEngine):
@@ -42,7 +43,23 @@ class GridEnv(GridEngine):
             **settings,
         )
         self._draws = self.recipe.draws
+        self._told = self.recipe  # of this episode: with a mission set by hand, or as it is
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Lay out a new episode; in worlds with instructions ``options={"mission": ...}`` says what is to be done.
+
+        Houses are drawn until one fits the mission: everything it names is there, as many as its articles say.
+
+        Raises:
+            WorldError: if the mission is none of this world's, or no house fits it.
+        """
+        mission = (options or {}).get("mission")
+        self._told = self.recipe if mission is None else self.recipe.about(mission)
+        return super().reset(seed=seed, options=options)
 
     def _lay_out(self) -> None:
-        self.recipe.lay_out(self._row, self._stream())
-        self.mission = self.mission_space.of(self._row)
+        self._told.lay_out(self._row, self._stream())
+        if not self._row[FAILED]:
+            self.mission = self.mission_space.of(self._row)

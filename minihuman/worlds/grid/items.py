@@ -1,15 +1,14 @@
 """Items: what a layout written in Python puts into cells. ``goal()``, ``door("red", locked=True)``, ``key("red")``."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from minihuman.errors import WorldError
+from minihuman.worlds.colours import Colour
 from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES, KINDS
 
 if TYPE_CHECKING:
     from minihuman.worlds.grid.kinds import Kind
-
-Colour = Literal["red", "green", "blue", "purple", "yellow", "grey"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from minihuman.worlds.grid.core.tasks import (
 )
 from minihuman.worlds.grid.dodging import among_obstacles
 
+STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction: columns, rows
 FIRST_LIMIT = 1 << 12  # nodes of the first search; each next one may keep 16 times as many
 MOST_STATES = 1 << 18  # nodes after which a way need no longer be the shortest; half a second
 HURRIED = 2, 5, 3  # how many times the bound counts then, one after the other
@@ -189,8 +190,7 @@ def _standing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """The poses before cells (n, 2), looking at them."""
-    steps = ((1, 0), (0, 1), (-1, 0), (0, -1))
-    poses = [(x - dx, y - dy, direction) for x, y in cells for direction, (dx, dy) in enumerate(steps)]
+    poses = [(x - dx, y - dy, direction) for x, y in cells for direction, (dx, dy) in enumerate(STEPS)]
     return np.array(poses, np.int64).reshape(-1, 3)
 
 
@@ -202,7 +202,7 @@ def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[in
     """Walk down the distances to where they are 0."""
     actions = []
     while steps[x, y, direction] > 0:
-        dx, dy = ((1, 0), (0, 1), (-1, 0), (0, -1))[direction]
+        dx, dy = STEPS[direction]
         choices = {
             FORWARD: (x + dx, y + dy, direction),
             LEFT: (x, y, (direction + 3) % 4),

@@ -233,7 +233,10 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
 
 
 class Bonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
-    """Base of wrappers that add ``scale / sqrt(n)`` to the reward the n-th time something happens, in any episode."""
+    """Base of wrappers that add ``scale / sqrt(n)`` to the reward the n-th time something happens, in any episode.
+
+    A person's episodes each begin with counts of 0, as every episode of theirs can be played again by itself.
+    """
 
     def __init__(self, env: Env, scale: float = 1.0) -> None:
         super().__init__(env)

@@ -1,15 +1,17 @@
 """Sign: a sign on the wall names a colour, the observation names a kind of thing; touch the one that is both."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import gymnasium
 
-from minihuman.worlds.first_person.entities import Box, Key, TextFrame
+from minihuman.worlds.contract import Bounds
+from minihuman.worlds.first_person.entities import Box, Entity, Key, TextFrame
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.first_person.rules import MOVES
+from minihuman.worlds.first_person.way.planner import least_steps, plan
 from minihuman.worlds.options import MOST_METRES, number, whole
 
 _GAP = 0.25
@@ -60,11 +62,25 @@ class Sign(FirstPersonEnv):
         """1 for the right thing, -1 for a wrong one; of several in reach the last counts."""
         reward, ended = 0.0, action == "done"
         boxes, keys = self.objects
-        wanted = (keys if self.goal else boxes)[self.color_index]
+        wanted = self._wanted()
         for thing in (*boxes, *keys):
             if self.near(thing):
                 reward, ended = (1.0 if thing is wanted else -1.0), True
         return reward, ended
+
+    def way(self) -> Sequence[int] | None:
+        """Turns and steps to the right thing, past the others."""
+        wanted = self._wanted()
+        others = [thing for things in self.objects for thing in things if thing is not wanted]
+        return plan(self, wanted, avoid=others) or ()
+
+    def bounds(self) -> Bounds:
+        """The length of that way, and what no way undercuts."""
+        return Bounds(least_steps(self, self._wanted()), len(self.way() or ()) or None)
+
+    def _wanted(self) -> Entity:
+        boxes, keys = self.objects
+        return (keys if self.goal else boxes)[self.color_index]
 
     def observe(self) -> Any:
         """The picture and the goal."""

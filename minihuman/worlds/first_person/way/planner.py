@@ -1,6 +1,7 @@
 """The way to a goal by a world's real motion rules, and how many steps any way takes at least."""
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,10 +21,11 @@ _MOST_CELLS = 20_000_000  # that the floor is divided into: some seconds, and 20
 _MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that rounding never decides a move
 
 
-def plan(world: "FirstPersonEnv", goal: Entity) -> tuple[int, ...] | None:
+def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ()) -> tuple[int, ...] | None:
     """Actions that bring the agent from where it is near the goal; None where none were found.
 
-    It takes one action at the goal too: a world looks whether the agent is near after a step.
+    It takes one action at the goal too: a world looks whether the agent is near after a step. It is never near those
+    to ``avoid``.
 
     Where step and turn vary from step to step, the way is made of their defaults: plan again after a few steps.
 
@@ -37,7 +39,7 @@ def plan(world: "FirstPersonEnv", goal: Entity) -> tuple[int, ...] | None:
     step, turn = _default(stage, "forward_step"), math.radians(_default(stage, "turn_step"))
     x, _, z = stage.agent.pos
     radius = float(stage.agent.radius) + _MARGIN
-    walls, discs, zones = stage.floor.walls, _obstacles(stage), _zones(world)
+    walls, discs, zones = stage.floor.walls, _obstacles(stage, avoid), _zones(world)
     bounds = np.array(stage.floor.bounds)
     cell = min(step / 2, 0.1)
     cells = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) / cell**2
@@ -126,10 +128,14 @@ def _zones(world: "FirstPersonEnv") -> NDArray[np.float64]:
     return np.array(padded, dtype=np.float64).reshape(len(rooms), most, 4)
 
 
-def _obstacles(stage: Stage) -> NDArray[np.float64]:
-    """Every thing but the agent: x, z, and how far the agent's middle stays away."""
+def _obstacles(stage: Stage, avoid: Sequence[Entity]) -> NDArray[np.float64]:
+    """Every thing but the agent: x, z, and how far the agent's middle stays away; from some it is not to be near."""
     rows = [
-        (thing.pos[0], thing.pos[2], float(stage.agent.radius + thing.radius) + _MARGIN)
+        (
+            thing.pos[0],
+            thing.pos[2],
+            (_reach(stage, thing) if thing in avoid else float(stage.agent.radius + thing.radius)) + _MARGIN,
+        )
         for thing in stage.entities
         if thing is not stage.agent
     ]

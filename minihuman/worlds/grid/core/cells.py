@@ -3,12 +3,12 @@
 The numbers of kinds, colours and states are Minigrid's, so an observation reads the same here and there.
 """
 
+from minihuman.worlds.colours import COLOURS as COLOURS
 from minihuman.worlds.kernels import inlined
 
 KINDS = ("unseen", "empty", "wall", "floor", "door", "key", "ball", "box", "goal", "lava", "agent")
 UNSEEN, EMPTY, WALL, FLOOR, DOOR, KEY, BALL, BOX, GOAL, LAVA, AGENT = range(len(KINDS))
 
-COLOURS = ("red", "green", "blue", "purple", "yellow", "grey")
 RED, GREEN, BLUE, PURPLE, YELLOW, GREY = range(len(COLOURS))
 SORTED_COLOURS = (BLUE, GREEN, GREY, PURPLE, RED, YELLOW)  # by English name: the order in which layouts draw them
 

@@ -74,11 +74,14 @@ class InstructionSpace(Sentences):
             said = parse(x)
         except WorldError:
             return False
+        return str(said) == x and self.admits(said)
+
+    def admits(self, said: Instruction) -> bool:
+        """Whether an instruction is of this grammar."""
         spoken = clauses(said)
         things = [thing for clause in spoken for thing in (clause.thing, getattr(clause, "other", Thing()))]
         return (
-            str(said) == x
-            and len(spoken) <= self.clauses
+            len(spoken) <= self.clauses
             and all(type(clause) in {VERBS[verb] for verb in self.verbs} for clause in spoken)
             and (self.places or all(thing.place is None for thing in things))
         )

@@ -13,9 +13,11 @@ from minihuman.worlds.grid.core.state import Row
 from minihuman.worlds.grid.instructions.block import OWN_STEPS, SAY_DONE
 from minihuman.worlds.grid.instructions.language import Instruction, parse
 from minihuman.worlds.grid.instructions.numbers import to_numbers
+from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.levels.program import Given, Program, furnish
 from minihuman.worlds.grid.levels.tracing import AnyOf, House
 from minihuman.worlds.grid.recipe import Recipe
+from minihuman.worlds.options import one_of, whole
 
 MOST_CELLS = 4095  # what a planner's node can number
 NO_MISSION: Given = np.zeros(0, np.int64)
@@ -46,7 +48,13 @@ class LevelRecipe(Recipe):
         Raises:
             WorldError: if the sentence is none of the language.
         """
-        return replace(self, given=to_numbers(parse(mission)))
+        if not isinstance(mission, str):
+            raise WorldError(f"mission is {mission!r}; it is a sentence")
+        said = parse(mission)
+        assert isinstance(self.mission, InstructionSpace)
+        if not self.mission.admits(said):
+            raise WorldError(f"mission {mission!r} is none of {self.mission}; make the world with any_mission=True")
+        return replace(self, given=to_numbers(said))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +72,13 @@ class Level:
         return self.trace.__name__
 
     def __call__(
-        self, *, own_steps: bool = False, done_required: bool = False, mission: str | None = None, **options: Any
+        self,
+        *,
+        own_steps: bool = False,
+        done_required: bool = False,
+        mission: str | None = None,
+        any_mission: bool = False,
+        **options: Any,
     ) -> LevelRecipe:
         """The recipe of the level with these options.
 
@@ -72,11 +86,14 @@ class Level:
             own_steps: Judge each part of an instruction by its own steps, and by where things are.
             done_required: A clause ends when "done" is said right after it was done.
             mission: Set the mission of every episode by hand.
+            any_mission: Let `reset` set any mission of the language, not only those that the level draws.
             options: room_size, num_rows and num_cols where they are free, and what the level's function takes.
 
         Raises:
             WorldError: if there is no such option, or a value is out of range.
         """
+        for name, value in (("own_steps", own_steps), ("done_required", done_required), ("any_mission", any_mission)):
+            one_of(name, value, (True, False))
         sizes = dict(self.sizes)
         for name in sizes.keys() & options.keys():
             if name in self.fixed:
@@ -87,6 +104,9 @@ class Level:
             if name not in known:
                 free = [*(name for name in sizes if name not in self.fixed), *list(known)[1:]]
                 raise WorldError(f"{self.__name__} takes no {name!r}; it takes {', '.join(free) or 'none'}")
+        for name, parameter in list(known.items())[1:]:
+            if parameter.default is parameter.empty and name not in options:
+                raise WorldError(f"{self.__name__} needs {name}; say it")
         size, columns, lines = sizes["room_size"], sizes["num_cols"], sizes["num_rows"]
         width, height = (size - 1) * columns + 1, (size - 1) * lines + 1
         if width * height > MOST_CELLS:
@@ -104,7 +124,7 @@ class Level:
             width=width,
             height=height,
             max_steps=steps or walk,
-            mission=house.space(any_mission=mission is not None),
+            mission=house.space(any_mission=any_mission or mission is not None),
             program=house.program(0 if steps else walk, flags=flags),
             given=NO_MISSION,
         )
@@ -134,27 +154,3 @@ def level(
         return Level(trace, sizes, fixed, steps_by_area)
 
     return make
-
-
-def whole(name: str, value: Any, low: int, high: int) -> int:
-    """A whole number from ``low`` to ``high``.
-
-    Raises:
-        WorldError: if it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-        raise WorldError(f"{name} is {value!r}; it is a whole number from {low} to {high}")
-    return int(value)
-
-
-def one_of(name: str, value: Any, known: tuple[Any, ...]) -> Any:
-    """A value that is one of those known.
-
-    Raises:
-        WorldError: if it is none.
-    """
-    if isinstance(value, int | float) and not isinstance(value, bool) and True in known:
-        raise WorldError(f"{name} is {value!r}; it is one of {', '.join(map(repr, known))}")
-    if value not in known:
-        raise WorldError(f"{name} is {value!r}; it is one of {', '.join(map(repr, known))}")
-    return value

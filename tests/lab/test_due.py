@@ -1,0 +1,64 @@
+import shutil
+from datetime import date, timedelta
+from pathlib import Path
+
+import pytest
+
+from minihuman.lab.due import due
+from minihuman.lab.next_session import next_session
+from minihuman.lab.withdraw import replace, withdraw
+from minihuman.seats.simulate import simulate
+from minihuman.study.protocol import decode
+
+TWO_DAYS = decode(b"""
+[study]
+name = "days"
+version = "1"
+seed = 3
+participants = 9
+closing = ""
+[keys]
+check = false
+[[groups]]
+name = "all"
+[[blocks]]
+name = "walk"
+world = "tests.worlds.corridor:tests/Corridor-v0"
+episodes = 1
+actions = ["back", "forward", "dive"]
+max_steps = 9
+[[sessions]]
+name = "one"
+parts = ["walk"]
+[[sessions]]
+name = "two"
+parts = ["walk"]
+days_after = [2, 4]
+""")
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    for log in simulate(TWO_DAYS, tmp_path, participants=3, seed=1, player="random"):
+        if "ses-02" in log.name:  # simulated people come on both days at once; these have not come back yet
+            shutil.rmtree(log.parent)
+    next_session(TWO_DAYS, tmp_path)  # takes a slot and never comes
+    return tmp_path / "days"
+
+
+def test_the_second_day_comes_is_there_and_passes(study: Path) -> None:
+    first = due(study, date.today())[0].earliest
+    assert first is not None
+    for days, state in ((-1, "later"), (0, "due"), (2, "due"), (3, "overdue")):
+        told = {one.participant: one for one in due(study, first + timedelta(days=days))}
+        assert [told[f"sub-0{number}"].state for number in (1, 2, 3)] == [state] * 3
+        assert told["sub-01"].session == 2
+    assert f"due from {first} until {first + timedelta(days=2)}" in due(study, first - timedelta(days=1))[0].line()
+
+
+def test_who_never_came_and_whoever_left_is_told_apart(study: Path) -> None:
+    today = date.today()
+    assert [one.state for one in due(study, today)][-1] == "never came"
+    replace(study, "sub-04")
+    withdraw(study, "sub-02", seal=None)
+    assert [one.participant for one in due(study, today)] == ["sub-01", "sub-03"]

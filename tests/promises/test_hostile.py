@@ -1,0 +1,296 @@
+"""Bad input is one sentence: no traceback, whatever a protocol, a log, a world's id or an argument says."""
+
+import os
+import random
+import stat
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.opcode import Opcode
+
+from minihuman.cli import main
+from minihuman.errors import LogError, MinihumanError, ProtocolError, WorldError
+from minihuman.lab.describe import as_json, as_lines
+from minihuman.lab.proofs import proofs
+from minihuman.lab.session_table import sessions
+from minihuman.lab.shipped import shipped_protocol
+from minihuman.lab.status import status_lines
+from minihuman.lab.summary import summarise
+from minihuman.log.read.frames import LARGEST_BYTES
+from minihuman.log.read.open_log import open_log, read_events
+from minihuman.log.read.scan import Scan
+from minihuman.log.record.finish import recover, repair
+from minihuman.study.expand import enrol, expand
+from minihuman.study.protocol import decode
+from minihuman.worlds.adapt.world import World
+from minihuman.worlds.grid.catalogue import ENTRIES
+from tests.counts import count
+from tests.promises.sessions import TOML, play, study
+from tests.promises.tampering import Record, messages_changed, moved, others_changed, rewritten
+
+PLANTED = (
+    "[" * 5000,
+    "x = " + "[" * 3000 + "]" * 3000,
+    "x = " + "9" * 5000,
+    'feedback = "{steps[0]}"',
+    'feedback = "{outcome[a]}"',
+    'feedback = "{steps:>99999999999}"',
+    'feedback = "{steps!r}"',
+    'version = "\\u001b[31mred"',
+    "episodes = 99999999999999999999",
+    "participants = -1",
+    "max_steps = 1e400",
+    "seeds = [1, 2",
+    "a.b.c.d = 1979-05-27T07:32:00Z",
+    "seed = nan",
+    '"" = 1',
+)
+
+
+VALUES = ("-1", "0", "1e9", "[]", "{}", "true", '"x"', "[[1]]", "10000000")
+
+
+@pytest.mark.long
+def test_any_protocol_is_read_or_refused_in_one_line() -> None:
+    rng = random.Random(1)
+    texts = [shipped_protocol("demo").read_text(), TOML.format(episodes=3, steps=20)]
+    read = refused = 0
+    for _ in range(count(150, 10_000)):
+        toml = _mutated(rng.choice(texts), rng)
+        try:
+            protocol = decode(toml, "p.toml")
+            expand(protocol, enrol(protocol, 0))
+            read += 1
+        except MinihumanError:
+            refused += 1
+    assert read > 0
+    assert refused > 0
+
+
+def _mutated(text: str, rng: random.Random) -> bytes:
+    lines = text.splitlines()
+    for _ in range(rng.randint(1, 3)):
+        place = rng.randrange(len(lines))
+        match rng.randrange(6):
+            case 0:
+                lines.insert(place, rng.choice(PLANTED))
+            case 1:
+                lines.pop(place)
+            case 2:
+                lines.insert(place, rng.choice(lines))
+            case 3:
+                key, _, _ = lines[place].partition("=")
+                lines[place] = f"{key}= {rng.choice(VALUES)}"
+            case 4:
+                line = lines[place]
+                at = rng.randrange(len(line) + 1)
+                lines[place] = line[:at] + rng.choice(['"', "\\", "\u202e", "=", "[", "\0", "é"]) + line[at:]
+            case 5:
+                key, equals, value = lines[place].partition("=")
+                lines[place] = f"{key}{equals}{value * rng.choice([2, 50])}"
+    return "\n".join(lines).encode(errors="surrogatepass")
+
+
+@pytest.mark.long
+def test_any_log_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
+    log = play(tmp_path / "data", study(episodes=2, steps=8, more="record_observations = true\n"), sync=lambda _: None)
+    records: list[Record] = list(Scan(log))
+    topics = dict.fromkeys(record.channel.topic for record in records if hasattr(record, "channel"))
+    changes = [change for topic in topics for _, change in (*messages_changed(records, topic), *moved(records, topic))]
+    changes += [change for _, change in others_changed(records)]
+    rng = random.Random(2)
+    refused = done = 0
+    folder = tmp_path / "changed" / "promised" / "sub-01" / "ses-01"
+    folder.mkdir(parents=True)
+    target = folder / log.name
+    while done < count(200, 20_000):
+        some = rng.sample(changes, rng.randint(1, 4))
+        try:
+            rewritten(log, target, lambda found, some=some: [change(found) for change in some], chained=True)
+        except (StopIteration, IndexError, AttributeError):
+            continue  # what one change took away is missing to another
+        for operation in _OPERATIONS:
+            done += 1
+            try:
+                operation(target)
+            except MinihumanError:
+                refused += 1
+        for left in folder.iterdir():
+            left.unlink()
+    assert refused > 0
+
+
+def _recovered(log: Path) -> None:
+    part = log.with_name(f"{log.name}.part")
+    part.write_bytes(log.read_bytes())
+    log.unlink()
+    recover(part)
+
+
+_OPERATIONS: tuple[Callable[[Path], object], ...] = (
+    open_log,
+    lambda log: as_lines(open_log(log)),
+    lambda log: as_json(open_log(log)),
+    lambda log: list(read_events(log)),
+    lambda log: list(proofs(log)),
+    lambda log: summarise([log]),
+    lambda log: list(status_lines(log.parents[2])),
+    lambda log: [episode.frames.column("flip_ns") for episode in open_log(log).episodes],
+    repair,
+    _recovered,
+)
+
+
+@pytest.mark.long
+def test_any_world_is_made_or_refused_in_one_line() -> None:
+    rng = random.Random(3)
+    ids = [*(entry.id for entry in ENTRIES[:20]), "minigrid:MiniGrid-Empty-5x5-v0", "CartPole-v1", "FrozenLake-v1"]
+    odd = [":", "json:json:json", "", "os:system", "minihuman/", "x" * 5000, "\0", "a/b/c-v0", "..", "this-v0", "-v-1"]
+    options = [
+        {},
+        {"size": -1},
+        {"size": 3},
+        {"max_steps": float("inf")},
+        {"max_steps": -1},
+        {"map_name": "x"},
+        {"x": 1},
+    ]
+    options += [
+        {"obs_height": 10**12},
+        {"size": 10**9},
+        {"render_mode": "human"},
+        {"width": "a"},
+        {"agent_view_size": 2},
+    ]
+    for _ in range(count(40, 1_000)):
+        world_id = rng.choice([*ids, *odd]) if rng.random() < 0.7 else "".join(rng.choices("abc:/-v0123.", k=8))
+        try:
+            world = World(world_id, rng.choice(options))
+        except WorldError:
+            continue
+        world.close()
+
+
+@pytest.mark.long
+def test_any_arguments_are_understood_or_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = random.Random(4)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "notes.mcap").write_text("dear diary")
+    (tmp_path / "bad.toml").write_text("x = [")
+    (tmp_path / "folder").mkdir()
+    commands = ["info", "verify", "recover", "status", "check", "seal", "plot", "report", "export", "worlds", "mark"]
+    words = [
+        "notes.mcap",
+        "bad.toml",
+        "folder",
+        "nothing",
+        "/dev/null",
+        "",
+        "--json",
+        "--seal",
+        "x",
+        "-1",
+        "--participant",
+    ]
+    words += [
+        "\x1b[31m",
+        "é",
+        "--group",
+        "csv",
+        "sub-00",
+        "--out",
+        "folder/x",
+        "--session",
+        "0",
+        "--trust",
+        "99999999999",
+    ]
+    for _ in range(count(30, 1_000)):
+        line = [rng.choice(commands), *rng.choices(words, k=rng.randint(0, 4))]
+        monkeypatch.setattr("sys.argv", ["minihuman", *line])
+        try:
+            main()
+            code = 0
+        except SystemExit as ended:
+            code = ended.code
+        said = capsys.readouterr()
+        assert code in (0, 1, 2, None), (line, code)
+        assert "Traceback" not in said.err + said.out, line
+        assert "\x1b[31m" not in said.err + said.out, line
+
+
+def test_a_pipe_that_is_named_like_a_log_holds_nobody_up(tmp_path: Path) -> None:
+    pipe = tmp_path / "sub-01_ses-01.mcap"
+    os.mkfifo(pipe)
+    with pytest.raises(LogError, match="is no regular file"):
+        open_log(pipe)
+    (row,) = sessions(tmp_path)
+    assert "is no regular file" in row.problem
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+@pytest.mark.parametrize("says", [100, 8 << 30])
+def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path: Path, says: int) -> None:
+    import resource
+
+    bomb = zstandard.ZstdCompressor(level=1).compressobj()
+    block, packed = bytes(1 << 20), b""
+    for _ in range(256):
+        packed += bomb.compress(block)
+    packed += bomb.flush()
+    chunk = (
+        b"".join((bytes(16), says.to_bytes(8, "little"), bytes(4), (4).to_bytes(4, "little"), b"zstd"))
+        + len(packed).to_bytes(8, "little")
+        + packed
+    )
+    content = b"\x89MCAP0\r\n" + bytes([Opcode.CHUNK]) + len(chunk).to_bytes(8, "little") + chunk
+    log = tmp_path / "sub-01_ses-01.mcap"
+    log.write_bytes(content)
+    before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(LogError, match="damaged"):
+        open_log(log)
+    grown_bytes = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib) * 1024
+    assert grown_bytes < 2 * LARGEST_BYTES
+    assert zlib.crc32(log.read_bytes()) == zlib.crc32(content)
+
+
+@pytest.mark.long
+def test_a_cache_that_is_garbage_costs_a_reading_and_nothing_else(tmp_path: Path) -> None:
+    log = play(tmp_path, study(episodes=1), sync=lambda _: None)
+    folder = log.parents[2]
+    expected = list(sessions(folder))
+    whole = (folder / "sessions.sqlite").read_bytes()
+    rng = np.random.default_rng(5)
+    for _ in range(count(10, 50)):
+        spoilt = bytearray(whole)
+        for at in rng.integers(len(whole), size=int(rng.integers(1, 40))):
+            spoilt[at] = int(rng.integers(256))
+        (folder / "sessions.sqlite").write_bytes(
+            spoilt[: int(rng.integers(len(spoilt)))] if rng.random() < 0.3 else spoilt
+        )
+        found = list(sessions(folder))
+        assert [row.path for row in found] == [row.path for row in expected]
+        (folder / "sessions.sqlite").unlink()
+
+
+def test_control_characters_of_a_protocol_do_not_reach_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    protocol = tmp_path / "p.toml"
+    protocol.write_text(TOML.format(episodes=1, steps=5).replace('version = "1"', 'version = "\\u001b[31m"'))
+    monkeypatch.setattr("sys.argv", ["minihuman", "check", str(protocol)])
+    with pytest.raises(SystemExit):
+        main()
+    assert "\x1b" not in "".join(capsys.readouterr())
+
+
+def test_a_placeholder_that_asks_for_a_text_of_any_size_is_refused() -> None:
+    for bad in ("{steps:>99999999999}", "{steps[0]}", "{outcome.upper}", "{steps!r}"):
+        with pytest.raises(ProtocolError, match="placeholder"):
+            decode(TOML.format(episodes=1, steps=5).replace("{outcome}", bad).encode())
