@@ -384,6 +384,7 @@ def test_stable_baselines_learns_on_a_grid_by_its_id(one_thread):
 
 @pytest.mark.program
 @pytest.mark.filterwarnings("ignore:It seems that your observation space image")  # numbers of cells, no pixels
+@pytest.mark.filterwarnings("ignore:The minimal resolution for an image")
 def test_stable_baselines_plays_a_grid_with_missions(one_thread):
     pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
     from stable_baselines3 import PPO
