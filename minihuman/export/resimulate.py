@@ -14,6 +14,7 @@ from minihuman.errors import ExportError, LogError, WorldError
 from minihuman.log.observations import checked
 from minihuman.recorded.episode import Episode
 from minihuman.worlds.adapt.world import World
+from minihuman.worlds.trust import trusting
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +54,7 @@ class Resimulator:
         made_from = (episode.plan.world, episode.plan.options)
         if self._world is None or self._made_from != made_from:
             try:
-                self._world, self._made_from = World(*made_from), made_from
+                self._world, self._made_from = trusting()(*made_from), made_from
             except WorldError as error:
                 raise ExportError(f"{chosen.log.path}: {episode.name}: {error}") from error
         return self._world

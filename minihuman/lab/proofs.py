@@ -5,10 +5,10 @@ from pathlib import Path
 
 from minihuman.lab.prove import prove
 from minihuman.lab.seal import broken
-from minihuman.lab.trust import trusting
 from minihuman.lab.verify import other_rules, verify
 from minihuman.log.read.guard import guarded
 from minihuman.log.read.open_log import open_log
+from minihuman.worlds.trust import trusting
 
 MOST_LINES = 20  # of differences, a log
 

@@ -7,13 +7,13 @@ from itertools import groupby
 
 import numpy as np
 
-from minihuman.lab.trust import trusting
 from minihuman.recorded.episode import Episode, SessionLog, pose_row
 from minihuman.study.events import EpisodeStarted, Stepped
 from minihuman.study.play import Play, WorldBrokeError
 from minihuman.study.stage import MakeWorld
 from minihuman.worlds.adapt.world import World
 from minihuman.worlds.sources import rules_digest
+from minihuman.worlds.trust import trusting
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from minihuman.worlds.contract import Bounds
 
 if TYPE_CHECKING:
     from minihuman.worlds.adapt.world import World
+from minihuman.worlds.trust import trusting
 
 
 def shortest(plan: EpisodePlan) -> Bounds:
@@ -29,6 +30,5 @@ def _of_layout(world_id: str, options: str, seed: int) -> Bounds:
 
 @lru_cache(maxsize=16)
 def _world(world_id: str, options: str) -> "World":
-    from minihuman.worlds.adapt.world import World  # here, as kernels take a second and most tables need none
 
-    return World(world_id, json.loads(options))
+    return trusting()(world_id, json.loads(options))

@@ -13,6 +13,7 @@ from minihuman.errors import LogError, WorldError
 from minihuman.log.observations import checked, is_picture
 from minihuman.recorded.episode import Episode
 from minihuman.worlds.adapt.world import World
+from minihuman.worlds.trust import trusting
 
 SIZE_PX = (240, 180)
 
@@ -28,7 +29,7 @@ def pictures(episode: Episode) -> list[NDArray[np.uint8]]:
     """
     plan = episode.plan
     try:
-        with closing(World(plan.world, plan.options)) as world:
+        with closing(trusting()(plan.world, plan.options)) as world:
             return list(_redrawn(episode, world))
     except (LogError, WorldError):
         stored = episode.observations
