@@ -15,9 +15,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
-from minihuman.data.withdrawn import is_withdrawn
+from minihuman.data.withdrawn import withdrawn_near
 from minihuman.errors import LogError, ProtocolError
-from minihuman.log.paths import sessions_in
+from minihuman.log.paths import sessions_among
 from minihuman.log.read.glance import first_facts
 from minihuman.log.read.open_log import open_log
 from minihuman.recorded.episode import SessionLog
@@ -59,7 +59,7 @@ def worth_reading(source: Path) -> tuple[list[Path], list[Skipped]]:
         LogError: if there is no such file or folder.
     """
     facts = {path: first_facts(first) for path, first in _found(source)}
-    gone = [path for path, theirs in facts.items() if is_withdrawn(path, theirs.get("participant", ""))]
+    gone = [path for path, theirs in facts.items() if theirs.get("participant", "") in withdrawn_near(path.parent)]
     taken: dict[tuple[str, ...], Path] = {}
     for path in sorted(set(facts) - set(gone), key=lambda path: (not _in_place(path, facts[path]), path)):
         taken.setdefault(_session_of(facts[path]) or (str(path),), path)
@@ -82,8 +82,10 @@ def _found(source: Path) -> list[tuple[Path, Path]]:
         return [(source, source)]
     if not source.is_dir():
         raise LogError(f"{source} does not exist; name a session log, or a folder of them")
-    folders = sorted({path.parent for path in source.rglob("*.mcap*")})
-    sessions = [(folder, files) for folder in folders for files in sessions_in(folder).values()]
+    folders = [(Path(folder), names) for folder, _, names in os.walk(source) if any(".mcap" in name for name in names)]
+    sessions = [
+        (folder, files) for folder, names in sorted(folders) for files in sessions_among(folder, names).values()
+    ]
     return [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
 
 

@@ -23,10 +23,10 @@ def withdrawn(study_dir: Path) -> frozenset[str]:
     return _read(path, changed.st_size, changed.st_mtime_ns)
 
 
-def is_withdrawn(log: Path, participant: str) -> bool:
-    """Whether a log's participant withdrew, by the register of the study that it lies in."""
-    folders = log.resolve().parents[: _UP + 1]
-    return any(participant in withdrawn(folder) for folder in folders)
+def withdrawn_near(folder: Path) -> frozenset[str]:
+    """The codes of those who withdrew from the study that a session's folder, or a folder of logs, lies in."""
+    folder = folder.absolute()
+    return frozenset().union(*(withdrawn(one) for one in (folder, *folder.parents[:_UP])))
 
 
 @lru_cache(maxsize=64)

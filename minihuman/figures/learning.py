@@ -35,10 +35,10 @@ def mean_and_band(
 
 
 def learning_curves(episodes: "pd.DataFrame", measure: str = "reward") -> dict[str, NDArray[np.float64]]:
-    """A measure by group, (participants and their sessions, episodes in the block); NaN where none counts.
+    """A measure by group, (participants, episodes in the block); NaN where none counts.
 
     ``episodes`` are one block's rows of the table "episodes" that count. The first column is the block's first episode
-    for every group; of several attempts at one the last is taken.
+    for every group; of several attempts at one the last is taken, of several sessions of a participant the mean.
     """
     if episodes.empty:
         return {}
@@ -46,8 +46,10 @@ def learning_curves(episodes: "pd.DataFrame", measure: str = "reward") -> dict[s
     curves = {}
     for group, part in episodes.groupby("group"):
         last = part.drop_duplicates(["participant", "session", "episode_in_block"], keep="last")
-        table = last.pivot(index=["participant", "session"], columns="episode_in_block", values=measure)
-        curves[str(group)] = table.reindex(columns=numbers).to_numpy(np.float64)
+        table = (
+            last.assign(value=last[measure].astype(float)).groupby(["participant", "episode_in_block"])["value"].mean()
+        )
+        curves[str(group)] = table.unstack().reindex(columns=numbers).to_numpy(np.float64)
     return curves
 
 

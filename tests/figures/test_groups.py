@@ -3,11 +3,12 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from minihuman.figures.learning import draw_learning, mean_and_band
+from minihuman.figures.learning import draw_learning, learning_curves, mean_and_band
 from minihuman.figures.occupancy import draw_occupancy, occupancy
 from tests.builders import episode, grid_map, made, plan, session
 
@@ -75,3 +76,17 @@ def test_a_band_never_leaves_what_the_measure_can_be_but_blocks_no_value():
 
 def session_rewards():
     return np.array([[played.return_ for played in session(seed=seed, episodes=3).episodes] for seed in range(3)])
+
+
+def test_a_participant_of_two_sessions_is_one_and_an_episode_nobody_finished_leaves_a_gap():
+    columns = ["participant", "session", "group", "episode_in_block", "reward"]
+    rows = [
+        ("sub-01", 1, "a", 1, 0.2),
+        ("sub-01", 2, "a", 1, 0.4),
+        ("sub-01", 1, "a", 3, 0.9),
+        ("sub-02", 1, "b", 2, 1.0),
+    ]
+    curves = learning_curves(pd.DataFrame(rows, columns=columns))
+    assert curves["a"].shape == curves["b"].shape == (1, 3)
+    assert curves["a"][0, [0, 2]] == pytest.approx([0.3, 0.9])
+    assert np.isnan([curves["a"][0, 1], curves["b"][0, 0], curves["b"][0, 2]]).all()

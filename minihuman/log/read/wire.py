@@ -92,10 +92,12 @@ class _Field:
     """One field as it is met in one message after the other."""
 
     def __init__(self, field: FieldDescriptor, data: bytes, ends: Places) -> None:
-        assert field.number < 16, f"{field.full_name}: a tag of two bytes"
+        assert field.number < 2048, f"{field.full_name}: a tag of three bytes"
         self._kind = field
         self._wire_type = _WIRE_TYPE[field.type]
-        self._tag = field.number << 3 | self._wire_type
+        tag = field.number << 3 | self._wire_type
+        self._second = tag >> 7  # byte of the tag; 0 for none
+        self._first = (tag & 0x7F) | 0x80 if self._second else tag
         self._bytes: Bytes = np.frombuffer(data, np.uint8)
         self._eights = _eights(data)
         self._ends = ends
@@ -105,12 +107,14 @@ class _Field:
 
     def take(self, at: Places) -> None:
         """Read the field of every message that has it at its place, and put that place behind it."""
-        its = (self._bytes[at] == self._tag) & (at < self._ends)
+        its = (self._bytes[at] == self._first) & (at < self._ends)
+        if self._second:
+            its &= self._bytes[at + 1] == self._second
         count = np.count_nonzero(its)
         if not count:
             return
         rows = slice(None) if count == len(its) else np.flatnonzero(its)
-        here, ends = at[rows] + 1, self._ends[rows]
+        here, ends = at[rows] + (2 if self._second else 1), self._ends[rows]
         if self._wire_type == _FIXED64:
             self._numbers[rows] = self._eights[here]
             here += 8

@@ -44,6 +44,7 @@ from minihuman.worlds.grid.instructions.numbers import clauses_done
 from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.instructions.verify import hand_over
 from minihuman.worlds.grid.kinds import Kind, check_kinds
+from minihuman.worlds.grid.minigrid_names import MinigridNames
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.planner import bounds, way
 from minihuman.worlds.grid.text import to_text
@@ -70,7 +71,7 @@ def _hashed(saved: Saved) -> int:
     return hash64([saved.row, words, saved.mission, saved.kept])
 
 
-class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
+class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld, abc.ABC):
     """A grid world without a layout: `GridEnv` has those of the catalogue, `GridWorld` is for your own.
 
     Args:
@@ -84,6 +85,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         render_mode: What `render` gives: None, the whole world as a picture ("rgb_array") or as `text` ("ansi").
         tile_size: Pixels on a side of a cell that `render` draws.
         palette: The colours of pictures: "classic", or "colour-safe" for colour-blind eyes.
+        highlight: Make the cells lighter that the agent sees, in what `render` draws.
+        agent_pov: `render` draws what the agent sees instead of the whole world.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
@@ -104,6 +107,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         render_mode: Literal["rgb_array", "ansi"] | None = None,
         tile_size: int = 32,
         palette: Palette = "classic",
+        highlight: bool = True,
+        agent_pov: bool = False,
     ) -> None:
         whole("width", width, 3, MOST_CELLS)
         whole("height", height, 3, MOST_CELLS)
@@ -129,6 +134,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
         self.render_mode = render_mode
         self.tile_size = tile_size
         self.palette: Palette = palette
+        self.highlight, self.agent_pov = truth("highlight", highlight), truth("agent_pov", agent_pov)
         instructed = isinstance(self.mission_space, InstructionSpace)
         self._row = np.zeros((instructed_length if instructed else row_length)(width, height), np.int32)
         self._row[[WIDTH, HEIGHT, MAX_STEPS, SEE_THROUGH, ACTIONS]] = (
@@ -267,9 +273,13 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], NativeWorld, abc.ABC):
             return None
         if self.render_mode == "ansi":
             return self.text()
-        row = self._in_world().row
-        size = self.image_shape[0]
-        return draw(row, view="full", view_size=size, tile_px=self.tile_size, palette=self.palette, kinds=self.kinds)
+        view: View = "partial" if self.agent_pov else "full"
+        return self.frame(view=view, tile_px=self.tile_size, lit=self.highlight)
+
+    def frame(self, *, view: View = "full", tile_px: int = 32, lit: bool = True) -> NDArray[np.uint8]:
+        """A picture with tiles of this size: of the whole world, or of what the agent sees."""
+        row, size = self._in_world().row, self.image_shape[0]
+        return draw(row, view=view, view_size=size, tile_px=tile_px, palette=self.palette, kinds=self.kinds, lit=lit)
 
     def pose(self) -> Pose:
         """The agent's cell (column, 0, row) and direction."""

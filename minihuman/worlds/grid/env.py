@@ -8,7 +8,7 @@ from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.families import recipe
 from minihuman.worlds.grid.recipe import Recipe
 
-SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette"})
+SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov"})
 
 
 class GridEnv(GridEngine):

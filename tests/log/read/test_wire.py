@@ -1,11 +1,15 @@
 """Messages read column by column: the same numbers and texts as protobuf's own parser reads, or a refusal."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 import pytest
 from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.descriptor_pb2 import FileDescriptorProto
+from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, Message
+from google.protobuf.message_factory import GetMessageClass
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,7 +34,19 @@ def messages(kind: type[Message]) -> st.SearchStrategy[Message]:
     return st.fixed_dictionaries({}, optional=fields).map(lambda given: kind(**given))
 
 
-ANY = st.sampled_from([v1.Step, v1.KeyEvent, v1.FrameShown])
+def many_fields() -> type[Message]:
+    """A message whose later fields have tags of two bytes, as one that has grown over the years."""
+    numbers = (1, 15, 16, 17, 127, 128, 2047)
+    file = FileDescriptorProto(name="grown.proto", package="grown", syntax="proto3")
+    message = file.message_type.add(name="Grown")
+    for number, kind in zip(numbers, cycle((3, 9, 1, 8)), strict=False):  # int64, string, double, bool
+        message.field.add(name=f"field_{number}", number=number, type=kind, label=1)
+    pool = DescriptorPool()
+    pool.Add(file)
+    return GetMessageClass(pool.FindMessageTypeByName("grown.Grown"))
+
+
+ANY = st.sampled_from([v1.Step, v1.KeyEvent, v1.FrameShown, many_fields()])
 MANY = ANY.flatmap(lambda kind: st.lists(messages(kind), min_size=1, max_size=4))
 
 

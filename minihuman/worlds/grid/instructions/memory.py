@@ -10,8 +10,8 @@ from minihuman.worlds.grid.core.tasks import FORWARD, LEFT, RIGHT, TOGGLE
 from minihuman.worlds.grid.instructions.belief import believe, prospects, remember, walk
 
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
-WORTH = 0.5  # actions that seeing one more cell is worth
-ENOUGH = 14  # cells; more at once are worth no more
+WORTH = 0.3  # actions that seeing one more cell is worth
+ENOUGH = 30  # cells; more at once are worth no more
 
 
 class Memory:

@@ -3,8 +3,9 @@
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.instructions.language import Before, GoTo, Instruction, Pickup, PutNext, Thing
 from minihuman.worlds.grid.levels.going import ONE_ROOM
-from minihuman.worlds.grid.levels.level import level, one_of, whole
+from minihuman.worlds.grid.levels.level import level
 from minihuman.worlds.grid.levels.tracing import AnyOf, House, Use
+from minihuman.worlds.options import one_of, whole
 
 
 @level()

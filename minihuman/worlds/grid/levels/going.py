@@ -1,8 +1,9 @@
 """Levels about going to things. Options are named as Minigrid names them."""
 
 from minihuman.worlds.grid.instructions.language import GoTo, Instruction, Thing
-from minihuman.worlds.grid.levels.level import level, one_of, whole
+from minihuman.worlds.grid.levels.level import level
 from minihuman.worlds.grid.levels.tracing import House
+from minihuman.worlds.options import one_of, whole
 
 ONE_ROOM = ("num_rows", "num_cols")
 MOST_THINGS = 1000

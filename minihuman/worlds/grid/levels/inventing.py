@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 from minihuman.worlds.grid.levels.going import MOST_THINGS
-from minihuman.worlds.grid.levels.level import level, one_of, whole
+from minihuman.worlds.grid.levels.level import level
 from minihuman.worlds.grid.levels.tracing import House
+from minihuman.worlds.options import one_of, whole
 
 
 @level()

@@ -17,6 +17,7 @@ from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.levels.program import Given, Program, furnish
 from minihuman.worlds.grid.levels.tracing import AnyOf, House
 from minihuman.worlds.grid.recipe import Recipe
+from minihuman.worlds.options import one_of, whole
 
 MOST_CELLS = 4095  # what a planner's node can number
 NO_MISSION: Given = np.zeros(0, np.int64)
@@ -153,27 +154,3 @@ def level(
         return Level(trace, sizes, fixed, steps_by_area)
 
     return make
-
-
-def whole(name: str, value: Any, low: int, high: int) -> int:
-    """A whole number from ``low`` to ``high``.
-
-    Raises:
-        WorldError: if it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
-        raise WorldError(f"{name} is {value!r}; it is a whole number from {low} to {high}")
-    return int(value)
-
-
-def one_of(name: str, value: Any, known: tuple[Any, ...]) -> Any:
-    """A value that is one of those known.
-
-    Raises:
-        WorldError: if it is none.
-    """
-    if isinstance(value, int | float) and not isinstance(value, bool) and True in known:
-        raise WorldError(f"{name} is {value!r}; it is one of {', '.join(map(repr, known))}")
-    if value not in known:
-        raise WorldError(f"{name} is {value!r}; it is one of {', '.join(map(repr, known))}")
-    return value

@@ -2,8 +2,9 @@
 
 from minihuman.worlds.grid.core.cells import COLOURS
 from minihuman.worlds.grid.instructions.language import PLACES, After, Before, Instruction, Open, Pickup, Thing
-from minihuman.worlds.grid.levels.level import level, one_of, whole
+from minihuman.worlds.grid.levels.level import level
 from minihuman.worlds.grid.levels.tracing import AnyOf, House
+from minihuman.worlds.options import one_of, whole
 
 YES_NO = (True, False)
 ALL = ("room_size", "num_rows", "num_cols")

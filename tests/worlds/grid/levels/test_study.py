@@ -1,5 +1,6 @@
 """A study of instructions: played, logged clause by clause, verified, and read as tables."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -35,3 +36,10 @@ def test_a_session_of_eight_levels_is_played_and_verifies(tmp_path, player):
     if player == "exploring":
         assert {episode.outcome for episode in log.episodes} == {"goal"}
         assert len(said) >= len(log.episodes)
+
+
+def test_the_code_in_the_docs_runs():
+    page = (Path(__file__).parents[4] / "docs" / "instructions.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.S)
+    assert len(blocks) >= 5
+    exec(compile("\n".join(blocks), "instructions.md", "exec"), {"__name__": "instructions"})
