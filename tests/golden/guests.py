@@ -13,7 +13,9 @@ from minihuman.log.topics import SCHEMA_VERSION, SEGMENT_METADATA
 Guest = Callable[[int], int | None]  # the number of one more message after ours of this number; None: none there
 
 
-def again(log: Path, target: Path, guest: Guest, *, version: str = str(SCHEMA_VERSION), leave_out: int = 0) -> Path:
+def again(
+    log: Path, target: Path, guest: Guest, *, version: str = str(SCHEMA_VERSION), leave_out: int | None = None
+) -> Path:
     """Write a log again with a guest's messages between ours; those that a newer version counts shift ours on."""
     scan = Scan(log)
     with target.open("wb") as file:
@@ -32,11 +34,11 @@ def again(log: Path, target: Path, guest: Guest, *, version: str = str(SCHEMA_VE
                             record.channel.topic, "protobuf", number
                         )
                     shift *= record.sequence != 1
-                    sequence = record.sequence + shift
+                    sequence = record.sequence + shift if record.sequence else 0  # 0: for viewers, not counted
                     if record.sequence != leave_out:
                         channel = channels[record.channel.topic, schema.id]
                         writer.add_message(channel, record.log_time, record.data, record.publish_time, sequence)
-                    if (its := guest(sequence)) is not None:
+                    if sequence and (its := guest(sequence)) is not None:
                         shift += its == sequence + 1
                         writer.add_message(gaze, record.log_time, b'{"x": 1}', record.log_time, its)
                 case Metadata():
@@ -46,6 +48,8 @@ def again(log: Path, target: Path, guest: Guest, *, version: str = str(SCHEMA_VE
                         facts = facts | {"schema_version": version}
                     writer.add_metadata(record.name, facts)
                 case Attachment():
-                    writer.add_attachment(record.create_time, record.log_time, record.name, "", record.data)
+                    writer.add_attachment(
+                        record.create_time, record.log_time, record.name, record.media_type, record.data
+                    )
         writer.finish()
     return target

@@ -8,12 +8,15 @@ from mcap.writer import Writer
 from minihuman.data.opened import log_files
 from minihuman.errors import LogError
 from minihuman.lab.next_session import next_session
+from minihuman.lab.proofs import proofs
+from minihuman.lab.prove import prove
 from minihuman.lab.verify import verify
 from minihuman.log.paths import sessions_in
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.open_log import open_log, read_events
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.finish import leftovers, recover
+from minihuman.worlds.adapt.world import World
 from tests.golden.guests import Guest, again
 from tests.golden.make import segment, study
 
@@ -60,6 +63,16 @@ def test_a_session_with_guests_goes_on_and_keeps_them(tmp_path):
     guests = [record for record in Scan(log) if isinstance(record, LogMessage) and record.channel.topic == "/ext/gaze"]
     assert len(guests) > 20
     assert gaze.read_bytes() == before
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("name", ["uncounted", "counting for itself", "now and then"])
+def test_a_log_with_guests_proves_whole(tmp_path, name):
+    log = segment(tmp_path, study("resumed"), after_steps=6, key="escape")
+    again(log, tmp_path / "with", GUESTS[name]).replace(log)
+    segment(tmp_path, study("resumed"))
+    assert list(prove(log, World)) == []
+    assert list(proofs(log))[-1][1]
 
 
 def test_a_recovered_log_keeps_its_guests(tmp_path):
