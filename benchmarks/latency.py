@@ -1,30 +1,36 @@
 """From a key to changed pixels, and how late keys are stamped, in a real session in a real window.
 
     python -m benchmarks.latency [--keys 100] [--window pygame] [--world minihuman/MiniWorld-FourRooms-v0]
-                                 [--size 1920x1080] [--as-of CHECKOUT]
+                                 [--size 1920x1080] [--as-of CHECKOUT] [--watched]
 
 Starts an X server of its own (Xvfb), runs `minihuman run` in it, full screen, with the log on disk and one press one
 step, sends key events that the server itself makes (XTEST), and reads the window's pixels back until they change.
 Then it sends as many more, 60 to 150 ms apart and rolled over each other, whether or not a picture is being drawn.
 Prints distributions; judges nothing. Xvfb refreshes nothing, so the display's own period is 0: what is printed is all
 the software's. `--as-of` measures another checkout of minihuman too, in turns with this one, on the same machine in the
-same minutes: its ratios hold where others use the machine too.
+same minutes: its ratios hold where others use the machine too. `--watched` measures each session once more, with
+`minihuman watch` beside it and its page asked every second, as a browser does.
 """
 
 import argparse
+import json
 import os
 import random
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from minihuman.data.quality import quality_of
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.log.read.open_log import open_log
 from minihuman.study.expand import enrol, expand
@@ -66,6 +72,7 @@ class Measured:
     """One session's keys; times in ms."""
 
     facts: dict[str, str]
+    key_to_flip: tuple[float, float, float]  # median, 95 %, 99 %, as the log has it
     key_to_pixels: list[float]
     unseen: int
     waiting: list[float]  # stamp error of keys sent while the session waits for one
@@ -75,7 +82,32 @@ class Measured:
     same: int  # events of the latter that have the stamp of the one before
 
 
-def measure(window: str, world: str, keys: int, size_px: tuple[int, int], checkout: Path) -> Measured:
+@contextmanager
+def watching(study: Path) -> Iterator[None]:
+    """`minihuman watch` beside a session, and what a browser asks of its page, every second."""
+    command = [sys.executable, "-m", "minihuman", "watch", str(study)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None
+        url, done = program.stdout.readline().split()[1], threading.Event()
+
+        def look() -> None:
+            while not done.wait(1.0):
+                with urllib.request.urlopen(url + "state", timeout=30) as answer:
+                    running = json.load(answer)["sessions"]
+                for name in running:
+                    urllib.request.urlopen(f"{url}picture?session={name}", timeout=30).close()
+
+        browser = threading.Thread(target=look)
+        browser.start()
+        yield
+        done.set()
+        browser.join()
+        program.kill()
+
+
+def measure(
+    window: str, world: str, keys: int, size_px: tuple[int, int], checkout: Path, *, watched: bool = False
+) -> Measured:
     with xvfb(size_px) as display, tempfile.TemporaryDirectory() as folder:
         protocol = Path(folder) / "latency.toml"
         protocol.write_text(PROTOCOL.format(world=world, actions=turns(world), keys=keys))
@@ -91,13 +123,14 @@ def measure(window: str, world: str, keys: int, size_px: tuple[int, int], checko
         begin_episode(typist, Path(folder))
         study = read_protocol(protocol)
         pressed = list(expand(study, enrol(study, 0)).episodes[0].key_map.keys)
-        seen_ms, waiting = one_by_one(typist, pressed, keys)
-        begin_episode(typist, Path(folder))
-        rolling = rolled(typist, pressed, keys)
+        with watching(Path(folder) / "latency") if watched else nullcontext():
+            seen_ms, waiting = one_by_one(typist, pressed, keys)
+            begin_episode(typist, Path(folder))
+            rolling = rolled(typist, pressed, keys)
         enter_at(typist, Path(folder), "closing", "page")
         station.communicate(timeout=120)
         log = open_log(next(Path(folder).rglob("*.mcap")))
-    began_ns = datetime.fromisoformat(log.started_at).timestamp() * 1e9
+    began_ns = log.segments[0].started_unix_ns
     stamped = [
         (key.key, key.down, began_ns + key.t_ns - key.waited_ns)
         for key in log.keys
@@ -110,6 +143,7 @@ def measure(window: str, world: str, keys: int, size_px: tuple[int, int], checko
     stamps = [at_ns for _, _, at_ns in stamped[len(waiting) :]]
     return Measured(
         facts=dict(log.facts),
+        key_to_flip=quality_of(log).key_to_flip_ms,
         key_to_pixels=seen,
         unseen=len(seen_ms) - len(seen),
         waiting=errors_ms[: len(waiting)],
@@ -178,12 +212,16 @@ def main() -> None:
     parser.add_argument("--world", default="minihuman/MiniGrid-FourRooms-v0")
     parser.add_argument("--size", default="1280x720", help="of the screen, which the window fills")
     parser.add_argument("--as-of", type=Path, help="another checkout of minihuman to measure beside this one")
+    parser.add_argument("--watched", action="store_true", help="measure with the experimenter's page beside, too")
     settings = parser.parse_args()
     width, height = map(int, settings.size.split("x"))
     checkouts = [path.resolve() for path in (settings.as_of, Path(__file__).parents[1]) if path is not None]
     for window in settings.window or ("pygame", "pyglet"):
         for checkout in checkouts:
-            tell(measure(window, settings.world, settings.keys, (width, height), checkout), settings.world)
+            for watched in (False, True) if settings.watched else (False,):
+                print("watched" if watched else "not watched") if settings.watched else None
+                size_px = (width, height)
+                tell(measure(window, settings.world, settings.keys, size_px, checkout, watched=watched), settings.world)
 
 
 def tell(measured: Measured, world: str) -> None:
@@ -191,6 +229,8 @@ def tell(measured: Measured, world: str) -> None:
     commit = facts.get("git_commit", "")[:7]
     print(f"{facts['window_version']}, {facts['window_size_px']}, vsync {facts['vsync']}, {world}, {commit}")
     print(f"  load average           {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    median, p95, p99 = measured.key_to_flip
+    print(f"  key to flip            median {median:6.2f} ms   95 % {p95:6.2f} ms   99 % {p99:6.2f} ms")
     print(f"  key to pixels          {distribution(measured.key_to_pixels)}   ({measured.unseen} changed nothing seen)")
     print(f"  stamp error, waiting   {distribution(measured.waiting)}")
     print(f"  stamp error, rolling   {distribution(measured.rolling)}   ({measured.same} with the stamp before)")

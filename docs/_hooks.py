@@ -1,12 +1,11 @@
-"""Links from these pages to files of the repository lead to the repository, as pages of a site cannot hold them."""
+"""Links from these pages to files of the repository become their names: a site's pages cannot hold such files."""
 
 import re
 from typing import Any
 
-_SOURCE = "https://github.com/minihuman/minihuman/blob/main/"
-_OUT = re.compile(r"\]\(\.\./([^)#\s]+)(#[^)\s]*)?\)")
+_OUT = re.compile(r"\[([^\]]+)\]\(\.\./([^)#\s]+)(?:#[^)\s]*)?\)")
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Lead a link above the docs' folder to the repository."""
-    return _OUT.sub(lambda found: f"]({_SOURCE}{found[1]}{found[2] or ''})", markdown)
+    """Name a file above the docs' folder instead of linking to it."""
+    return _OUT.sub(lambda found: found[1] if found[2] in found[1] else f"{found[1]} (`{found[2]}`)", markdown)

@@ -98,7 +98,7 @@ def results(
         ),
         target=target,
         exclusions=exclusions(episodes, participants),
-        kept=(len(counted_people), len(counted)),
+        kept=(counted_people["participant"].nunique(), len(counted)),
     )
 
 

@@ -38,6 +38,14 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     for_group: Override = {}
 
 
+class Other(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A part of a kind that a plug-in brings; its own fields are in ``plan``."""
+
+    name: str
+    kind: str  # registered in the entry-point group minihuman.activities
+    plan: dict[str, Any] = {}
+
+
 class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Some parts in an order that depends on the participant. Its name stands for them in a list of parts."""
 

@@ -5,13 +5,16 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from minihuman.errors import ProtocolError
 from minihuman.study.activities.drafts import Question
+from minihuman.study.activities.registry import kind_of
 from minihuman.study.forms import FORMS
 from minihuman.study.words import LANGUAGES, flat, of
 
 if TYPE_CHECKING:
     from minihuman.study.protocol import Block, Protocol
 
+_PARTS = ("blocks", "pages", "questions", "activities")
 Complaint = tuple[str, str]  # path, what is wrong and the way out
 
 
@@ -21,6 +24,7 @@ def design_complaints(protocol: "Protocol") -> list[Complaint]:
         *_words(protocol),
         *_names(protocol),
         *_lists(protocol),
+        *_others(protocol),
         *_questions(protocol),
         *_groups(protocol),
         *_overrides(protocol),
@@ -49,15 +53,23 @@ def _words(protocol: "Protocol") -> Iterator[Complaint]:
 
 def _names(protocol: "Protocol") -> Iterator[Complaint]:
     seen: dict[str, str] = {}
-    for field in ("blocks", "pages", "questions", "orders"):
+    for field in ("blocks", "pages", "questions", "activities", "orders"):
         for number, part in enumerate(getattr(protocol, field)):
             if part.name in seen and field != "blocks":
                 yield f"$.{field}[{number}].name", f"is {part.name!r} again ({seen[part.name]}); give each its own name"
             seen.setdefault(part.name, f"$.{field}[{number}]")
 
 
+def _others(protocol: "Protocol") -> Iterator[Complaint]:
+    for number, other in enumerate(protocol.activities):
+        try:
+            kind_of(other.kind).read(other.plan)
+        except (ProtocolError, msgspec.ValidationError) as error:
+            yield f"$.activities[{number}]", f"of kind {other.kind!r}: {error}"
+
+
 def _lists(protocol: "Protocol") -> Iterator[Complaint]:
-    known = {part.name for field in ("blocks", "pages", "questions") for part in getattr(protocol, field)}
+    known = {part.name for field in _PARTS for part in getattr(protocol, field)}
     with_orders = known | {order.name for order in protocol.orders}
     lists = [
         *((f"$.sessions[{n}].parts", day.parts, with_orders) for n, day in enumerate(protocol.sessions)),
@@ -94,7 +106,7 @@ def _lists(protocol: "Protocol") -> Iterator[Complaint]:
 
 
 def _questions(protocol: "Protocol") -> Iterator[Complaint]:
-    parts = {part.name for field in ("blocks", "pages", "questions") for part in getattr(protocol, field)}
+    parts = {part.name for field in _PARTS for part in getattr(protocol, field)}
     for number, asked in enumerate(protocol.questions):
         path = f"$.questions[{number}]"
         if bool(asked.items) == bool(asked.form):

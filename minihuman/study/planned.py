@@ -8,6 +8,7 @@ from minihuman.study.activities.keyboard import KeyboardPlan
 from minihuman.study.activities.pages import PagePlan
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.activities.questions import QuestionsPlan
+from minihuman.study.activities.registry import kind_of
 from minihuman.study.chance import permutation
 from minihuman.study.design import Questionnaire, Text
 from minihuman.study.forms import form
@@ -64,6 +65,8 @@ def planned_parts(
         elif any(block.name == name for block in protocol.blocks):
             yield Part("play", name, _play(protocol, blocks, number, episodes, words, faces))
             number += 1
+        elif (other := next((other for other in protocol.activities if other.name == name), None)) is not None:
+            yield Part(other.kind, name, kind_of(other.kind).read(other.plan))
         elif name == KEYBOARD:
             yield Part("keyboard_check", name, KeyboardPlan(protocol.keys.pool))
         else:

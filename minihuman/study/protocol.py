@@ -16,7 +16,7 @@ from minihuman.study import about as facts
 from minihuman.study import analysis as judged
 from minihuman.study import devices as apparatus
 from minihuman.study.activities.play_plan import Criterion, Points
-from minihuman.study.design import Day, Order, Override, Questionnaire, Text
+from minihuman.study.design import Day, Order, Other, Override, Questionnaire, Text
 from minihuman.study.design_complaints import design_complaints
 from minihuman.study.keys import KEY_NAMES, KEYS_IN_WORDS, RESERVED
 from minihuman.study.mistakes import structural, told
@@ -118,6 +118,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     exclusions: tuple[Exclusion, ...] = ()
     pages: tuple[Text, ...] = ()
     questions: tuple[Questionnaire, ...] = ()
+    activities: tuple[Other, ...] = ()
     orders: tuple[Order, ...] = ()
     sessions: tuple[Day, ...] = ()
     words: dict[str, Any] = {}  # the interface's words in other words, by table as in minihuman/study/words

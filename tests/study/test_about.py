@@ -1,5 +1,7 @@
 """The facts about a study: optional, checked, and named when they cannot be."""
 
+import re
+
 import pytest
 
 from minihuman.errors import ProtocolError
@@ -57,7 +59,7 @@ def test_every_fact_is_read():
         ('"age"', '"participant"', "$.about.participants[0].name is 'participant'; use"),
         ('"hand"', '"age"', "$.about.participants[1].name is 'age' again"),
         ("Age at the session.", "", "$.about.participants[0].meaning is empty"),
-        ('"whole"', '"integer"', "$.about.participants[0].kind: invalid enum value 'integer'"),
+        ('"whole"', '"integer"', "$.about.participants[0].kind is 'integer'"),
         ('["px", "px"]', '["px"]', "$.devices[0].units has 1 for 2 channels"),
         ('["x", "y"]', '["x", "x"]', "$.devices[0].channels names one twice"),
         ('"gaze"', '"Gaze"', "$.devices[0].name is 'Gaze'; use lower-case"),
@@ -68,7 +70,7 @@ def test_what_cannot_be_is_named_with_the_way_out(old, new, message):
     assert old in ABOUT
     with pytest.raises(ProtocolError) as caught:
         decode((DEMO + ABOUT.replace(old, new, 1)).encode(), "demo.toml")
-    assert f"demo.toml: {message}" in str(caught.value)
+    assert re.search(r"demo\.toml:\d+: " + re.escape(message), str(caught.value))
 
 
 def test_check_digits_of_orcids():

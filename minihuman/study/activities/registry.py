@@ -1,9 +1,9 @@
 """The kinds of activity that there are: ours, and those of the entry-point group ``minihuman.activities``."""
 
 from functools import cache
-from importlib.metadata import entry_points
 
 from minihuman.errors import ProtocolError
+from minihuman.plugins import load
 from minihuman.study.activities.keyboard import KEYBOARD_CHECK
 from minihuman.study.activities.pages import PAGE
 from minihuman.study.activities.play import PLAY
@@ -25,16 +25,9 @@ def kind_of(name: str) -> Kind:
     """
     if name in _OURS:
         return _OURS[name]
-    for entry in entry_points(group=GROUP, name=name):
-        kind = entry.load()
-        assert isinstance(kind, Kind), f"{entry.value} is no minihuman.study.activities.port.Kind"
-        return kind
-    raise ProtocolError(f"no activity {name!r} is installed; there are {', '.join(kind_names())}")
-
-
-def kind_names() -> tuple[str, ...]:
-    """Every kind installed."""
-    return tuple(sorted({*_OURS, *(entry.name for entry in entry_points(group=GROUP))}))
+    kind = load(GROUP, name, ProtocolError, what="activity")
+    assert isinstance(kind, Kind), f"{kind!r} is no minihuman.study.activities.port.Kind"
+    return kind
 
 
 def activity_of(number: int, part: Part, stage: Stage) -> Activity:

@@ -1,5 +1,6 @@
 """Single rooms: OneRoom, PickupObjects, PutNext, RoomObjects, CollectHealth."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from minihuman.worlds.first_person.chance import uniform
@@ -8,6 +9,7 @@ from minihuman.worlds.first_person.entities import Ball, Box, Key, Mesh
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
 from minihuman.worlds.first_person.rules import ACTIONS
+from minihuman.worlds.first_person.way.fetching import take_all
 from minihuman.worlds.options import MOST_METRES, number, whole
 
 
@@ -51,6 +53,10 @@ class PickupObjects(FirstPersonEnv):
         self.agent.carrying = None
         self.num_picked_up += 1
         return 1.0, self.num_picked_up == self.num_objs
+
+    def way(self) -> Sequence[int] | None:
+        """Turns and steps from thing to thing, the nearest first, each picked up; empty if none were found."""
+        return take_all(self, lambda: [thing for thing in self.entities if thing is not self.agent]) or ()
 
 
 class PutNext(FirstPersonEnv):

@@ -1,0 +1,81 @@
+"""A kind of activity of somebody else's: one module, a row in the registry, and a protocol can name it."""
+
+import msgspec
+import pytest
+
+from minihuman.errors import ProtocolError
+from minihuman.study.activities import registry
+from minihuman.study.activities.port import Activity, Ended, Kind
+from minihuman.study.events import PartEnded, PartStarted, SessionEnded
+from minihuman.study.inputs import Input, KeyDown
+from minihuman.study.phases import Phase
+from minihuman.study.screens import TextScreen
+from minihuman.study.well_formed import complaints
+from tests.study.sessions import Desk
+from tests.study.studies import plan_of
+
+
+class BellPlan(msgspec.Struct, frozen=True):
+    """How often to ring."""
+
+    rings: int
+
+
+class Bell(Activity):
+    """Wants a key pressed so often."""
+
+    phase = Phase.PAGE
+
+    def begin(self) -> None:
+        self._rung = 0
+
+    def receive(self, happened: Input) -> None:
+        if isinstance(happened, KeyDown):
+            self.stage.say_key(happened, "accepted", self.phase)
+            self._rung += 1
+            if self._rung == self.part.plan.rings:
+                self.ended = Ended()
+
+    def screen(self) -> TextScreen:
+        return TextScreen("Ring", f"{self.part.plan.rings - self._rung} left", "")
+
+
+PARTS = """
+[[activities]]
+name = "ring"
+kind = "bell"
+plan = {{ rings = {rings} }}
+[[pages]]
+name = "after"
+text = "Well."
+"""
+
+
+@pytest.fixture
+def bell(monkeypatch):
+    monkeypatch.setitem(registry._OURS, "bell", Kind("bell", BellPlan, Bell))
+    registry.kind_of.cache_clear()
+    yield
+    registry.kind_of.cache_clear()
+
+
+def test_a_kind_of_ones_own_runs_in_a_session(bell):
+    desk = Desk(plan_of(PARTS.format(rings=3), ["ring", "after"]))
+    assert desk.session.screen.body == "3 left"
+    desk.press("q", "escape", "enter", "q")
+    assert desk.session.screen.body == "1 left"
+    desk.press("q", "enter")
+    assert [event.kind for event in desk.of(PartStarted)] == ["bell", "page"]
+    assert [event.end for event in desk.of(PartEnded)] == ["done", "done"]
+    assert desk.of(SessionEnded)[0].reason == "complete"
+    assert complaints(desk.events) == []
+
+
+def test_a_plan_that_the_kind_cannot_read_is_said(bell):
+    with pytest.raises(ProtocolError, match=r"activities\[0\].*of kind 'bell'.*rings"):
+        plan_of(PARTS.format(rings='"three"'), ["ring", "after"])
+
+
+def test_a_kind_that_nobody_has_is_said():
+    with pytest.raises(ProtocolError, match="activity 'bell' is unknown; it is one of keyboard_check, page"):
+        plan_of(PARTS.format(rings=3), ["ring"])
