@@ -1,5 +1,6 @@
 """A study's state of play as lines: who has been here, how far they came, and what needs a hand."""
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,13 +19,20 @@ def status_lines(study_dir: Path) -> Iterator[str]:
     """
     rows = list(sessions(study_dir))
     yield f"{'participant':12} {'group':16} {'session':>7} {'episodes':>9} {'steps':>7}  state"
+    logs = Counter(_session(row.summary) for row in rows if row.summary)
     for row in rows:
-        yield _line(row)
+        many = logs[_session(row.summary)] if row.summary else 1
+        copied = f", one of {many} logs of this session, of which one counts: {row.path}" if many > 1 else ""
+        yield _line(row) + copied
     played = {row.summary.participant for row in rows if row.summary}
     for slot in read_register(study_dir):
         if slot.participant not in played:
             yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
     yield from _partings(study_dir)
+
+
+def _session(summary: Summary) -> tuple[str, str, int]:
+    return summary.study, summary.participant, summary.session
 
 
 def _partings(study_dir: Path) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """A study at a glance: a row a session, up to date, each log read once, the unreadable ones named."""
 
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from minihuman.errors import LogError
 from minihuman.lab import session_table as study_folder
 from minihuman.lab import summary
 from minihuman.lab.session_table import FILE_NAME, sessions
+from minihuman.lab.status import status_lines
 from minihuman.lab.summary import Summary
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.study.events import SessionEnded
@@ -86,6 +88,16 @@ def test_a_resumed_session_is_one_row(tmp_path: Path) -> None:
         assert row.summary is not None
         assert (row.summary.segments, row.summary.episodes_completed) == (2, 2)
         recorder.close()
+
+
+def test_a_copy_of_a_log_is_said(tmp_path: Path) -> None:
+    log = record(tmp_path, session_plan(), session_events(session_plan()))
+    study = log.parents[2]
+    (study / "backup").mkdir()
+    shutil.copy(log, study / "backup")
+    lines = [line for line in status_lines(study) if line.startswith("sub-07")]
+    assert len(lines) == 2
+    assert all("one of 2 logs of this session, of which one counts: " in line for line in lines)
 
 
 def test_a_log_is_summed_up_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
