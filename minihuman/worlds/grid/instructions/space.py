@@ -25,7 +25,7 @@ from minihuman.worlds.grid.instructions.language import (
     parse,
 )
 from minihuman.worlds.grid.instructions.numbers import sentence_of
-from minihuman.worlds.sentences import Sentences
+from minihuman.worlds.sentences import Sentences, words_in
 
 VERBS: dict[str, type[Clause]] = {"go to": GoTo, "open": Open, "pick up": Pickup, "put": PutNext}
 LONGEST_CLAUSE = PutNext(Thing("ball", "purple", "front"), Thing("ball", "purple", "front"))
@@ -56,7 +56,7 @@ class InstructionSpace(Sentences):
         self.verbs = tuple(verb for verb in VERBS if verb in verbs or not verbs)
         self.places, self.clauses = places, clauses
         longest = str(After(*(And(LONGEST_CLAUSE, LONGEST_CLAUSE),) * 2))
-        super().__init__(VOCABULARY.split(), max_length=len(longest), most_words=len(longest.split()), seed=seed)
+        super().__init__(VOCABULARY.split(), max_length=len(longest), most_words=len(words_in(longest)), seed=seed)
 
     def of(self, row: Row) -> str:
         """The sentence of a state."""
