@@ -21,11 +21,12 @@ PARTS = dict(zip(*[iter(re.split(r"^## (.*)$", TEXT, flags=re.M)[1:])] * 2, stri
 )
 def test_the_code_runs_as_printed(part, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (code,) = re.findall(r"```python\n(.*?)```", PARTS[part], re.S)
+    code = "\n".join(re.findall(r"```python\n(.*?)```", PARTS[part], re.S))
     try:
         exec(compile(code, f"extending.md, {part}", "exec"), {"__name__": "extending"})
     finally:
-        gymnasium.registry.pop("lab/CostlyDoorKey-v0", None)
+        for name in ("lab/CostlyDoorKey-v0", "lab/Foggy-v0"):
+            gymnasium.registry.pop(name, None)
 
 
 def test_the_entry_points_are_groups_that_there_are():

@@ -4,6 +4,7 @@ One dataset a world, ``OUT/<world>``; ``imitation.data.serialize.load`` and ``da
 written a few trajectories at a time, so that a large study takes no more memory than a small one.
 """
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ def export(chosen: ChosenEpisodes, out: Path) -> Written:
     datasets.disable_progress_bars()  # our own command says how far it is
     resimulate = Resimulator()
     writers: dict[str, ArrowWriter] = {}
+    features: dict[str, datasets.Features] = {}
     episodes = steps = 0
     left_out: list[str] = []
     for item in chosen:
@@ -41,14 +43,14 @@ def export(chosen: ChosenEpisodes, out: Path) -> Written:
         name = dataset_name(item)
         trajectory = _trajectory(item, resimulate(item))
         if name not in writers:
-            features = _features(str(trajectory["obs"].dtype))
+            features[name] = _features(str(trajectory["obs"].dtype))
             path = str(out / f"{name}.arrow")
-            writers[name] = ArrowWriter(features=features, path=path, writer_batch_size=_TOGETHER)
+            writers[name] = ArrowWriter(features=features[name], path=path, writer_batch_size=_TOGETHER)
         writers[name].write(trajectory)
         episodes, steps = episodes + 1, steps + len(item.episode.actions)
     for name, writer in writers.items():
         writer.finalize()
-        _settle(out / f"{name}.arrow", out / name)
+        _settle(out / f"{name}.arrow", out / name, features[name])
     return Written(tuple(out / name for name in writers), episodes, steps, tuple(left_out))
 
 
@@ -81,7 +83,21 @@ def _features(number: str) -> datasets.Features:
     )
 
 
-def _settle(written: Path, path: Path) -> None:
-    """Make a folder of the file, which stays on the disk while it is copied."""
-    datasets.Dataset.from_file(str(written)).save_to_disk(str(path))
-    written.unlink()
+def _settle(written: Path, path: Path, features: datasets.Features) -> None:
+    """Make a dataset's folder around the file: as ``save_to_disk`` lays it out, but for copying it through memory."""
+    path.mkdir()
+    data = path / "data-00000-of-00001.arrow"
+    written.rename(data)
+    with data.open("rb") as file:
+        fingerprint = hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    datasets.DatasetInfo(features=features).write_to_directory(str(path))
+    state: dict[str, Any] = {
+        "_data_files": [{"filename": data.name}],
+        "_fingerprint": fingerprint,
+        "_format_columns": None,
+        "_format_kwargs": {},
+        "_format_type": None,
+        "_output_all_columns": False,
+        "_split": None,
+    }
+    (path / "state.json").write_text(json.dumps(state, indent=2, sort_keys=True))

@@ -1,6 +1,8 @@
 """Whatever a session holds, every format writes it or says one line: no traceback, nothing half-written."""
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import gymnasium
@@ -14,6 +16,7 @@ from minihuman.export.port import exporters
 from minihuman.export.run import export
 from minihuman.worlds.grid.items import door, goal, key
 from minihuman.worlds.grid.world import GridWorld
+from tests.copied import as_another
 from tests.export.study import recorded
 
 pytestmark = pytest.mark.program
@@ -21,6 +24,15 @@ pytestmark = pytest.mark.program
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 CASES = ["no-episode", "no-step", "resumed", "real-time", "cut-off", "recovered", "foreign"]
 NEED_STEPS = ("minari", "lerobot", "imitation")
+HIGHEST = """
+import sys
+from pathlib import Path
+import pyarrow
+from minihuman.data.selection import Selection
+from minihuman.export.run import export
+export("imitation", Path(sys.argv[1]), Path(sys.argv[2]), Selection())
+print(pyarrow.default_memory_pool().max_memory())
+"""
 PROTOCOL = """
 [study]
 name = "{name}"
@@ -135,3 +147,17 @@ def test_what_a_format_cannot_hold_is_in_the_card(studies, tmp_path):
     written, _ = export("imitation", folder, tmp_path / "out", UNFINISHED_TOO)
     assert written.episodes == 4
     assert "sub-01 session 1 episode 1 has no step" in (tmp_path / "out/README.md").read_text()
+
+
+def test_imitation_takes_no_more_memory_for_many_sessions(tmp_path):
+    """What Arrow holds at its highest, in a fresh process each: trajectories are written as they come."""
+    study = recorded(tmp_path, participants=1)
+    [log] = study.rglob("*.mcap")
+    highest = []
+    for sessions in (8, 32):
+        folder = tmp_path / f"of-{sessions}"
+        for number in range(sessions):
+            as_another(log, f"sub-{number:02}", folder)
+        command = [sys.executable, "-c", HIGHEST, str(folder), str(tmp_path / f"out-{sessions}")]
+        highest.append(int(subprocess.run(command, capture_output=True, text=True, check=True).stdout))
+    assert highest[1] < 1.2 * highest[0]

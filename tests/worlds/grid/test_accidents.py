@@ -102,7 +102,7 @@ def test_the_default_size_of_memory():
     theirs = MemoryEnv()
     with pytest.raises(AssertionError):
         theirs.reset(seed=0)
-    with pytest.raises(WorldError, match="the size is odd"):
+    with pytest.raises(WorldError, match="size is 8; it is an odd number"):
         GridEnv("memory")
 
 
@@ -115,8 +115,10 @@ def test_no_free_cell_left_to_place_something():
     assert inspect.signature(theirs.place_obj).parameters["max_tries"].default == math.inf  # it would never return
     with pytest.raises(RecursionError):
         theirs.place_obj(Ball(), max_tries=1000)
-    with pytest.raises(WorldError, match="no free place"):
-        GridEnv("fetch", size=3, numObjs=2).reset(seed=0)
+    with pytest.raises(
+        WorldError, match="numObjs is 4; it is a whole number, 1 to 3"
+    ):  # and the agent takes the fourth
+        GridEnv("fetch", size=4, numObjs=4)
 
 
 def both(name, seed=0, **options):

@@ -18,6 +18,7 @@ from minihuman.worlds.grid.instructions.block import (
     CLAUSES,
     FLAGS,
     GO_TO,
+    HANDED,
     IN_ORDER_STRICTLY,
     JOIN,
     LEFT,
@@ -122,9 +123,10 @@ def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
 
 def _said(row: Row) -> bytes:
     """What decides the sentence: the block without what has been satisfied so far."""
-    numbers = block(row)
-    said = numbers[CLAUSES:].reshape(-1, CLAUSE)[:, [VERB, STRICT, *range(THING, CLAUSE)]]
-    return np.concatenate([numbers[[JOIN, LEFT, RIGHT, FLAGS]], said.ravel()]).astype(np.int32).tobytes()
+    said = block(row).copy()
+    said[HANDED:CLAUSES] = 0
+    said[CLAUSES:].reshape(-1, CLAUSE)[:, STATUS:THING] = 0
+    return said.tobytes()
 
 
 @lru_cache(maxsize=4096)
@@ -134,9 +136,9 @@ def _sentence(said: bytes) -> str:
 
 @lru_cache(maxsize=1024)
 def _read(said: bytes) -> Instruction:
-    head, rows = np.split(np.frombuffer(said, np.int32), [4])
-    join, left, right, flags = head.tolist()
-    lines = rows.reshape(-1, 2 + CLAUSE - THING).tolist()
+    numbers = np.frombuffer(said, np.int32)
+    join, left, right, flags = numbers[[JOIN, LEFT, RIGHT, FLAGS]].tolist()
+    lines = numbers[CLAUSES:].reshape(-1, CLAUSE).tolist()
     first = _part(lines[:left])
     if join == ALONE:
         return first
@@ -151,10 +153,10 @@ def _part(lines: list[list[int]]) -> Part:
 
 
 def _clause(line: list[int]) -> Clause:
-    verb, strict = line[:2]
-    thing = _thing(line[2:6])
+    verb, strict = line[VERB], line[STRICT]
+    thing = _thing(line[THING:OTHER])
     if verb == PUT_NEXT:
-        return PutNext(thing, _thing(line[6:10]), bool(strict))
+        return PutNext(thing, _thing(line[OTHER:CLAUSE]), bool(strict))
     if verb == GO_TO:
         return GoTo(thing)
     return Open(thing, bool(strict)) if verb == OPEN else Pickup(thing, bool(strict))

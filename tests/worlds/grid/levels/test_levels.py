@@ -22,6 +22,7 @@ from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.levels.catalogue import ENTRIES
 from minihuman.worlds.grid.levels.level import level
 from minihuman.worlds.grid.levels.table import LEVELS
+from minihuman.worlds.grid.tokens import Tokens
 from minihuman.worlds.grid.wrappers import FullyObserved, OneHot, Pictures, ViewSize
 from tests.counts import count
 
@@ -190,6 +191,16 @@ def test_a_level_from_inside():
         inside, plain = env.step(action), grid.step(action)
         assert inside[1:4] == plain[1:4]
     assert inside[0].ndim == 3 if isinstance(inside[0], np.ndarray) else inside[0]["mission"] == plain[0]["mission"]
+
+
+def test_missions_are_tokens_of_babyais_words():
+    env = Tokens(gymnasium.make("minihuman/BabyAI-BossLevel-v0"))
+    assert len(env.words) == 33
+    for seed in range(20):
+        observation, _ = env.reset(seed=seed)
+        assert observation in env.observation_space
+        said = [env.words[token - 1] for token in observation["mission"] if token]
+        assert " ".join(said).replace(" ,", ",") == env.unwrapped.mission
 
 
 def test_done_has_to_be_said_where_it_is_required():

@@ -1,0 +1,78 @@
+"""From nothing to a study that runs: new, check, run; and the schema that editors go by."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from minihuman.study.schema import json_schema
+from tests.seats.session_typist import enter_at, until
+from tests.xserver import Typist
+
+pytestmark = pytest.mark.program
+PROTOCOLS = Path(__file__).parents[2] / "protocols"
+
+
+def minihuman(*words: object, **more: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "minihuman", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, **more)
+
+
+def test_two_commands_lead_from_nothing_to_the_first_picture(tmp_path: Path, display: str) -> None:
+    assert minihuman("new", tmp_path, "--yes", "--name", "My First Study").returncode == 0
+    protocol = tmp_path / "my-first-study.toml"
+    said = minihuman("check", protocol)
+    assert said.returncode == 0, said.stderr
+    assert "MiniGrid-FourRooms-v0" in said.stdout
+    command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", str(tmp_path), "--windowed"]
+    with subprocess.Popen(command, env={"DISPLAY": display}, stdout=subprocess.PIPE, text=True) as station:
+        typist = Typist(display)
+        typist.focus("minihuman")
+        enter_at(typist, tmp_path, "page", "consent")
+        until(tmp_path, "keyboard_check")
+        typist.tap(*"123456789")
+        enter_at(typist, tmp_path, "instructions", "page")
+        enter_at(typist, tmp_path, "ready")
+        until(tmp_path, "playing")
+        typist.ask_to_close("minihuman")
+        told, _ = station.communicate(timeout=60)
+        typist.close()
+    assert "ended by window_closed after 0 of 5 episodes" in told
+    assert "goes on with: minihuman run" in told
+    assert "--participant sub-01" in told
+
+
+def test_nothing_is_written_over(tmp_path: Path) -> None:
+    assert minihuman("new", tmp_path, "--yes").returncode == 0
+    again = minihuman("new", tmp_path, "--yes")
+    assert (again.returncode, again.stderr.count("\n")) == (2, 1)
+    assert "already exists; choose another --name" in again.stderr
+
+
+def test_questions_are_asked_and_their_answers_taken(tmp_path: Path) -> None:
+    answers = "Maze of Lab 3\nminihuman/MiniWorld-Maze-v0\n2\n12\ny\n"
+    assert minihuman("new", tmp_path, input=answers).returncode == 0
+    tree = tomllib.loads((tmp_path / "maze-of-lab-3.toml").read_text())
+    assert tree["study"]["participants"] == 12
+    (block,) = tree["blocks"]
+    assert (block["world"], block["episodes"], block["key_map"]) == ("minihuman/MiniWorld-Maze-v0", 2, "shown")
+
+
+def test_the_schema_takes_the_shipped_protocols_and_no_misspelt_field() -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads(minihuman("schema").stdout)
+    assert schema == json.loads(json.dumps(json_schema()))
+    for path in sorted(PROTOCOLS.glob("*.toml")):
+        jsonschema.validate(tomllib.loads(path.read_text()), schema)
+    tree = tomllib.loads((PROTOCOLS / "demo.toml").read_text())
+    tree["blocks"][0]["episods"] = 3
+    with pytest.raises(jsonschema.ValidationError, match="episods"):
+        jsonschema.validate(tree, schema)
+
+
+def test_it_says_its_version_and_helps_at_h() -> None:
+    assert minihuman("--version").stdout.startswith("minihuman 0.")
+    assert "watch" in minihuman("-h").stdout
