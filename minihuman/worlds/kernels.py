@@ -36,7 +36,8 @@ MOST_KEPT_BYTES = 512 * 1024**2  # when there is more, what was not used for lon
 F = TypeVar("F", bound=Callable[..., Any])
 
 # A division by zero is infinite, as in NumPy: nothing is made to raise it. C calls no kernel.
-_KERNEL: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_KERNEL: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_LEAN: dict[str, Any] = {"_nrt": False, "nogil": True}
 
 
 def kernel(signature: str | None = None, *, lean: bool = False, **variables: Any) -> Callable[[F], F]:
@@ -44,10 +45,10 @@ def kernel(signature: str | None = None, *, lean: bool = False, **variables: Any
 
     Args:
         signature: Numba's words for arguments and result; without one, what it is first called with.
-        lean: It makes no arrays, so it need not count who holds those it is given: small ones are much faster.
+        lean: It makes no arrays, so it need not count who holds those it is given; other threads run meanwhile.
         variables: Numba's types of variables whose first value says too little.
     """
-    return _compiled(signature, {"_nrt": False} if lean else {}, variables)
+    return _compiled(signature, _LEAN if lean else {}, variables)
 
 
 def part(
@@ -58,7 +59,7 @@ def part(
     Python must not call a part: there is nothing there, and the process ends. What a layout written in Python may
     call is a kernel. ``into_caller`` copies the machine code to where it is called, in every case.
     """
-    options = {"no_cpython_wrapper": True, "forceinline": into_caller} | ({"_nrt": False} if lean else {})
+    options = {"no_cpython_wrapper": True, "forceinline": into_caller} | (_LEAN if lean else {})
     return _compiled(signature, options, variables)
 
 

@@ -20,6 +20,8 @@ INPUTS = {  # what a person or device did is in no other place of a log; docs/pr
     "metadata minihuman.end late_writes",
     "metadata minihuman.end longest_wait_ms",
     "metadata minihuman.end and one more",
+    "/page submit_ns",
+    "/page flip_ns",
     "/map/image data",  # a byte behind the picture, which shows the same
 }
 

@@ -178,14 +178,20 @@ def draw_cells(
 def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
     """Copy a tile into a picture, to a column and row of cells."""
     height, width = tiles.shape[2], tiles.shape[3]
+    left = column * width
+    if width < RUN:
+        for v in range(height):
+            for word in range(width):
+                words[row * height + v, left + word] = tiles[lit, tile, v, word]
+        return
     whole = width - width % RUN
     for v in range(height):
-        line, start = row * height + v, column * width
+        line = row * height + v
         for run in range(0, whole, RUN):
             for word in range(RUN):  # a number of turns that is known becomes one move or two
-                words[line, start + run + word] = tiles[lit, tile, v, run + word]
+                words[line, left + run + word] = tiles[lit, tile, v, run + word]
         for word in range(whole, width):
-            words[line, start + word] = tiles[lit, tile, v, word]
+            words[line, left + word] = tiles[lit, tile, v, word]
 
 
 @inlined

@@ -96,9 +96,12 @@ def put(row: Row, x: int, y: int, code: int) -> None:
 
     Outside the grid nothing is laid, and the row is marked FAILED.
     """
-    lift(row, x, y)
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
+        row[FAILED] = 1
         return
+    identity = identity_of(row[HEADER + x * row[HEIGHT] + y])
+    if identity > 0:
+        row[_place_of(row, identity)] = NOWHERE
     row[HEADER + x * row[HEIGHT] + y] = code
     identity = identity_of(code)
     if identity > 0:
