@@ -19,7 +19,7 @@ import numpy as np
 
 import minihuman  # noqa: F401
 
-LEVELS = ("PutNextLocal-v0", "GoTo-v0", "Unlock-v0", "BossLevel-v0")
+LEVELS = ("GoTo-v0", "Unlock-v0", "BossLevel-v0", "PutNextLocal-v0")
 ROUNDS = 5
 N = 64
 

@@ -7,6 +7,7 @@ import queue
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from typing import Any
 
 from minihuman.worlds.catalogue import ENTRIES
@@ -123,7 +124,7 @@ class Trials:
             return "no end"
         if said is None:
             code = self._process.wait()
-            self._process = None
+            self._stop()
             return f"signal {-code}" if code < 0 else f"exit {code}"
         return said
 
@@ -146,6 +147,10 @@ class Trials:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
+            for pipe in (self._process.stdin, self._process.stdout):
+                assert pipe is not None
+                with suppress(BrokenPipeError):
+                    pipe.close()
             self._process = None
 
 
