@@ -5,16 +5,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from minihuman.data import store
 from minihuman.data.chosen import ChosenEpisodes
 from minihuman.data.selection import Selection
 from minihuman.data.study import Sessions
 from minihuman.export.port import Exporter, Written, find_exporter
+from minihuman.lab import session_table
 from minihuman.seats.simulate import simulate
 from minihuman.testing.kept import promise
 from minihuman.testing.player import WORLD
 from minihuman.testing.session import short_study
 
 PARTICIPANTS, EPISODES = 2, 2
+_CACHES = (session_table.FILE_NAME, store.FILE_NAME)
 
 
 def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[str, Any] | None = None) -> None:
@@ -64,9 +67,9 @@ def _look_at(written: Written, out: Path, episodes: int, steps: int) -> None:
 
 
 def _files(folder: Path) -> dict[str, str]:
-    """Every file but the cache, with its hash."""
+    """Every file but the caches, with its hash."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and not path.name.startswith("sessions.sqlite")
+        if path.is_file() and not path.name.startswith(_CACHES)
     }
