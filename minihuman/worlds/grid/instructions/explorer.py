@@ -6,7 +6,7 @@ doors whose key it knows, past things in the way, into boxes.
 
 import numpy as np
 
-from minihuman.worlds.grid.core.cells import BOX, DOOR, LOCKED
+from minihuman.worlds.grid.core.cells import BOX, CLOSED, DOOR, LOCKED, in_state
 from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.search import FAR
 from minihuman.worlds.grid.core.state import CARRYING, HEIGHT, MAX_STEPS, PHASE, PLAYING, STEP, TASK, WIDTH, Row, State
@@ -26,6 +26,7 @@ from minihuman.worlds.grid.instructions.block import (
     SATISFIED,
     SAY_DONE,
     STATUS,
+    STRICT,
     VERB,
     instructed_length,
 )
@@ -105,7 +106,7 @@ class Explorer:
         return found
 
     def _look_for_more(self, known: Row) -> list[int]:
-        nearest = self.memory.frontier(known)
+        nearest = self.memory.frontier(_doors_left_alone(known) if _strict(known) else known)
         if nearest is not None:
             return nearest[0]
         return self._unlocking(known) or self._clearing(known) or self._opening_boxes(known)
@@ -148,6 +149,21 @@ class Explorer:
             if actions is not None and not means(known)[identity - 1]:
                 found.append([*actions[:-1], TOGGLE])
         return min(found, key=len, default=[])
+
+
+def _strict(row: Row) -> bool:
+    """Whether a clause that is to be done now fails where something else is done."""
+    lines = block(row)[CLAUSES:].reshape(-1, CLAUSE) if row[TASK] == INSTRUCTED else ()
+    return any(bool(lines[clause][STRICT]) for clause in active(row)) if len(lines) else False
+
+
+def _doors_left_alone(known: Row) -> Row:
+    """The state with every closed door as good as locked."""
+    alone = known.copy()
+    state = State(alone)
+    for x, y in np.argwhere((state.kinds == DOOR) & ((state.cells >> 7 & 3) == CLOSED)).tolist():
+        state.cells[x, y] = in_state(int(state.cells[x, y]), LOCKED)
+    return alone
 
 
 def active(row: Row) -> tuple[int, ...]:
