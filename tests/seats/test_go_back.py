@@ -34,7 +34,7 @@ def test_a_world_on_display_goes_back_in_mid_episode_and_plays_and_looks_the_sam
         return way
 
     with closing(world), closing(HostedWindow("pygame", display, size_px=(320, 240))) as window:
-        world.reset(7)
+        world.reset(8)  # the goal is far from here in both
         play(window)
         saved, here = world.save(), world.state_hash()
         first = play(window)
