@@ -110,7 +110,7 @@ MISTAKES = [
      ["block 'h'", "'fly'", "its actions are left, right, forward"]),
     ('actions = ["left", "right", "forward"]\nmax_steps = 20', 'actions = ["left", "left"]\nmax_steps = 20', 37,
      ["block 'h'", "'left' twice", "name each once"]),
-    ('minihuman/MiniGrid-Empty-5x5-v0', 'MiniGrid-GoToObj-Transfer-v0', 35, ["'minihuman/MiniGrid-GoToObj-Transfer-v0'"]),
+    ('minihuman/MiniGrid-Empty-5x5-v0', 'MiniGrid-GoToObj-Transfer-v0', 35, ["'minihuman/MiniGrid-GoToObj-Tr"]),
     ('minihuman/MiniGrid-Empty-5x5-v0', 'minihuman/MiniGrid-Emty-5x5-v0', 35, ["did you mean 'minihuman/MiniGrid-Emp"]),
     ('minihuman/MiniGrid-Empty-5x5-v0', 'nowhere:lab/Maze-v0', 35, ["block 'h'", "nowhere", "install"]),
     ('max_steps = 20', 'max_steps = 2000', 38, ["block 'h'", "is 2000", "ask for 100 or fewer"]),
