@@ -10,7 +10,8 @@ from minihuman.worlds.grid.core.tasks import FORWARD, LEFT, RIGHT, TOGGLE
 from minihuman.worlds.grid.instructions.belief import believe, prospects, remember, walk
 
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
-WORTH = 0.3  # actions that seeing one more cell is worth
+WORTH = 0.3  # actions that seeing one more cell is worth; this and the next two were fitted on the levels
+SMALL = 250  # cells of a grid where a sixteenth of them is enough
 ENOUGH = 30  # cells; more at once are worth no more
 
 
@@ -25,6 +26,8 @@ class Memory:
     def __init__(self, row: Row, view_size: int = 7) -> None:
         state = State(row)
         self.seen = np.zeros(state.width * state.height, np.bool_)  # by cell, x * height + y
+        cells = len(self.seen)
+        self._enough = ENOUGH if cells >= SMALL else max(8, cells // 16)
         self._image = np.zeros((view_size, view_size, 3), np.uint8)
         self.look(row)
 
@@ -48,7 +51,7 @@ class Memory:
         gains = prospects(known, self.seen, steps, self._image)
         opening = _faces_closed(State(known))
         possible = (gains > 0) & (steps < FAR) & ((steps > 0) | opening)
-        worth = np.where(possible, steps - WORTH * np.minimum(gains, ENOUGH), np.inf)
+        worth = np.where(possible, steps - WORTH * np.minimum(gains, self._enough), np.inf)
         worth[opening] += 1
         best = np.unravel_index(int(np.argmin(worth)), worth.shape)
         if not np.isfinite(worth[best]):
