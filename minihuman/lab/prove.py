@@ -18,6 +18,7 @@ from minihuman.lab.prove_messages import MessageProof
 from minihuman.lab.register import sealed_heads
 from minihuman.log import segment_head, topics
 from minihuman.log.chain import HEAD, OURS, Chain
+from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.read.chunk import LogMessage, Messages
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.live_file import attachments, segment_facts
@@ -157,7 +158,9 @@ def _read(path: Path) -> _Found:
                 segment.last_ns = max(segment.last_ns, record.log_time)
                 if not segment.provable:
                     continue
-                proof = proof or MessageProof(int(segment.facts["started_unix_ns"]), decode)
+                proof = proof or MessageProof(
+                    int(segment.facts["started_unix_ns"]), decode, live=path.name.endswith(PART_SUFFIX)
+                )
                 if record.channel.topic == topics.PLAN:
                     found.plans.append(record.data)
                 event, wrong = proof.check(record)

@@ -1,5 +1,6 @@
 """Whatever is changed in a log is noticed: by its chain always, and nearly always by what else is in it."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,20 @@ def test_a_log_that_is_written_anew_as_it_was_is_proven(log: Path, tmp_path: Pat
     for chained in (False, True):
         same = rewritten(log, tmp_path / log.name, lambda _: None, chained=chained)
         assert _said(same) == []
+
+
+def test_a_log_is_proven_while_it_is_live(tmp_path: Path) -> None:
+    """Nothing is repeated for viewers in it yet, and nobody misses that."""
+    data, copy = tmp_path / "data", tmp_path / "copy"
+
+    def keep(_fd: int) -> None:
+        for part in data.rglob("*.mcap.part"):
+            copy.mkdir(exist_ok=True)
+            shutil.copy(part, copy / part.name)
+
+    play(data, study(episodes=2, steps=12), sync=keep)
+    (part,) = copy.iterdir()
+    assert _said(part) == []
 
 
 @pytest.mark.long
