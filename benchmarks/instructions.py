@@ -1,10 +1,11 @@
 """Steps and resets per CPU-second of levels with instructions, ours and Minigrid's, in one process, taking turns.
 
-    python -m benchmarks.instructions
+    python -m benchmarks.instructions [--short]
 
 Steps are of random play without resets; resets go on with the random stream. Each ratio is the median over rounds.
 """
 
+import argparse
 import contextlib
 import io
 import statistics
@@ -71,10 +72,13 @@ def batched(batch: Any, steps: int) -> Callable[[], float]:
 
 def main() -> None:
     """Print a table of ratios, and of what they are ratios of."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--short", action="store_true", help="one level, one round: shows only that it runs")
+    short = parser.parse_args().short
     warnings.simplefilter("ignore")
     print("| level | steps | resets | batch of 64, resets included | Minigrid: steps/s, resets/s, both |")
     print("|---|---|---|---|---|")
-    for name in LEVELS:
+    for name in LEVELS[:1] if short else LEVELS:
         ours, theirs = gymnasium.make(f"minihuman/BabyAI-{name}"), gymnasium.make(f"BabyAI-{name}").unwrapped
         batch = gymnasium.make_vec(
             f"minihuman/BabyAI-{name}", num_envs=N, vectorization_mode="vector_entry_point", autoreset_mode="SameStep"
@@ -89,7 +93,7 @@ def main() -> None:
         with contextlib.redirect_stdout(io.StringIO()):  # Minigrid prints every layout that it rejects
             for one, other in pairs:
                 one(), other()
-                rounds = [(one(), other()) for _ in range(ROUNDS)]
+                rounds = [(one(), other()) for _ in range(1 if short else ROUNDS)]
                 ratios.append(statistics.median(a / b for a, b in rounds))
                 rates.append(statistics.median(b for _, b in rounds))
         told = [*(f"{ratio:.0f}" for ratio in ratios), ", ".join(f"{rate:.0f}" for rate in rates)]

@@ -80,7 +80,7 @@ def compare(folder: Path, studies: dict[int, Path], against: Path | None) -> Non
                 shutil.rmtree(out, ignore_errors=True)
                 spent, mib = run(against, *command(study, out))
                 said.append(f"{against.name}: {spent:.1f} s {mib:.0f} MiB, {spent / times[1][0]:.1f} times the second")
-            print(f"{name:15} {sessions:6} sessions: {', again '.join(said[:2])}; {'; '.join(said[2:])}", flush=True)
+            print(f"{name:15} {sessions:6} sessions: {'; '.join([', again '.join(said[:2]), *said[2:]])}", flush=True)
 
 
 def main() -> None:
@@ -95,7 +95,7 @@ def main() -> None:
         how = ("--participants", DIFFERENT, "--data", folder / "played")
         run(asked.against or HERE, "simulate", protocol, *how)
         played = sorted((folder / "played").rglob("*.mcap"))
-        sizes = sorted({FIGURES, asked.sessions // 10, asked.sessions})
+        sizes = sorted({FIGURES, asked.sessions // 10, asked.sessions} - {0})
         studies = {size: make(folder / str(size) / "fourrooms-transfer", played, size) for size in sizes}
         compare(folder, studies, asked.against)
 
