@@ -21,6 +21,7 @@ from minihuman.study.session import Session
 from minihuman.windows.compose import compose
 from minihuman.windows.scripted import VirtualClock
 from minihuman.worlds.adapt.world import World
+from tests.typefaces import need_faces
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 ENGLISH = {word.lower() for text in words.of("en").values() for word in re.findall(r"[A-Za-z]{3,}", text)}
@@ -148,6 +149,7 @@ def test_every_screen_of_a_chinese_study_can_be_drawn():
 
 
 def test_the_study_over_two_days_can_be_read():
+    need_faces("zh")
     assert list(study_unreadable(read_protocol(PROTOCOLS / "two-days.toml"))) == []
 
 

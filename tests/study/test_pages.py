@@ -17,6 +17,7 @@ from minihuman.windows.compose import compose, spot_at
 from tests.counts import count
 from tests.study.sessions import Desk
 from tests.study.studies import CORRIDOR, plan_of
+from tests.typefaces import need_faces
 
 LENGTHS = (10, 100, 700, 5000)
 CONSENT = '[[pages]]\nname = "consent"\nagree = true\ntext = """{text}"""\n'
@@ -37,6 +38,7 @@ def inked(text: str) -> str:
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("length", LENGTHS[: count(3, 4)])
 def test_every_character_is_on_some_page_and_has_a_face(language, length):
+    need_faces(language)
     text, faces = text_of(language, length), faces_for(language)
     found = pages(text, faces)
     assert inked("".join(found)) == inked(text)

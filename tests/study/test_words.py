@@ -9,6 +9,7 @@ from minihuman.study import words
 from minihuman.study.forms import FORMS, form
 from minihuman.study.words import LANGUAGES, Words
 from minihuman.typeset.faces import faces_for
+from tests.typefaces import need_faces
 
 ENGLISH = words.of("en")
 OTHERS = [language for language in LANGUAGES if language != "en"]
@@ -36,6 +37,7 @@ def test_no_word_was_left_in_english(language):
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_every_character_of_a_language_has_a_face(language):
+    need_faces(language)
     assert faces_for(language).missing("".join(words.of(language).values())) == ""
 
 
@@ -49,6 +51,7 @@ def test_a_language_with_another_script_has_no_latin_word_but_names_of_keys(lang
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("name", FORMS)
 def test_a_form_is_there_in_every_language(name, language):
+    need_faces(language)
     english, its = form(name, "en"), form(name, language)
     assert [item.name for item in its.items] == [item.name for item in english.items]
     for item, other in zip(its.items, english.items, strict=True):
