@@ -7,7 +7,7 @@ from importlib.metadata import version
 from minihuman.data.quality import Outline, Quality
 from minihuman.study.plan import EpisodePlan
 
-_STATISTICS = ("pandas", "scipy", "statsmodels")
+_STATISTICS = ("pandas", "scipy")
 _KEY_MAPS = {
     False: "which key did what had to be found out",
     True: "the keys and what they do were on the screen",

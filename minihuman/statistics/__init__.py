@@ -1,1 +1,1 @@
-"""Statistics over participants or runs: pure numbers in and out, from scipy and statsmodels."""
+"""Statistics over participants or runs: pure numbers in and out, from scipy."""
