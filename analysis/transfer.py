@@ -12,6 +12,7 @@ from pathlib import Path
 
 from minihuman.learn.transfer.folder import open_folder, read_merged
 from minihuman.learn.transfer.job import RESULT
+from minihuman.learn.transfer.published import beside_of
 from minihuman.learn.transfer.summary import Run, write_report
 
 
@@ -25,7 +26,11 @@ def main(folders: list[Path], shipped: Path) -> None:
             (shipped / job.name).mkdir(parents=True, exist_ok=True)
             shutil.copyfile(found / job.name / RESULT, shipped / job.name / RESULT)
     command = "python analysis/transfer.py"
-    print(write_report(study, results, shipped, Run(command=command, engine="", wall_s=0.0)))
+    print(
+        write_report(
+            study, results, shipped, Run(command=command, engine="", wall_s=0.0), beside=beside_of(study, None)
+        )
+    )
 
 
 if __name__ == "__main__":

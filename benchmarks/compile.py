@@ -1,9 +1,10 @@
-"""What compiling costs the first time: seconds and CPU-seconds of each part, with nothing in the cache and again after.
+"""What a first start costs: seconds and CPU-seconds of each part, with nothing in the cache and again after.
 
     python -m benchmarks.compile [--kernels N] [PART ...]
 
 Each part runs in fresh processes with a cache folder of its own; a second process that a part starts is counted with
-it. ``--kernels`` lists the N functions that took longest, without what they call in turn.
+it. Where a platform's wheel is installed, "cold" is what its machine code makes of it. ``--kernels`` lists the N
+functions that took longest to compile, without what they call in turn.
 """
 
 import argparse
@@ -30,6 +31,24 @@ world = World("minihuman/{}-FourRooms-v0")
 world.reset(0)
 world.way()
 """
+COMMAND = """
+import sys
+sys.argv[1:] = "{}".split()
+from minihuman.cli import main
+main()
+"""
+PICTURE = """
+from msgspec.structs import replace
+from minihuman.lab.protocol_file import read_protocol
+from minihuman.lab.shipped import shipped_protocol
+from minihuman.seats.warm_up import shared, warm_up
+study = read_protocol(shipped_protocol("demo"))
+first, *others = study.blocks
+with shared([first], others, plans=True) as companion:
+    warm_up(replace(study, blocks=(first,)), companion=companion)
+"""
+DEMO = "protocols/demo.toml"
+SESSIONS = 10  # of the demo's study, which are plotted and reported
 PARTS = {
     # as `minihuman run` and `minihuman demo` do it
     "grid": STUDY.format("MiniGrid"),
@@ -37,7 +56,17 @@ PARTS = {
     "session": STUDY.format(""),  # both
     "grid, planned": PLAN.format("MiniGrid"),
     "first person, planned": PLAN.format("MiniWorld"),
+    "demo's first picture": PICTURE,  # what comes before its window opens
+    "demo": COMMAND.format("demo --data {folder}/demo"),  # without a display: played, proved and drawn
+    "help": COMMAND.format("--help"),
+    "plot": COMMAND.format("plot {log} --out {folder}/figures"),
+    "report": COMMAND.format("report {sessions} --out {folder}/report"),
 }
+PEAK = """
+import atexit, pathlib, resource
+peak = pathlib.Path("{}")
+atexit.register(lambda: peak.write_text(str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)))
+"""
 LISTEN = """
 import atexit, time
 from numba.core import event
@@ -70,29 +99,42 @@ def main() -> None:
     parser.add_argument("--kernels", type=int, default=0, metavar="N")
     asked = parser.parse_args()
     print(f"Python {platform.python_version()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
-    print(f"{'':22} {'cold: s':>8} {'CPU s':>7} {'again: s':>9} {'CPU s':>7}")
-    for part in asked.parts or PARTS:
-        with tempfile.TemporaryDirectory() as cache:
+    print(f"{'':22} {'cold: s':>8} {'CPU s':>7} {'again: s':>9} {'CPU s':>7} {'MB':>6}")
+    with tempfile.TemporaryDirectory() as scratch:
+        parts = asked.parts or list(PARTS)
+        told = {"folder": scratch, "sessions": "", "log": ""}
+        if {"plot", "report"} & set(parts):
+            played = Path(scratch, "played")
+            run(COMMAND.format(f"simulate {DEMO} --participants {SESSIONS} --data {played}"), Path(scratch, "cache"))
+            told |= {"sessions": str(played / "demo"), "log": str(next(played.rglob("*.mcap")))}
+        for number, part in enumerate(parts):
+            code = PARTS[part]
+            for name, value in told.items():
+                code = code.replace(f"{{{name}}}", value)
+            cache, peak = Path(scratch, f"cache-{number}"), Path(scratch, "peak")
             listen = LISTEN.format(count=asked.kernels) if asked.kernels else ""
-            cold, cold_cpu, slowest = run(listen + PARTS[part], Path(cache))
-            again, again_cpu, _ = run(PARTS[part], Path(cache))
-        print(f"{part:22} {cold:8.1f} {cold_cpu:7.1f} {again:9.1f} {again_cpu:7.1f}\n{slowest}", end="", flush=True)
+            cold, cold_cpu, slowest = run(listen + code, cache)
+            again, again_cpu, _ = run(PEAK.format(peak) + code, cache)
+            times = f"{cold:8.1f} {cold_cpu:7.1f} {again:9.1f} {again_cpu:7.1f} {int(peak.read_text()):6}"
+            print(f"{part:22} {times}\n{slowest if asked.kernels else ''}", end="", flush=True)
 
 
 def run(code: str, cache: Path) -> tuple[float, float, str]:
     """Seconds, CPU-seconds with those of its own processes, and what it printed."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    printed = subprocess.run(
+    ran = subprocess.run(
         [sys.executable, "-c", code],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
+        env={name: value for name, value in os.environ.items() if "DISPLAY" not in name}
+        | {"NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
         text=True,
-        check=True,
-    ).stdout
+        check=False,
+    )
+    if ran.returncode != 0:
+        sys.exit(f"{ran.stderr}\n{code}\nfailed")
     seconds, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return seconds, cpu, printed
+    return seconds, cpu, ran.stdout
 
 
 if __name__ == "__main__":

@@ -155,10 +155,10 @@ def main() -> None:
         make = lambda name=name: gymnasium.make(f"minihuman/MiniGrid-{name}")  # noqa: E731
         theirs = gymnasium.make(f"MiniGrid-{name}")
         compare(
-            f"{name}, one world", stepping(make(), 10_000 // share), stepping(theirs, 400 // share), 20, rounds=rounds
+            f"{name}, one world", stepping(make(), 10_000 // share), stepping(theirs, 400 // share), 80, rounds=rounds
         )
         compare(
-            f"{name}, batch of {N}", batched(name, 400 // share), stepping(theirs, 400 // share), 300, rounds=rounds
+            f"{name}, batch of {N}", batched(name, 400 // share), stepping(theirs, 400 // share), 350, rounds=rounds
         )
         compare(
             f"{name}, reset",

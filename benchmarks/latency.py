@@ -1,7 +1,7 @@
 """From a key to changed pixels, and how late keys are stamped, in a real session in a real window.
 
     python -m benchmarks.latency [--keys 100] [--window pygame] [--world minihuman/MiniWorld-FourRooms-v0]
-                                 [--size 1920x1080] [--as-of CHECKOUT] [--watched]
+                                 [--size 1920x1080] [--as-of CHECKOUT] [--watched] [--rounds 3] [--fsync-ms 200]
 
 Starts an X server of its own (Xvfb), runs `minihuman run` in it, full screen, with the log on disk and one press one
 step, sends key events that the server itself makes (XTEST), and reads the window's pixels back until they change.
@@ -9,7 +9,8 @@ Then it sends as many more, 60 to 150 ms apart and rolled over each other, wheth
 Prints distributions; judges nothing. Xvfb refreshes nothing, so the display's own period is 0: what is printed is all
 the software's. `--as-of` measures another checkout of minihuman too, in turns with this one, on the same machine in the
 same minutes: its ratios hold where others use the machine too. `--watched` measures each session once more, with
-`minihuman watch` beside it and its page asked every second, as a browser does.
+`minihuman watch` beside it and its page asked every second, as a browser does. `--rounds` does all of it so many times,
+in turns, and tells of all rounds together. `--fsync-ms` makes each fsync take so much longer, as a slow disk does.
 """
 
 import argparse
@@ -25,12 +26,12 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
 
-from minihuman.data.quality import quality_of
+from minihuman.data.quality import keys_to_flips_ms
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.log.read.open_log import open_log
 from minihuman.study.expand import enrol, expand
@@ -64,6 +65,16 @@ actions = {actions}
 max_steps = {keys}
 key_map = "shown"
 """
+SLOWER = """
+import os, runpy, sys, time
+really, later_s = os.fsync, float(sys.argv[1])
+def fsync(fd):
+    time.sleep(later_s)
+    really(fd)
+os.fsync = fsync
+sys.argv[:2] = ["minihuman"]
+runpy.run_module("minihuman", run_name="__main__", alter_sys=True)
+"""
 Sent = tuple[str, bool, int, int]  # key, down, sent, answered by the server: ns since 1970
 
 
@@ -72,7 +83,7 @@ class Measured:
     """One session's keys; times in ms."""
 
     facts: dict[str, str]
-    key_to_flip: tuple[float, float, float]  # median, 95 %, 99 %, as the log has it
+    key_to_flip: list[float]  # as the log has it
     key_to_pixels: list[float]
     unseen: int
     waiting: list[float]  # stamp error of keys sent while the session waits for one
@@ -106,12 +117,13 @@ def watching(study: Path) -> Iterator[None]:
 
 
 def measure(
-    window: str, world: str, keys: int, size_px: tuple[int, int], checkout: Path, *, watched: bool = False
+    window: str, world: str, keys: int, size_px: tuple[int, int], checkout: Path, *, watched: bool, fsync_s: float
 ) -> Measured:
     with xvfb(size_px) as display, tempfile.TemporaryDirectory() as folder:
         protocol = Path(folder) / "latency.toml"
         protocol.write_text(PROTOCOL.format(world=world, actions=turns(world), keys=keys))
-        command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", folder, "--window", window]
+        program = ["-c", SLOWER, str(fsync_s)] if fsync_s else ["-m", "minihuman"]
+        command = [sys.executable, *program, "run", str(protocol), "--data", folder, "--window", window]
         station = subprocess.Popen(
             command,
             env={**os.environ, "DISPLAY": display, "PYTHONPATH": str(checkout)},
@@ -143,7 +155,7 @@ def measure(
     stamps = [at_ns for _, _, at_ns in stamped[len(waiting) :]]
     return Measured(
         facts=dict(log.facts),
-        key_to_flip=quality_of(log).key_to_flip_ms,
+        key_to_flip=keys_to_flips_ms(log).tolist(),
         key_to_pixels=seen,
         unseen=len(seen_ms) - len(seen),
         waiting=errors_ms[: len(waiting)],
@@ -213,15 +225,33 @@ def main() -> None:
     parser.add_argument("--size", default="1280x720", help="of the screen, which the window fills")
     parser.add_argument("--as-of", type=Path, help="another checkout of minihuman to measure beside this one")
     parser.add_argument("--watched", action="store_true", help="measure with the experimenter's page beside, too")
+    parser.add_argument("--rounds", type=int, default=1, help="so many sessions of each, in turns")
+    parser.add_argument("--fsync-ms", type=float, default=0.0, help="how much longer each fsync takes")
     settings = parser.parse_args()
     width, height = map(int, settings.size.split("x"))
     checkouts = [path.resolve() for path in (settings.as_of, Path(__file__).parents[1]) if path is not None]
     for window in settings.window or ("pygame", "pyglet"):
-        for checkout in checkouts:
-            for watched in (False, True) if settings.watched else (False,):
-                print("watched" if watched else "not watched") if settings.watched else None
-                size_px = (width, height)
-                tell(measure(window, settings.world, settings.keys, size_px, checkout, watched=watched), settings.world)
+        compared = list(product(checkouts, (False, True) if settings.watched else (False,)))
+        found: dict[tuple[Path, bool], list[Measured]] = {one: [] for one in compared}
+        for number in range(settings.rounds):
+            for checkout, watched in compared if number % 2 == 0 else reversed(compared):
+                how = {"watched": watched, "fsync_s": settings.fsync_ms / 1000}
+                measured = measure(window, settings.world, settings.keys, (width, height), checkout, **how)
+                found[checkout, watched].append(measured)
+        for checkout, watched in compared:
+            print("watched" if watched else "not watched") if settings.watched else None
+            tell(together(found[checkout, watched]), settings.world)
+
+
+def together(found: list[Measured]) -> Measured:
+    """All rounds as one."""
+    lists = {
+        name: [value for one in found for value in getattr(one, name)]
+        for name in ("key_to_flip", "key_to_pixels", "waiting", "rolling", "answered", "beyond")
+    }
+    return Measured(
+        facts=found[0].facts, unseen=sum(one.unseen for one in found), same=sum(one.same for one in found), **lists
+    )
 
 
 def tell(measured: Measured, world: str) -> None:
@@ -229,8 +259,7 @@ def tell(measured: Measured, world: str) -> None:
     commit = facts.get("git_commit", "")[:7]
     print(f"{facts['window_version']}, {facts['window_size_px']}, vsync {facts['vsync']}, {world}, {commit}")
     print(f"  load average           {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    median, p95, p99 = measured.key_to_flip
-    print(f"  key to flip            median {median:6.2f} ms   95 % {p95:6.2f} ms   99 % {p99:6.2f} ms")
+    print(f"  key to flip            {distribution(measured.key_to_flip)}   ({len(measured.key_to_flip)} keys)")
     print(f"  key to pixels          {distribution(measured.key_to_pixels)}   ({measured.unseen} changed nothing seen)")
     print(f"  stamp error, waiting   {distribution(measured.waiting)}")
     print(f"  stamp error, rolling   {distribution(measured.rolling)}   ({measured.same} with the stamp before)")

@@ -18,8 +18,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from minihuman.data.store import FILE_NAME
-from minihuman.lab.session_table import FILE_NAME as SESSIONS
+from minihuman.data.caches import caches_in
 from tests.copied import as_another
 
 HERE = Path(__file__).parents[1]
@@ -53,9 +52,8 @@ def make(study: Path, played: list[Path], sessions: int) -> Path:
 
 def forget(study: Path) -> None:
     """Leave nothing kept."""
-    for name in (FILE_NAME, SESSIONS):
-        for path in study.glob(f"{name}*"):
-            path.unlink()
+    for cache in caches_in(study):
+        shutil.rmtree(cache) if cache.is_dir() else cache.unlink()
 
 
 def compare(folder: Path, studies: dict[int, Path], against: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Draw the gallery of grid worlds: a picture of each, and the page that shows them.
+"""Draw the galleries of grid worlds and of levels: a picture of each, and the pages that show them.
 
 python docs/gallery_grid.py
 """
@@ -9,32 +9,44 @@ import gymnasium
 from PIL import Image
 
 import minihuman  # noqa: F401  # registers the worlds
-from minihuman.worlds.grid.catalogue import ENTRIES
+from minihuman.worlds.entry import Entry
+from minihuman.worlds.grid import catalogue
+from minihuman.worlds.grid.levels import catalogue as levels
 
 SEED = 3
 WIDTH_PX = 176  # of a picture at most, which a page shows three abreast
-HEAD = """# Grid worlds: the gallery
+GRID = """# Grid worlds: the gallery
 
 Every grid world at seed 3, the agent's field of view lit. Drawn by `python docs/gallery_grid.py`.
+"""
+LEVELS = """# Levels: the gallery
+
+Every level at seed 3 with what it says, the agent's field of view lit. Drawn by `python docs/gallery_grid.py`.
 """
 
 
 def write(folder: Path) -> None:
-    """Write ``gallery-grid.md`` and the pictures it shows into a folder."""
-    pictures = folder / "gallery-grid"
+    """Write the pages and the pictures that they show into a folder."""
+    write_page(folder, "gallery-grid", GRID, catalogue.ENTRIES)
+    write_page(folder, "gallery-levels", LEVELS, levels.ENTRIES)
+
+
+def write_page(folder: Path, name: str, head: str, entries: tuple[Entry, ...]) -> None:
+    """Write one page, and its pictures into a folder of its name."""
+    pictures = folder / name
     pictures.mkdir(parents=True, exist_ok=True)
-    lines = [HEAD, "| | | |", "|---|---|---|"]
+    lines = [head, "| | | |", "|---|---|---|"]
     cells = []
-    for entry in ENTRIES:
+    for entry in entries:
         env = gymnasium.make(entry.id)
         env.reset(seed=SEED)
         image = Image.fromarray(env.unwrapped.picture(view="full", size_px=(WIDTH_PX, WIDTH_PX)))
         image.quantize(64).save(pictures / f"{entry.name}.png", optimize=True)
         mission = env.unwrapped.mission or "no mission"
-        cells.append(f"![{entry.summary}](gallery-grid/{entry.name}.png)<br>**{entry.name}**<br>{mission}")
+        cells.append(f"![{entry.summary}]({name}/{entry.name}.png)<br>**{entry.name}**<br>{mission}")
     for start in range(0, len(cells), 3):
         lines.append("| " + " | ".join(cells[start : start + 3]) + " |")
-    (folder / "gallery-grid.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / f"{name}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

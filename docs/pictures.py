@@ -10,18 +10,21 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from minihuman.lab.protocol_file import read_protocol
-from minihuman.log.record.recorder import MemoryRecorder
+from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.players.choose import make_player
+from minihuman.seats.agent_seat import agent_seat
 from minihuman.seats.run import run_session
 from minihuman.seats.simulated import SimulatedWindow
 from minihuman.study.expand import enrol, expand
-from minihuman.study.screens import PlayScreen, Screen, TextScreen
+from minihuman.study.protocol import Protocol, decode
+from minihuman.study.screens import FilmScreen, PairScreen, PlayScreen, Screen, TextScreen
 from minihuman.study.session import Session
 from minihuman.windows.compose import compose
 from minihuman.windows.scripted import VirtualClock
@@ -46,28 +49,48 @@ def figures(folder: Path, work: Path) -> None:
         shutil.copy(next((work / "figures").glob(f"*/{name}.png")), folder / f"{name}.png")
 
 
-def windows(folder: Path) -> None:
+def windows(folder: Path, work: Path) -> None:
     """What a participant of the demo sees, as every window composes it."""
+    screens = _screens(read_protocol(ROOT / "protocols/demo.toml"), "optimal", work)
     wanted = {"window_keyboard_check": _is_check, "window_grid": _in_grid, "window_first_person": _in_room}
     for name, is_it in wanted.items():
-        screen = next(screen for screen in _screens() if is_it(screen))
+        screen = next(screen for screen in screens if is_it(screen))
         Image.fromarray(compose(screen, WINDOW_PX)).save(folder / f"{name}.png")
 
 
-def _screens() -> list[Screen]:
-    """Every screen of a demo's session, as a simulated person comes past it."""
-    protocol = read_protocol(ROOT / "protocols/demo.toml")
+def teaching(folder: Path, work: Path) -> None:
+    """What a person sees who teaches: protocols/teach-fourrooms.toml with an agent that needs no learner."""
+    toml = (ROOT / "protocols/teach-fourrooms.toml").read_text()
+    for old, new in (('policy = ""', 'policy = "optimal:0.5"'), ('learner = "hg-dagger:updates=300"', "")):
+        assert old in toml
+        toml = toml.replace(old, new)
+    screens = _screens(decode(toml.encode()), "supervisor:knows_all=1", work)
+    played = [screen for screen in screens if isinstance(screen, PlayScreen) and screen.step > 1]
+    wanted: dict[str, Screen] = {
+        f"teach_{who}": next(s for s in played if s.steers == who) for who in ("agent", "person")
+    }
+    wanted["teach_correct"] = max((s for s in screens if isinstance(s, FilmScreen)), key=lambda film: film.step)
+    wanted["teach_compare"] = next(s for s in screens if isinstance(s, PairScreen) and s.along > 0.5)
+    for name, screen in wanted.items():
+        Image.fromarray(compose(screen, WINDOW_PX)).save(folder / f"{name}.png")
+
+
+def _screens(protocol: Protocol, player: str, work: Path) -> list[Screen]:
+    """Every screen of a session, as a simulated person comes past it."""
     clock = VirtualClock()
-    session = Session(expand(protocol, enrol(protocol, 0, None)), World, {}, picture_px=(600, 450))
+    plan = expand(protocol, enrol(protocol, 0, None))
+    session = Session(plan, World, {}, picture_px=(600, 450))
+    recorder = McapRecorder(work, plan, started_ns=0)
     seen: list[Screen] = []
 
     class Watching(SimulatedWindow):
         def show(self, screen: Screen):  # type: ignore[no-untyped-def]
-            seen.append(screen)
+            film = isinstance(screen, FilmScreen)  # whose pictures are drawn when they are asked for
+            seen.append(replace(screen, pictures=tuple(screen.pictures)) if film else screen)
             return super().show(screen)
 
-    window = Watching(make_player("optimal", np.random.default_rng(1)), session, clock)
-    run_session(session, window, MemoryRecorder(), clock)
+    window = Watching(make_player(player, np.random.default_rng(1)), session, clock)
+    run_session(session, window, recorder, clock, agent=agent_seat(protocol, plan, work, patient=True))
     return seen
 
 
@@ -88,7 +111,8 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as work:
         figures(folder, Path(work))
-    windows(folder)
+        windows(folder, Path(work))
+        teaching(folder, Path(work))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """minihuman: run people and agents through reinforcement-learning worlds, and keep everything.
 
-Importing it registers our worlds with Gymnasium under ``minihuman/<name>``. To look at what was recorded:
+It registers our worlds with Gymnasium under ``minihuman/<name>``. To look at what was recorded:
 
     import minihuman
 
@@ -18,7 +18,7 @@ What does not count (marked exclude, not played to an end, left out by the proto
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from minihuman.worlds.catalogue import register as _register
+from minihuman.worlds.registration import register_in_time as _register
 
 if TYPE_CHECKING:
     from minihuman.data.selection import Selection as Selection

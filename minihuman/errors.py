@@ -22,6 +22,8 @@ def naming(path: PathLike[str]) -> Iterator[None]:
 
 def printable(text: str) -> str:
     """A text for a terminal: control characters, which could do anything to it, as they are written in Python."""
+    if text.isprintable():  # most lines of a long list
+        return text
     return "".join(letter if letter.isprintable() or letter in "\n\t" else ascii(letter)[1:-1] for letter in text)
 
 

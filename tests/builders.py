@@ -26,6 +26,7 @@ from minihuman.study.events import (
     Stepped,
 )
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
+from minihuman.worlds.contract import PICTURES
 from minihuman.worlds.pose import Map, Pose, Thing
 
 Kind = Literal["grid", "room"]
@@ -259,7 +260,10 @@ def session_of(
 ) -> SessionLog:  # fmt: skip
     """A session log holding these episodes."""
     text = BlockText("", "", "", 0.0)
-    end_reason, facts = "complete" if clean else "cut_off", {"minihuman": "0.1.0", "python": "3.12"}
+    end_reason, facts = (
+        "complete" if clean else "cut_off",
+        {"minihuman": "0.1.0", "python": "3.12", "pictures": str(PICTURES)},
+    )
     blocks = max((played.plan.block for played in episodes), default=0) + 1
     session_plan = SessionPlan(
         study=study, study_version="1", protocol_toml=b"", protocol_sha256="0" * 64,

@@ -3,8 +3,13 @@
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests.xserver import xvfb
+
+# How fast this machine is just now is no property of the code.
+settings.register_profile("minihuman", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("minihuman")
 
 
 @pytest.fixture(scope="session")

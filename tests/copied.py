@@ -5,7 +5,7 @@ from pathlib import Path
 from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
-from minihuman.lab.summary import summarise
+from minihuman.lab.summarise import summarise
 from minihuman.log import segment_head, topics
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.chunk import LogMessage

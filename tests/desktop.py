@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from Xlib import X
 from Xlib.display import Display
+from Xlib.error import BadWindow
 from Xlib.protocol import event
 
 from tests.xserver import xvfb
@@ -105,7 +106,10 @@ class Desktop:
         return [self._display.create_resource_object("window", number) for number in (listed.value if listed else ())]
 
     def _title(self, window) -> str:
-        return str(window.get_full_text_property(self._atom("_NET_WM_NAME")) or window.get_wm_name())
+        try:
+            return str(window.get_full_text_property(self._atom("_NET_WM_NAME")) or window.get_wm_name())
+        except BadWindow:  # it went while the list was read
+            return ""
 
     def _atom(self, name: str) -> int:
         return int(self._display.intern_atom(name))

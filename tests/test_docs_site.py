@@ -30,9 +30,13 @@ def test_every_picture_has_the_command_that_makes_it():
 @pytest.mark.program
 def test_the_windows_pictures_are_made_again(tmp_path):
     made = runpy.run_path(str(DOCS / "pictures.py"))
-    made["windows"](tmp_path)
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    made["windows"](pictures, tmp_path)
+    made["teaching"](pictures, tmp_path)
     names = {"window_keyboard_check.png", "window_grid.png", "window_first_person.png"}
-    assert {path.name for path in tmp_path.iterdir()} == names
-    for path in (folder / name for folder in (tmp_path, DOCS / "images") for name in names):
+    names |= {f"teach_{what}.png" for what in ("agent", "person", "correct", "compare")}
+    assert {path.name for path in pictures.iterdir()} == names
+    for path in (folder / name for folder in (pictures, DOCS / "images") for name in names):
         with Image.open(path) as picture:
             assert picture.size == (800, 450)

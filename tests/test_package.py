@@ -1,4 +1,6 @@
 import re
+import subprocess
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
@@ -36,3 +38,18 @@ def test_every_room_stands_in_the_guide():
     rooms = {path.name for path in Path(minihuman.__file__).parent.iterdir() if (path / "__init__.py").exists()}
     guide = set(re.findall(r"`(\w+)`", (ROOT / "CONTRIBUTING.md").read_text()))
     assert rooms <= guide, f"{rooms - guide} are not in CONTRIBUTING.md"
+
+
+@pytest.mark.program
+@pytest.mark.parametrize(
+    "first", ["import minihuman, gymnasium", "import gymnasium, minihuman", "import minihuman, gymnasium.spaces"]
+)
+def test_worlds_are_registered_whichever_is_imported_first_and_neither_imports_the_other(first):
+    code = (
+        f"{first}; assert 'minihuman/MiniGrid-Empty-5x5-v0' in gymnasium.registry; "
+        "print(type(gymnasium.__spec__.loader).__name__)"
+    )
+    run = [sys.executable, "-c"]
+    assert subprocess.run([*run, code], capture_output=True, text=True, check=True).stdout.strip() == "SourceFileLoader"
+    alone = "import sys, minihuman; assert not {'gymnasium', 'numpy', 'numba'} & sys.modules.keys()"
+    subprocess.run([*run, alone], check=True)

@@ -5,13 +5,14 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from Xlib import XK, X
 from Xlib.display import Display
+from Xlib.error import BadDrawable, BadWindow
 from Xlib.ext import xtest
 from Xlib.protocol import event
 
@@ -203,8 +204,9 @@ class Typist:
         deadline_s = time.monotonic() + _PATIENCE_S
         while time.monotonic() < deadline_s:
             for window in reversed(self._root.query_tree().children):
-                if self._title(window) == title and window.get_attributes().map_state == X.IsViewable:
-                    return window
+                with suppress(BadDrawable, BadWindow):  # one that went while the list was read
+                    if self._title(window) == title and window.get_attributes().map_state == X.IsViewable:
+                        return window
             time.sleep(0.02)
         raise AssertionError(f"no window {title!r} came up within {_PATIENCE_S:.0f} s")
 

@@ -1,4 +1,4 @@
-"""Commands for the experimenter's desk: watch, withdraw, replace."""
+"""Commands for the experimenter's desk: watch, withdraw, replace, bonus."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +14,8 @@ def add_to(app: typer.Typer) -> None:
     app.command()(watch)
     app.command()(withdraw)
     app.command()(replace)
+    app.command()(bonus)
+    app.command()(gather)
 
 
 def watch(
@@ -31,7 +33,7 @@ def watch(
     from minihuman.seats.watch.server import WatchServer
 
     server = WatchServer(study, port)
-    os.nice(10)  # the participants come first
+    os.nice(10)  # the participants come first; of the idle class it would see nothing beside two busy programs
     print(f"open {server.url}   (Ctrl-C ends it; the sessions go on)", flush=True)
     try:
         server.serve()
@@ -67,3 +69,28 @@ def replace(code: Code, study: StudyFolder) -> None:
 
     offer(study, code)
     print(f"the next `minihuman run` offers {code}'s slot")
+
+
+def gather(study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study's folder.")]) -> None:
+    """Bring a study's finished logs here from the shelf that several machines share, and put there what it lacks.
+
+    Example: minihuman gather sessions/fourrooms-transfer
+    """
+    from minihuman.lab.shelf import gather as fetch
+
+    came, went = fetch(study.absolute().parent, f"{study.absolute().name}/")
+    print(f"{came} logs brought here, {went} put on the shelf")
+
+
+def bonus(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study's folder.")],
+    platform: Annotated[str, typer.Option(help="Only lines of id,amount for this one: prolific, sona, mturk.")] = "",
+) -> None:
+    """Print what each session earned as CSV, with who its participant is on the platform they came from.
+
+    Example: minihuman bonus sessions/two-days --platform prolific > bonus.csv
+    """
+    from minihuman.lab.bonus import as_csv, for_platform, payments
+
+    paid = payments(study)
+    print(for_platform(paid, platform) if platform else as_csv(paid), end="")

@@ -1,6 +1,5 @@
-"""Commands that train agents (extra `learn`): learn transfer, learn report, learn clone."""
+"""Commands that train agents (extra `learn`): learn transfer, report, clone; those of teaching are in `cli.teach`."""
 
-import sys
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -8,10 +7,12 @@ from typing import Annotated, Any
 
 import typer
 
+from minihuman.cli import teach
 from minihuman.cli.choosing import choosing
+from minihuman.cli.training import SightChoice, command_line, need_torch
 from minihuman.errors import LearnError
 
-learn = typer.Typer(help="Train agents: the transfer study, and policies that imitate people.", no_args_is_help=True)
+learn = typer.Typer(help="Train agents: the transfer study, and policies that people teach.", no_args_is_help=True)
 
 Out = Annotated[Path, typer.Option(help="The study's folder; an unfinished study there goes on.")]
 
@@ -32,7 +33,7 @@ class EngineChoice(StrEnum):
 
 
 def add_to(app: typer.Typer) -> None:
-    """Add these commands."""
+    """Add these commands, those of teaching among them."""
     app.add_typer(learn, name="learn")
 
 
@@ -56,18 +57,21 @@ def transfer(
     engine: Annotated[EngineChoice, typer.Option(help="A local pool, or a Ray cluster.")] = EngineChoice.local,
     address: Annotated[str | None, typer.Option(help="The Ray cluster's address; without it a local one.")] = None,
     device: Annotated[str, typer.Option(help="auto takes a GPU where there is one; cpu is repeatable.")] = "auto",
-    beside: Annotated[Path | None, typer.Option(help="CSV of published improvements to set beside ours.")] = None,
+    beside: Annotated[
+        Path | None, typer.Option(help="CSV of improvements to set beside ours instead of the paper's.")
+    ] = None,
 ) -> None:
     """Train source, baseline and transfers, and table what transferring weights is worth.
 
     Example: minihuman learn transfer --protocol as-intended --runs 3 --out results/transfer
     """
-    _need_torch()
+    need_torch()
     from minihuman.learn.transfer.engines import open_engine
     from minihuman.learn.transfer.plan import TRANSFERS, Study
     from minihuman.learn.transfer.plan import quick as quickly
+    from minihuman.learn.transfer.published import beside_of
     from minihuman.learn.transfer.run import run_study
-    from minihuman.learn.transfer.summary import Run, read_published, write_report
+    from minihuman.learn.transfer.summary import Run, write_report
 
     study = Study(
         protocol=protocol.value,
@@ -79,7 +83,7 @@ def transfer(
         transfers=TRANSFERS if only is None else tuple(only.upper().split(",")),
     )
     study = quickly(study) if quick else study
-    published = None if beside is None else read_published(beside)
+    published = beside_of(study, beside)
     started = time.monotonic()
     results = run_study(
         study,
@@ -88,7 +92,7 @@ def transfer(
         first_run=first_run,
         device=device,
     )
-    run = Run(command=_command(), engine=engine.value, wall_s=time.monotonic() - started)
+    run = Run(command=command_line(), engine=engine.value, wall_s=time.monotonic() - started)
     print(write_report(study, results, out, run, beside=published))
 
 
@@ -96,27 +100,23 @@ def transfer(
 def report(
     folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="Folders with runs of one study.")],
     out: Annotated[Path, typer.Option(help="Where the table, curves and figure go.")],
-    beside: Annotated[Path | None, typer.Option(help="CSV of published improvements to set beside ours.")] = None,
+    beside: Annotated[
+        Path | None, typer.Option(help="CSV of improvements to set beside ours instead of the paper's.")
+    ] = None,
 ) -> None:
     """Table what runs there are, at any time and from several machines.
 
     Example: minihuman learn report results/transfer from-the-other-machine --out table
     """
-    _need_torch()
+    need_torch()
     from minihuman.learn.transfer.folder import read_merged
-    from minihuman.learn.transfer.summary import Run, read_published, write_report
+    from minihuman.learn.transfer.published import beside_of
+    from minihuman.learn.transfer.summary import Run, write_report
 
-    published = None if beside is None else read_published(beside)
     study, results = read_merged(folders)
+    published = beside_of(study, beside)
     out.mkdir(parents=True, exist_ok=True)
-    print(write_report(study, results, out, Run(command=_command(), engine="", wall_s=0.0), beside=published))
-
-
-class SightChoice(StrEnum):
-    """What a clone sees."""
-
-    view = "view"
-    whole = "whole"
+    print(write_report(study, results, out, Run(command=command_line(), engine="", wall_s=0.0), beside=published))
 
 
 @learn.command()
@@ -125,7 +125,9 @@ def clone(
     source: Annotated[Path, typer.Argument(metavar="STUDY", help="A study's folder of logs, or one log.")],
     world: Annotated[str, typer.Option(help="The world whose episodes to learn from.")],
     out: Annotated[Path, typer.Option(help="The policy file; its card goes beside it.")],
-    sight: Annotated[SightChoice, typer.Option(help="The agent's view, or a grid whole.")] = SightChoice.view,
+    sight: Annotated[
+        SightChoice, typer.Option(help="The view, a grid whole, or what was seen of it.")
+    ] = SightChoice.view,
     missions: Annotated[bool, typer.Option(help="The mission is part of what is seen.")] = False,
     sizes: Annotated[str, typer.Option(help="Numbers of demonstrations to try, as in 5,10,25.")] = "",
     mirrored: Annotated[bool, typer.Option(help="Learn every step left for right too.")] = False,
@@ -141,7 +143,7 @@ def clone(
 
     Example: minihuman learn clone sessions/my-study --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt
     """
-    _need_torch()
+    need_torch()
     from minihuman.learn.clone.clone import Cloning
     from minihuman.learn.clone.study import CloneStudy, clone_study
 
@@ -157,7 +159,7 @@ def clone(
         selection=selection,
         cloning=Cloning(mirrored=mirrored, seed=seed),
     )
-    print(clone_study(source, out, study, command=_command()), end="")
+    print(clone_study(source, out, study, command=command_line()), end="")
 
 
 def _numbers(text: str) -> tuple[int, ...]:
@@ -167,13 +169,4 @@ def _numbers(text: str) -> tuple[int, ...]:
         raise LearnError(f"--sizes is {text!r}; it is whole numbers with commas, as in 5,10,25") from None
 
 
-def _command() -> str:
-    return " ".join(["minihuman", *sys.argv[1:]])
-
-
-def _need_torch() -> None:
-    try:
-        import stable_baselines3  # noqa: F401
-        import torch  # noqa: F401
-    except ImportError:
-        raise LearnError('training needs PyTorch; install it with pip install "minihuman[learn]"') from None
+teach.add_to(learn)  # behind the others in the help

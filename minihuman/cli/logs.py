@@ -40,18 +40,26 @@ def verify(
     trust: Annotated[
         list[str] | None, typer.Option(help="A module whose worlds may be imported; may be repeated.")
     ] = None,
+    policies: Annotated[
+        bool, typer.Option("--policies", help="Ask the agents' policy files again what they would do in each state.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON object a line of what is found.")] = False,
 ) -> None:
     """Play logs again from seeds and inputs and compare everything; exit 1 if anything differs.
 
     Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
     """
+    import msgspec
+
     from minihuman.lab.proofs import proofs, unbroken
 
     differ = False
     for path in logs:
-        for line, fine in proofs(path, trust=trust or ()) if seal is None else unbroken(path, seal):
+        found = unbroken(path, seal) if seal is not None else proofs(path, trust=trust or (), policies=policies)
+        for line, fine in found:
             differ = differ or not fine
-            print(printable(f"{path}: {line}"), flush=True)
+            told = {"log": str(path), "fine": fine, "said": line}
+            print(msgspec.json.encode(told).decode() if json else printable(f"{path}: {line}"), flush=True)
     raise typer.Exit(int(differ))
 
 

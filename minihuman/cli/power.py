@@ -1,4 +1,4 @@
-"""How many participants a study needs: power."""
+"""How many participants a study needs, and who they are: power, fit."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +9,7 @@ import typer
 def add_to(app: typer.Typer) -> None:
     """Add this command."""
     app.command()(power)
+    app.command()(fit)
 
 
 def power(
@@ -28,14 +29,14 @@ def power(
     Example: minihuman power protocols/fourrooms-transfer.toml --effect excess=0.7 --groups 10,20,30,40
     """
     from minihuman.power.pool import groups_of, play_pool
-    from minihuman.power.studies import MEASURES, Effect, power_curve, values_of
+    from minihuman.power.studies import MEASURES, TWO_PARTS, Effect, power_curve, values_of
     from minihuman.power.told import told, write
 
     sizes, wanted = groups_of(groups), Effect.parse(effect)
     pool = play_pool(protocol.read_bytes(), people=people, player=player, seed=seed, block=block)
     found = tuple(
         one
-        for name in (MEASURES if measure == "all" else (measure,))
+        for name in ((*MEASURES, TWO_PARTS) if measure == "all" else (measure,))
         for one in power_curve(
             name,
             values_of(wanted.of(pool.episodes), name),
@@ -48,3 +49,27 @@ def power(
     print(told(pool, wanted, found, player=player))
     for path in write(found, out) if out is not None else ():
         print(path)
+
+
+def fit(
+    study_dir: Annotated[Path, typer.Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
+    out: Annotated[Path | None, typer.Option(help="A CSV file for everybody's values and intervals.")] = None,
+    search: Annotated[
+        int, typer.Option(min=0, help="Simulated people to tell from how people look; 0: times alone.")
+    ] = 200,
+    seed: Annotated[int, typer.Option(help="Of the simulated people.")] = 1,
+) -> None:
+    """Fit a simulated person to logged people, reaction times and search, and say how well held-out episodes are told.
+
+    Example: minihuman fit sessions/fourrooms-transfer --out people.csv
+    """
+    from minihuman.data.study import Sessions
+    from minihuman.power import fitting, search_fit
+
+    times = list(fitting.fit_people(Sessions(study_dir)))
+    print("\n".join(fitting.lines(times)))
+    looking = search_fit.fit_search(Sessions(study_dir), people=search, seed=seed) if search else None
+    if looking is not None:
+        print("\n".join(search_fit.lines(looking)))
+    if out is not None:
+        print(fitting.write(times, out, looking))

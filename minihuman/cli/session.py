@@ -35,8 +35,10 @@ def run(
 
     Example: minihuman run protocols/fourrooms-transfer.toml --participant sub-07
     """
+    from minihuman.lab.legible import refuse_unreadable
     from minihuman.lab.next_session import next_session
     from minihuman.lab.protocol_file import read_protocol
+    from minihuman.seats.agent_seat import agent_seat
     from minihuman.seats.machine import SessionClock
     from minihuman.seats.sitting import ending, sit
     from minihuman.seats.warm_up import warm_up
@@ -45,19 +47,22 @@ def run(
     study = read_protocol(protocol)
     with waiting(f"getting the worlds of {study.study.name} ready"):
         warm_up(study, str(protocol))
+        refuse_unreadable(study, str(protocol))
     clock = SessionClock()
     opened = open_window(window, clock, fullscreen=fullscreen)
     try:  # the window first: a station without a display must not use up a slot
         plan = next_session(study, data, participant=participant, group=group, session=session, any_day=any_day)
-        print(
-            f"{plan.participant.id}, group {plan.participant.group}, from episode {plan.first_episode + 1}", flush=True
-        )
-        log = sit(plan, opened, clock, data, markers=lsl)
+        group_said = f"group {plan.participant.group}" if plan.participant.group else "group still to be drawn"
+        print(f"{plan.participant.id}, {group_said}, from episode {plan.first_episode + 1}", flush=True)
+        log = sit(plan, opened, clock, data, markers=lsl, agent=agent_seat(study, plan, data))
     finally:
         opened.close()
-    if log is not None:
-        print(ending(log, protocol))
-        print(log)
+    if log is None:
+        before = "the group was drawn" if plan.participant.group == "" else "a consent was given"
+        print(f"it ended before {before}: nothing was written, and the slot is free again")
+        return
+    print(ending(log, protocol))
+    print(log)
 
 
 def simulate(
@@ -65,9 +70,9 @@ def simulate(
     participants: Annotated[int, typer.Option(min=1, help="How many, in the next free slots.")] = 10,
     data: DataFolder = Path("sessions"),
     seed: Annotated[int, typer.Option(min=0, help="Every choice of the players derives from it.")] = 0,
-    player: Annotated[str, typer.Option(help="human-like, optimal, random; human-like:lapse=0.1 sets one up.")] = (
-        "human-like"
-    ),
+    player: Annotated[
+        str, typer.Option(help="human-like, optimal, random, supervisor; human-like:lapse=0.1 sets one up.")
+    ] = ("human-like"),
 ) -> None:
     """Let simulated participants play a study: the same session, no window, no waiting.
 
@@ -75,11 +80,16 @@ def simulate(
     """
     from minihuman.lab.protocol_file import read_protocol
     from minihuman.seats.simulate import simulate as play
-    from minihuman.study.rehearse import rehearse
+    from minihuman.seats.warm_up import shared, warm_up
 
     study = read_protocol(protocol)
-    with waiting(f"{player} plays {study.study.name}") as say:
-        rehearse(study, str(protocol))
+    with (
+        waiting(f"{player} plays {study.study.name}") as say,
+        shared(study.blocks, plans=not player.startswith("random")) as companion,
+    ):
+        warm_up(study, str(protocol), companion)
+        for block in study.blocks:
+            companion.compile_plan(block)
         for number, path in enumerate(play(study, data, participants=participants, seed=seed, player=player), 1):
             print(path, flush=True)
             say(f"{player} plays {study.study.name}: {number} of {participants} participants done")
@@ -89,9 +99,12 @@ def check(
     protocol: ProtocolFile,
     participant: Annotated[str, typer.Option(help="Whose plan to print.")] = "sub-01",
     group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
+    stratum: Annotated[str | None, typer.Option(help="Whose answer; else the first stratum.")] = None,
     session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print the whole plan as JSON.")] = False,
     pictures: Annotated[Path | None, typer.Option(help="Draw every screen into this folder, too.")] = None,
+    preregistration: Annotated[Path | None, typer.Option(help="Write what registries ask for into this file.")] = None,
+    effect: Annotated[str, typer.Option(help="With --preregistration: excess=0.7 works out its power.")] = "",
 ) -> None:
     """Check a protocol and its worlds, and print everything that a participant will play.
 
@@ -100,27 +113,31 @@ def check(
     import msgspec
 
     from minihuman.data.exclusions import check_measures
-    from minihuman.errors import ProtocolError
-    from minihuman.lab.legible import study_unreadable
+    from minihuman.lab.legible import refuse_unreadable
     from minihuman.lab.protocol_file import read_protocol
-    from minihuman.study.dry_run import lines
+    from minihuman.study.dry_run import lines, strata_lines
     from minihuman.study.expand import enrol, expand, participant_index
     from minihuman.study.rehearse import rehearse
 
     study = read_protocol(protocol)
     check_measures(study.exclusions, str(protocol))
     rehearse(study, str(protocol))
-    who = enrol(study, participant_index(participant), group)
+    who = enrol(study, participant_index(participant), group, stratum=stratum)
     plan = expand(study, who, session=session, overridden=group is not None)
-    if problems := list(dict.fromkeys(study_unreadable(study))):
-        raise ProtocolError.of([f"{protocol}: {problem}" for problem in problems], str(protocol))
-    print(msgspec.json.encode(plan).decode() if json else printable("\n".join(lines(plan))))
+    refuse_unreadable(study, str(protocol))
+    print(msgspec.json.encode(plan).decode() if json else printable("\n".join((*lines(plan), *strata_lines(study)))))
     if pictures is not None:
         from minihuman.seats.screens import save_screens
 
         with waiting("drawing every screen"):
             drawn = list(save_screens(plan, pictures))
         print(f"{len(drawn) - 1} screens in {pictures}; all at a glance in {drawn[-1]}")
+    if preregistration is not None:
+        from minihuman.power.preregistration import power_of, write
+
+        with waiting("writing the preregistration"):
+            power = power_of(protocol.read_bytes(), effect) if effect else ""
+        print(write(study, plan, preregistration, power))
 
 
 def status(

@@ -1,8 +1,8 @@
 """Commands about what there is: worlds, plugins."""
 
-import typer
+from typing import Annotated
 
-from minihuman.worlds.catalogue import ENTRIES
+import typer
 
 
 def add_to(app: typer.Typer) -> None:
@@ -11,11 +11,18 @@ def add_to(app: typer.Typer) -> None:
     app.command()(plugins)
 
 
-def worlds() -> None:
+def worlds(json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False) -> None:
     """List every world of ours.
 
     Example: minihuman worlds
     """
+    import msgspec
+
+    from minihuman.worlds.catalogue import ENTRIES
+
+    if json:
+        print(msgspec.json.encode([{"id": entry.id, "summary": entry.summary} for entry in ENTRIES]).decode())
+        return
     for entry in ENTRIES:
         print(f"{entry.id:60} {entry.summary}")
 

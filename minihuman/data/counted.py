@@ -52,6 +52,12 @@ class Counted:
         )
 
     @property
+    def counts(self) -> bool:
+        """Whether the session does: with an episode that counts, or where there was none to play."""
+        nothing_to_play = self.wanted and not self.session_reason and not self.log.plan.episodes
+        return bool(self.places) or nothing_to_play
+
+    @property
     def session(self) -> SessionLog:
         """The session with the episodes that count, and no others."""
         return replace(self.log, episodes=self.episodes)
@@ -74,7 +80,7 @@ class Account:
     """What an output is made of: how much counts, what was left out and why, what could not be read."""
 
     selection: str = ""  # as the command line takes it
-    sessions: int = 0  # with an episode that counts
+    sessions: int = 0  # with an episode that counts, or without any to play
     episodes: int = 0  # that count
     versions: Counter[tuple[str, str]] = field(default_factory=Counter)  # study and protocol version: sessions
     left_out: Counter[tuple[Level, str]] = field(default_factory=Counter)  # by reason
@@ -83,8 +89,8 @@ class Account:
     def take(self, counted: Counted) -> None:
         """Take a session into the account."""
         self.episodes += len(counted.places)
-        self.sessions += bool(counted.places)
-        if any(counted.asked):
+        self.sessions += counted.counts
+        if any(counted.asked) or counted.counts:
             self.versions[counted.log.plan.study, version_name(counted.log.plan)] += 1
         self.left_out.update((one.level, one.reason) for one in counted.left_out)
 

@@ -17,9 +17,9 @@ from typing import TypeVar
 
 from minihuman.data.withdrawn import withdrawn_near
 from minihuman.errors import LogError, ProtocolError
-from minihuman.log.paths import sessions_among
+from minihuman.log.paths import folders_with_logs, sessions_among
 from minihuman.log.read.glance import first_facts
-from minihuman.log.read.open_log import open_log
+from minihuman.log.read.guard import guarded
 from minihuman.recorded.episode import SessionLog
 
 T = TypeVar("T")
@@ -59,7 +59,8 @@ def worth_reading(source: Path) -> tuple[list[Path], list[Skipped]]:
         LogError: if there is no such file or folder.
     """
     facts = {path: first_facts(first) for path, first in _found(source)}
-    gone = [path for path, theirs in facts.items() if theirs.get("participant", "") in withdrawn_near(path.parent)]
+    who_left = withdrawn_near({path.parent for path in facts})
+    gone = [path for path, theirs in facts.items() if theirs.get("participant", "") in who_left[path.parent]]
     taken: dict[tuple[str, ...], Path] = {}
     for path in sorted(set(facts) - set(gone), key=lambda path: (not _in_place(path, facts[path]), path)):
         taken.setdefault(_session_of(facts[path]) or (str(path),), path)
@@ -82,21 +83,21 @@ def _found(source: Path) -> list[tuple[Path, Path]]:
         return [(source, source)]
     if not source.is_dir():
         raise LogError(f"{source} does not exist; name a session log, or a folder of them")
-    folders = [(Path(folder), names) for folder, _, names in os.walk(source) if any(".mcap" in name for name in names)]
-    sessions = [
-        (folder, files) for folder, names in sorted(folders) for files in sessions_among(folder, names).values()
-    ]
+    folders = sorted(folders_with_logs(source))
+    sessions = [(folder, files) for folder, names in folders for files in sessions_among(folder, names).values()]
     return [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
 
 
 def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
-    return (facts["study"], facts["participant"], facts["session"]) if "session" in facts else ()
+    """Which session a log says it is of; () where it does not say all of that, being damaged."""
+    whose = tuple(facts.get(name, "") for name in ("study", "participant", "session"))
+    return whose if all(whose) else ()
 
 
 def _in_place(path: Path, facts: dict[str, str]) -> bool:
     """Whether a log lies where its session's is recorded."""
     folder = path if path.is_dir() else path.parent
-    return bool(facts) and folder.parts[-2:] == (facts.get("participant"), f"ses-{int(facts.get('session', 0)):02d}")
+    return folder.parts[-2:] == (facts.get("participant"), f"ses-{facts.get('session', ''):0>2}")
 
 
 def _which(facts: dict[str, str]) -> str:
@@ -155,8 +156,12 @@ def _work_on_each(paths: list[Path], work: Callable[[SessionLog], T]) -> list[T 
 
 
 def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | Skipped:
+    from minihuman.log.read.open_log import open_log  # all that reads messages: not needed where every row is kept
+
     try:
-        return work(open_log(path))
+        log = open_log(path)
+        with guarded(path):  # what a log says can be wrong in ways that only whoever works on it finds
+            return work(log)
     except (LogError, ProtocolError, OSError) as error:
         return Skipped(path, str(error))
 

@@ -7,11 +7,15 @@ from typing import Any
 from minihuman.data.rows import Part
 from minihuman.recorded.episode import SessionLog
 from minihuman.recorded.segment import PartEvent
+from minihuman.study.activities.agent_events import Advised, ControlChanged, LearnerAsked, PolicyGiven, Rated
+from minihuman.study.activities.correction_events import CorrectionBegun
+from minihuman.study.activities.pair_events import Preferred
 from minihuman.study.events import (
     AnswerChanged,
     Answered,
     ClauseDone,
     EpisodesSkipped,
+    Linked,
     PageShown,
     PartEnded,
     PartStarted,
@@ -126,6 +130,96 @@ def _input(event: PartEvent, log: SessionLog) -> _Row | None:
     return None
 
 
+def _link(event: PartEvent, log: SessionLog) -> _Row | None:
+    if not isinstance(event, Linked):
+        return None
+    return {
+        "offset_ms": event.offset_ns * _MS,
+        "error_ms": event.error_ns * _MS,
+        "rtt_ms": event.rtt_ns * _MS,
+        "least_rtt_ms": event.least_rtt_ns * _MS,
+        "drift_ppm": event.drift_ppm,
+    }
+
+
+def _policy(event: PartEvent, log: SessionLog) -> _Row | None:
+    match event:
+        case LearnerAsked():
+            its = {"what": "asked", "policy": "", "failure": ""}
+        case PolicyGiven():
+            its = {"what": "failed" if event.failure else "given", "policy": event.policy, "failure": event.failure}
+        case _:
+            return None
+    return {"part": event.part + 1, "episode": event.episode + 1, **its}
+
+
+def _advice(event: PartEvent, log: SessionLog) -> _Row | None:
+    if not isinstance(event, Advised):
+        return None
+    said = json.dumps([round(chance, 9) for chance in event.probabilities])
+    return {"episode": event.episode + 1, "step": event.step, "policy_action": event.action, "probabilities": said}
+
+
+def _control(event: PartEvent, log: SessionLog) -> _Row | None:
+    if not isinstance(event, ControlChanged):
+        return None
+    its = {"who": event.who, "reason": event.reason, "pressed_ns": event.pressed_ns}
+    return {"episode": event.episode + 1, "step": event.step, **its}
+
+
+def _rating(event: PartEvent, log: SessionLog) -> _Row | None:
+    if not isinstance(event, Rated):
+        return None
+    its = {"value": event.value, "pressed_ns": event.pressed_ns}
+    return {"episode": event.episode + 1, "step": event.step, **its}
+
+
+def _correction(event: PartEvent, log: SessionLog) -> _Row | None:
+    if not isinstance(event, CorrectionBegun):
+        return None
+    found = next((its for its in log.corrections if its.part == event.part and its.t_ns[0] == event.t_ns), None)
+    if found is None:
+        return None
+    return {
+        "part": event.part + 1,
+        "correction": event.correction + 1,
+        "episode": event.episode + 1,
+        "attempt": event.attempt,
+        "step": event.step,
+        "steps": len(found.actions),
+        "outcome": found.outcome,
+        "actions": json.dumps(found.actions.tolist()),
+        "key_t_ns": json.dumps(found.key_t_ns.tolist()),
+    }
+
+
+def _preference(event: PartEvent, log: SessionLog) -> _Row | None:
+    if not isinstance(event, Preferred):
+        return None
+    compared = next((its for its in log.comparisons if its.said is event), None)
+    if compared is None:
+        return None
+    sides = {
+        f"{side}_{name}": value
+        for side, stretch in (("left", compared.left), ("right", compared.right))
+        for name, value in (
+            ("episode", stretch.episode + 1),
+            ("attempt", stretch.attempt),
+            ("first", stretch.first),
+            ("last", stretch.last),
+        )
+    }
+    return {
+        "part": event.part + 1,
+        "pair": event.pair + 1,
+        **sides,
+        "answer": event.answer,
+        "shown_ns": event.shown_ns or None,
+        "answer_ms": compared.answer_ms if event.shown_ns else None,
+        "replays": event.replays,
+    }
+
+
 _MAKERS: Mapping[str, Callable[[PartEvent, SessionLog], _Row | None]] = {
     "answers": _answer,
     "answer_changes": _change,
@@ -134,4 +228,11 @@ _MAKERS: Mapping[str, Callable[[PartEvent, SessionLog], _Row | None]] = {
     "points": _points,
     "clauses": _clause,
     "other_inputs": _input,
+    "links": _link,
+    "policies": _policy,
+    "advice": _advice,
+    "controls": _control,
+    "ratings": _rating,
+    "corrections": _correction,
+    "preferences": _preference,
 }

@@ -7,9 +7,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.recorded.categorical import Words
 from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.study.events import Noted
 from minihuman.study.plan import EpisodePlan, SessionPlan
+from minihuman.study.protocol import decode
 
 LATE_MS = 5.0  # a press that waited longer for the session than this is counted
 _NS_PER_MS = 1e6
@@ -50,6 +52,8 @@ class Outline(msgspec.Struct, frozen=True):
     session: int
     by_hand: bool  # participant or group chosen, not allocated
     blocks: tuple[EpisodePlan, ...]  # the first episode of each
+    stratum: str = ""
+    stratified_by: str = ""  # the question that the stratum is of
 
     @classmethod
     def of(cls, plan: SessionPlan) -> "Outline":
@@ -67,6 +71,8 @@ class Outline(msgspec.Struct, frozen=True):
             plan.session,
             plan.overridden,
             tuple(first.values()),
+            plan.participant.stratum,
+            decode(plan.protocol_toml).allocation.stratify if plan.participant.stratum else "",
         )
 
 
@@ -75,7 +81,7 @@ def quality_of(log: SessionLog) -> Quality:
     waited_ms = [np.asarray(segment.keys.column("waited_ns")) / _NS_PER_MS for segment in log.segments]
     down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
     pressed = _joined(waited[is_down] for waited, is_down in zip(waited_ms, down, strict=True))
-    to_flip = _joined(_key_to_flip_ms(episode) for episode in log.episodes)
+    to_flip = keys_to_flips_ms(log)
     spread = tuple(float(one) for one in np.percentile(to_flip, (50, 95, 99))) if to_flip.size else (np.nan,) * 3
     pauses = [pause for segment in log.segments for pause in segment.pauses]
     return Quality(
@@ -97,6 +103,11 @@ def quality_of(log: SessionLog) -> Quality:
     )
 
 
+def keys_to_flips_ms(log: SessionLog) -> NDArray[np.float64]:
+    """From each step's key to the first flip of its picture, in ms, of all episodes."""
+    return _joined(_key_to_flip_ms(episode) for episode in log.episodes)
+
+
 def _joined(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.concatenate([np.empty(0), *parts])
 
@@ -111,11 +122,9 @@ def _key_to_flip_ms(episode: Episode) -> NDArray[np.float64]:
     """From each step's key to the first flip of its picture, where there was a key and a picture."""
     steps = np.asarray(episode.frames.column("step"), np.int64)
     flips = np.asarray(episode.frames.column("flip_ns"), np.int64)
-    first, places = np.unique(steps, return_index=True)
-    shown = {int(step): int(flips[place]) for step, place in zip(first, places, strict=True)}
-    waits = [
-        (shown[number] - int(episode.key_t_ns[number - 1])) / _NS_PER_MS
-        for number in range(1, len(episode.actions) + 1)
-        if number in shown and episode.step_keys[number - 1]
-    ]
-    return np.array(waits, np.float64)
+    shown, places = np.unique(steps, return_index=True)
+    steps_done = np.arange(1, len(episode.actions) + 1)
+    _, of_steps, of_shown = np.intersect1d(steps_done, shown, assume_unique=True, return_indices=True)
+    had_key = ~Words.of(episode.step_keys).are(("",))[of_steps]
+    waits_ns = flips[places[of_shown[had_key]]] - episode.key_t_ns[of_steps[had_key]]
+    return waits_ns / _NS_PER_MS

@@ -121,6 +121,11 @@ def _texts(values: Words | list[str | None]) -> pa.Array:
     return pa.Array.from_buffers(pa.string(), len(encoded), buffers).take(_numbers(words.codes, pa.int64()))
 
 
+def whole_numbers(numbers: NDArray[np.integer[Any]]) -> pa.Array:
+    """Counts and places as Arrow's int64."""
+    return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers.astype(np.int64))])
+
+
 def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa.Array:
     dtype = _NUMPY[kind]
     numbers: NDArray[Any]

@@ -120,6 +120,7 @@ def about_session(log: SessionLog) -> Row:
     planned = len(log.plan.episodes) - skipped
     return {
         "player": log.player,
+        "window": log.segments[0].facts.get("window", "") if log.segments else "",
         "started_at": log.started_at,
         "end_reason": log.end_reason,
         "clean": log.clean,

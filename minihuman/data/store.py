@@ -5,6 +5,7 @@ and it may be deleted at any time. What it holds is what the default selection s
 selection, or where the file cannot be written or is another process's, the same tables are made in a temporary file.
 """
 
+import hashlib
 import os
 import tempfile
 from collections.abc import Iterator
@@ -16,19 +17,22 @@ from typing import Any
 
 import duckdb
 import msgspec
+import pyarrow as pa
 
+from minihuman.data.caches import FILES
+from minihuman.data.caches import TABLES as FILE_NAME
 from minihuman.data.counted import Account
+from minihuman.data.kept_files import KeptFiles
 from minihuman.data.marks import marks_path
 from minihuman.data.opened import Skipped, each_log, worth_reading
 from minihuman.data.quality import Outline, Quality
 from minihuman.data.rows import Rows
 from minihuman.data.selection import Selection
 from minihuman.data.study import SessionRows, Sessions, read_rows
-from minihuman.data.table_file import OfAnotherVersionError, TableFile
+from minihuman.data.table_file import OfAnotherVersionError, TableFile, made_by
 from minihuman.errors import LogError
 
-FILE_NAME = "tables.duckdb"
-_TOGETHER = 64  # sessions put in at once
+_TOGETHER = 256  # sessions put in at once: half the work of 64, as whole pieces of the file are written at once
 
 
 class Kept(msgspec.Struct, frozen=True):
@@ -70,6 +74,7 @@ class Store:
         self._with_shortest = with_shortest
         self._sessions = sessions
         paths, skipped = worth_reading(sessions.source)
+        self.files: KeptFiles | None = None  # None where the rows are kept for this once only
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self.tables = self._open()
         try:
@@ -138,6 +143,10 @@ class Store:
         about = logs.execute("SELECT key, log, about FROM kept.logs").fetchall()
         found = {key: (number, msgspec.msgpack.decode(of_log, type=Kept)) for key, number, of_log in about}
         self.tables.put_in_order([found[key][0] for key in now])
+        if self._temporary is None:
+            shortest = {key: with_shortest for key, _, _, with_shortest in known if key in have}
+            of = [(key, prints[key], shortest.get(key, self._with_shortest)) for key in now]
+            self.files = KeptFiles(self._sessions.source / FILES, _digest(made_by(), pa.__version__, of))
         self.kept = tuple(found[key][1] for key in now)
         self._keys = tuple(now)
         for one in self.kept:
@@ -184,6 +193,10 @@ def _kept(one: SessionRows) -> Kept:
         quality=one.quality,
         account=(account.sessions, account.episodes, versions, left_out),
     )
+
+
+def _digest(*facts: object) -> str:
+    return hashlib.sha256(msgspec.msgpack.encode(facts)).hexdigest()
 
 
 def _key(path: Path, source: Path) -> str:

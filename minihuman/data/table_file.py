@@ -1,17 +1,18 @@
 """Tables in one DuckDB file: rows of many sessions put in together, handed out session by session."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 from types import TracebackType
 
 import duckdb
+import numpy as np
 import pyarrow as pa
 
 import minihuman
 from minihuman.data.columns import TABLES, schema
-from minihuman.data.rows import Rows, together
+from minihuman.data.rows import Rows, together, whole_numbers
 from minihuman.data.table_schema import OF_EPISODES
 from minihuman.errors import StoreError
 
@@ -51,11 +52,10 @@ class TableFile:
         """Put sessions' rows in."""
         for name in TABLES if sessions else ():
             counts = [rows.count(name) for rows in sessions.values()]
-            numbers = [number for number, count in zip(sessions, counts, strict=True) for _ in range(count)]
-            places = [place for count in counts for place in range(count)]
+            places = np.concatenate([np.arange(count) for count in counts])
             new = together(name, list(sessions.values()))
-            new = new.add_column(0, "row", pa.array(places, pa.int32()))
-            new = new.add_column(0, "log", pa.array(numbers, pa.int32()))
+            new = new.add_column(0, "row", whole_numbers(places))
+            new = new.add_column(0, "log", whole_numbers(np.repeat(list(sessions), counts)))
             self.connection.register("new", new)
             self.connection.execute(f"INSERT INTO kept.{name} SELECT * FROM new")
             self.connection.unregister("new")
@@ -72,7 +72,8 @@ class TableFile:
             return
         self.order = tuple(numbers)
         self.connection.execute("CREATE OR REPLACE TEMP TABLE placed (log INTEGER, place INTEGER)")
-        placed = pa.table({"log": list(numbers), "place": list(range(len(numbers)))})
+        columns = (np.array(numbers), np.arange(len(numbers)))
+        placed = pa.Table.from_arrays([whole_numbers(column) for column in columns], ["log", "place"])
         self.connection.register("new", placed)
         self.connection.execute("INSERT INTO placed SELECT * FROM new")
         self.connection.unregister("new")
@@ -81,6 +82,9 @@ class TableFile:
         self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
     ) -> Iterator[pa.RecordBatch]:
         """One table's rows, session by session, some columns left out; only a few are in memory at a time.
+
+        All but the last batch have the same number of rows, whatever was put in and taken out before: equal rows make
+        equal files.
 
         ``counting`` leaves out what does not count, and what belongs to an episode that does not.
         """
@@ -95,7 +99,7 @@ class TableFile:
         if counting or self.order is not None:
             order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
             found += f" {order} ORDER BY {place}, row"
-        for batch in self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS):
+        for batch in _even(self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS)):
             yield pa.RecordBatch.from_arrays(
                 [array.cast(field.type) for array, field in zip(batch.columns, wanted, strict=True)], schema=wanted
             )
@@ -146,7 +150,7 @@ class TableFile:
     def _lay_out(self) -> None:
         self.connection.execute("BEGIN; CREATE SCHEMA kept")
         for name in TABLES:
-            self.connection.register("empty", schema(name).empty_table())
+            self.connection.register("empty", pa.Table.from_batches([], schema(name)))
             rows = "SELECT 0::INTEGER AS log, 0::INTEGER AS row, * FROM empty"
             self.connection.execute(f"CREATE TABLE kept.{name} AS {rows}")
             self.connection.execute(f"CREATE VIEW {name} AS SELECT * EXCLUDE (log, row) FROM kept.{name}")
@@ -158,6 +162,19 @@ class TableFile:
         self.connection.execute("CREATE TABLE kept.made_by (version TEXT)")
         self.connection.execute("INSERT INTO kept.made_by VALUES (?)", (made_by(),))
         self.connection.execute("COMMIT")
+
+
+def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """The same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
+    waiting: list[pa.RecordBatch] = []
+    for batch in found:
+        waiting.append(batch)
+        if sum(map(len, waiting)) >= _ROWS:
+            whole = pa.concat_batches(waiting)
+            yield whole.slice(0, _ROWS)
+            waiting = [whole.slice(_ROWS)]
+    if any(map(len, waiting)):
+        yield pa.concat_batches(waiting)
 
 
 @cache

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from minihuman.data.columns import TABLES, Column
+from minihuman.data.column import Column
+from minihuman.data.columns import TABLES
 
 _TYPES = {"text": "string", "key": "string", "whole": "integer", "number": "number", "yes_no": "boolean"}
 _SESSION = ("participant", "session")

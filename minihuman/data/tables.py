@@ -47,8 +47,9 @@ def session_tables(counted: Counted, measured: Measured) -> Rows:
         for name in dict.fromkeys(episode.plan.block_name for episode in played)
     ]
     participant = who | about_session(log) | measured.over(counting)
-    for row in (*blocks, participant):
+    for row in blocks:
         row["left_out"] = counted.session_reason or ("" if row["episodes"] else NOTHING_COUNTS)
+    participant["left_out"] = counted.session_reason or ("" if counted.counts else NOTHING_COUNTS)
     steps, presses = (Part.below([of(episode) for episode in played], **who) for of in (_steps, _presses))
     return Rows(
         {

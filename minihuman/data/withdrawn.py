@@ -1,6 +1,8 @@
 """Who has withdrawn from a study: their data count nowhere, and no message names them."""
 
-from functools import lru_cache
+from collections.abc import Iterable
+from functools import cache, lru_cache
+from itertools import islice
 from pathlib import Path
 
 import msgspec
@@ -23,10 +25,14 @@ def withdrawn(study_dir: Path) -> frozenset[str]:
     return _read(path, changed.st_size, changed.st_mtime_ns)
 
 
-def withdrawn_near(folder: Path) -> frozenset[str]:
-    """The codes of those who withdrew from the study that a session's folder, or a folder of logs, lies in."""
-    folder = folder.absolute()
-    return frozenset().union(*(withdrawn(one) for one in (folder, *folder.parents[:_UP])))
+def withdrawn_near(folders: Iterable[Path]) -> dict[Path, frozenset[str]]:
+    """By session's folder or folder of logs: the codes of those who withdrew from the study that it lies in."""
+    once = cache(withdrawn)  # many lie in the same one
+
+    def near(folder: Path) -> frozenset[str]:
+        return frozenset().union(*(once(one) for one in (folder, *islice(folder.parents, _UP))))
+
+    return {folder: near(folder.absolute()) for folder in folders}
 
 
 @lru_cache(maxsize=64)

@@ -5,6 +5,7 @@ from functools import lru_cache
 from minihuman.data.chosen import Chosen
 from minihuman.errors import ProtocolError
 from minihuman.study.about import About
+from minihuman.study.devices import Device
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import Block, Protocol, decode
 
@@ -18,6 +19,12 @@ def about_of_plan(plan: SessionPlan) -> About:
     """The same, of a session."""
     protocol = _protocol(plan.protocol_toml)
     return About() if protocol is None else protocol.about
+
+
+def devices_of_plan(plan: SessionPlan) -> dict[str, Device]:
+    """The devices of a session's protocol, by name."""
+    protocol = _protocol(plan.protocol_toml)
+    return {} if protocol is None else {device.name: device for device in protocol.devices}
 
 
 def called(item: Chosen) -> str:

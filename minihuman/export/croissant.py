@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.data.chosen import ChosenEpisodes
-from minihuman.data.columns import NEED_WORLD, TABLES, Column
+from minihuman.data.column import Column
+from minihuman.data.columns import NEED_WORLD, TABLES
 from minihuman.data.table_schema import KEYS
 from minihuman.export.asked import about_of_plan
 from minihuman.export.port import Written

@@ -1,7 +1,8 @@
 """Trajectories as the ``imitation`` library keeps them: Hugging Face ``datasets`` on disk, flat observations.
 
 One dataset a world, ``OUT/<world>``; ``imitation.data.serialize.load`` and ``datasets.load_from_disk`` read it. It is
-written a few trajectories at a time, so that a large study takes no more memory than a small one.
+written a few trajectories at a time, so that a large study takes no more memory than a small one. What was compared is
+another dataset, ``OUT/<world>-preferences``: a row a pair, for ``PreferenceDataset.push``.
 """
 
 import hashlib
@@ -15,10 +16,12 @@ from datasets.arrow_writer import ArrowWriter
 
 from minihuman.data.chosen import Chosen, ChosenEpisodes
 from minihuman.export.asked import called
+from minihuman.export.compared import Fragments, pair_features
 from minihuman.export.datasets_by_world import dataset_name
 from minihuman.export.observations import flat
 from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
+from minihuman.export.taught import taught_at
 
 _TOGETHER = 8  # trajectories written at once: of pictures, some tens of megabytes
 _NO_STEP = "has no step, and a trajectory needs one"
@@ -32,8 +35,8 @@ def export(chosen: ChosenEpisodes, out: Path) -> Written:
     """
     datasets.disable_progress_bars()  # our own command says how far it is
     resimulate = Resimulator()
-    writers: dict[str, ArrowWriter] = {}
-    features: dict[str, datasets.Features] = {}
+    writers = _Writers(out)
+    fragments = Fragments()
     episodes = steps = 0
     left_out: list[str] = []
     for item in chosen:
@@ -42,22 +45,44 @@ def export(chosen: ChosenEpisodes, out: Path) -> Written:
             continue
         name = dataset_name(item)
         trajectory = _trajectory(item, resimulate(item))
-        if name not in writers:
-            features[name] = _features(str(trajectory["obs"].dtype))
-            path = str(out / f"{name}.arrow")
-            writers[name] = ArrowWriter(features=features[name], path=path, writer_batch_size=_TOGETHER)
-        writers[name].write(trajectory)
+        features = _features(str(trajectory["obs"].dtype))
+        writers.write(name, features, trajectory)
+        for world, pair in fragments.take(item, name, trajectory):
+            writers.write_pair(world, pair)
         episodes, steps = episodes + 1, steps + len(item.episode.actions)
-    for name, writer in writers.items():
-        writer.finalize()
-        _settle(out / f"{name}.arrow", out / name, features[name])
-    return Written(tuple(out / name for name in writers), episodes, steps, tuple(left_out))
+    for world, pair in fragments.close():
+        writers.write_pair(world, pair)
+    return Written(writers.close(), episodes, steps, tuple(left_out))
+
+
+class _Writers:
+    """A file a dataset, opened when its first row comes."""
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self._open: dict[str, tuple[ArrowWriter, datasets.Features]] = {}
+
+    def write(self, name: str, features: datasets.Features, row: dict[str, Any]) -> None:
+        if name not in self._open:
+            path = str(self._out / f"{name}.arrow")
+            self._open[name] = ArrowWriter(features=features, path=path, writer_batch_size=_TOGETHER), features
+        self._open[name][0].write(row)
+
+    def write_pair(self, name: str, row: dict[str, Any]) -> None:
+        self.write(f"{name}-preferences", pair_features(self._open[name][1]), row)
+
+    def close(self) -> tuple[Path, ...]:
+        for name, (writer, features) in self._open.items():
+            writer.finalize()
+            _settle(self._out / f"{name}.arrow", self._out / name, features)
+        return tuple(self._out / name for name in self._open)
 
 
 def _trajectory(item: Chosen, demonstration: Demonstration) -> dict[str, Any]:
     episode = item.episode
     infos = [
         {**(item.facts if step == 1 else {}), "t_ns": int(episode.t_ns[step]), "key": episode.step_keys[step - 1]}
+        | taught_at(episode, step - 1)
         for step in range(1, len(episode.actions) + 1)
     ]
     return {

@@ -9,6 +9,7 @@ from minihuman.data.chosen import Chosen
 from minihuman.export.asked import actions_of
 from minihuman.export.observations import flat, flat_names, is_picture
 from minihuman.export.resimulate import Demonstration
+from minihuman.export.taught import taught_columns
 
 PICTURE, STATE = "observation.image", "observation.state"
 
@@ -27,6 +28,14 @@ def features_of(item: Chosen, first: Demonstration) -> dict[str, dict[str, Any]]
         STATE: {"dtype": "float32", "shape": [len(names)], "names": names},
         "action": {"dtype": "float32", "shape": [len(actions)], "names": actions},
         "action_index": {"dtype": "int64", "shape": [1], "names": ["what the environment's step takes"]},
+        **(
+            {
+                "intervention": {"dtype": "bool", "shape": [1], "names": None},
+                "policy_action": {"dtype": "int64", "shape": [1], "names": ["what the policy would have done"]},
+            }
+            if item.episode.taught is not None
+            else {}
+        ),
         "next.reward": {"dtype": "float64", "shape": [1], "names": None},
         "next.done": {"dtype": "bool", "shape": [1], "names": None},
         "next.success": {"dtype": "bool", "shape": [1], "names": None},
@@ -69,6 +78,7 @@ def columns_of(item: Chosen, demonstration: Demonstration, features: dict[str, A
         **seen,
         "action": (taken[:, None] == np.array(features["action"]["names"])).astype(np.float32),
         "action_index": demonstration.actions,
+        **taught_columns(episode),
         "next.reward": episode.rewards,
         "next.done": done,
         "next.success": done & (episode.outcome == "goal"),

@@ -20,6 +20,7 @@ from minihuman.export.datasets_by_world import dataset_name, env_spec
 from minihuman.export.observations import plain_space, stack
 from minihuman.export.port import Written
 from minihuman.export.resimulate import Demonstration, Resimulator
+from minihuman.export.taught import taught_columns
 from minihuman.study.about import About
 
 NAMESPACE = "minihuman"
@@ -124,6 +125,7 @@ def _buffer(demonstration: Demonstration) -> EpisodeBuffer:
         infos={
             "t_ns": episode.t_ns,
             "pose": episode.poses,
+            **taught_columns(episode, with_reset=True),
         },
     )
 

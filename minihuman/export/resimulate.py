@@ -1,6 +1,7 @@
 """What was observed in an episode: played again from seed and actions, or as the log holds it; each hash is checked."""
 
 import copy
+import logging
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,13 +14,19 @@ from minihuman.data.chosen import Chosen
 from minihuman.errors import ExportError, LogError, WorldError
 from minihuman.log.observations import checked
 from minihuman.recorded.episode import Episode
-from minihuman.worlds.adapt.world import World
+from minihuman.study.again import same_pictures
+from minihuman.worlds.adapt.world import Observed, Transition, World
 from minihuman.worlds.trust import trusting
+
+LOG = logging.getLogger("minihuman")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demonstration:
-    """An episode with what was observed: ``n + 1`` observations for ``n`` actions, each equal to the one played."""
+    """An episode with what was observed: ``n + 1`` observations for ``n`` actions, each equal to the one played.
+
+    Of a first-person episode that an earlier version drew, each state is equal, and the pictures are this version's.
+    """
 
     episode: Episode
     observations: tuple[Any, ...]
@@ -62,20 +69,32 @@ class Resimulator:
 
 def _played(chosen: Chosen, world: World) -> tuple[Any, ...]:
     episode = chosen.episode
-    _check(world.reset(episode.plan.seed).observation_hash, 0, chosen)
+    drawn_anew = world.drawn and not all(same_pictures(segment.facts) for segment in chosen.log.segments)
+    if drawn_anew:
+        LOG.warning(
+            "%s: %s: its pictures are drawn by this version; the participant saw those of an earlier one",
+            chosen.log.path,
+            episode.name,
+        )
+    _check(world, world.reset(episode.plan.seed), 0, chosen, drawn_anew=drawn_anew)
     observations = [copy.deepcopy(world.observation)]  # as a world may use its arrays again
     for step, action in enumerate(episode.actions, 1):
-        _check(world.step(int(action)).observation_hash, step, chosen)
+        _check(world, world.step(int(action)), step, chosen, drawn_anew=drawn_anew)
         observations.append(copy.deepcopy(world.observation))
     return tuple(observations)
 
 
-def _check(observation_hash: int, step: int, chosen: Chosen) -> None:
-    if observation_hash != int(chosen.episode.observation_hashes[step]):
+def _check(world: World, now: Observed | Transition, step: int, chosen: Chosen, *, drawn_anew: bool) -> None:
+    episode = chosen.episode
+    if drawn_anew:
+        same = world.state_hash() == int(episode.state_hashes[step])
+    else:
+        same = now.observation_hash == int(episode.observation_hashes[step])
+    if not same:
         played = chosen.log.facts.get("minihuman", "an unknown version")
-        instead = "" if chosen.episode.observations is None else ", or take those in the log: --stored-frames"
+        instead = "" if episode.observations is None else ", or take those in the log: --stored-frames"
         raise ExportError(
-            f"{chosen.log.path}: {chosen.episode.name} step {step}: the observation differs from "
+            f"{chosen.log.path}: {episode.name} step {step}: the observation differs from "
             f"the one played under minihuman {played} (this is {__version__}); export with that version{instead}"
         )
 

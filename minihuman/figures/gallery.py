@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from minihuman.data.study import Sessions
 from minihuman.figures.files import save
@@ -15,6 +14,9 @@ from minihuman.figures.paths import session_paths
 from minihuman.recorded.columns import EventColumns
 from minihuman.recorded.episode import SessionLog
 from minihuman.study.events import FrameShown, KeyPressed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def draw_all(sessions: Sessions, out: Path, *, each: bool = False) -> Iterator[Path]:
@@ -68,8 +70,10 @@ def _light(log: SessionLog) -> SessionLog:
     return replace(log, episodes=episodes, segments=tuple(replace(one, keys=keys) for one in log.segments))
 
 
-def rewards(logs: Iterable[SessionLog]) -> pd.DataFrame:
+def rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":
     """Every episode's reward with whose it is and where in its block, as in the table "episodes"."""
+    import pandas as pd  # half a second: no figure of one session needs it
+
     columns = ["participant", "session", "group", "block", "episode_in_block", "reward"]
     rows = [
         (

@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from scipy import stats
 
 from minihuman.figures.style import SERIES, blank, our_style
 
@@ -26,11 +25,13 @@ def mean_and_band(
 
     NaN stands for a missing episode. With fewer than two participants in an episode the interval there is NaN.
     """
+    from scipy.special import stdtrit  # no figure of one session needs it
+
     there = (~np.isnan(values)).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.nansum(values, axis=0) / there
         spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (there - 1)) / np.sqrt(there)
-        half = np.where(there > 1, stats.t.ppf(0.5 + level / 2, np.maximum(there - 1, 1)) * spread, np.nan)
+        half = np.where(there > 1, stdtrit(np.maximum(there - 1, 1), 0.5 + level / 2) * spread, np.nan)
     return mean, mean - half, mean + half
 
 

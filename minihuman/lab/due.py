@@ -1,5 +1,6 @@
 """Who is due for a further session, who is late, and who broke one off: from the logs and the protocol in them."""
 
+import re
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
 from pathlib import Path
@@ -7,12 +8,15 @@ from typing import Literal
 
 import msgspec
 
-from minihuman.lab.register import Replaced, read_lines, read_register
+from minihuman.errors import LogError
+from minihuman.lab.register_lines import Replaced, read_lines, read_register
 from minihuman.lab.session_table import SessionRow, sessions
 from minihuman.log.read.open_log import open_log
+from minihuman.study.events import SETTLED
 from minihuman.study.protocol import Protocol, decode
 
-State = Literal["due", "later", "overdue", "unfinished", "never came"]
+_SESSION_FOLDER = re.compile(r"([^/]+)/ses-(\d+)")
+State = Literal["due", "later", "overdue", "unfinished", "unreadable", "never came"]
 
 
 class Due(msgspec.Struct, frozen=True):
@@ -41,6 +45,8 @@ class Due(msgspec.Struct, frozen=True):
                 return f"was due until {self.latest}; if they do not come back: {again}"
             case "unfinished":
                 return f"was broken off and can be gone on with; if they do not come back: {again}"
+            case "unreadable":
+                return "has a log that cannot be read: see minihuman status, and minihuman recover"
             case "never came":
                 return f"has a slot and never came; to offer it again: {again}"
 
@@ -63,7 +69,7 @@ def due(study_dir: Path, today: date) -> tuple[Due, ...]:
         AllocationError: if the register cannot be read.
         ProtocolError: if the protocol in the logs cannot be understood.
     """
-    seen = _furthest(study_dir)
+    seen, unreadable = _furthest(study_dir)
     replaced = {line.replaced for line in read_lines(study_dir) if isinstance(line, Replaced)}
     protocols: dict[str, Protocol] = {}
     found = []
@@ -71,27 +77,39 @@ def due(study_dir: Path, today: date) -> tuple[Due, ...]:
         if slot.participant in replaced:
             continue
         last = seen.get(slot.participant)
-        if last is None:
+        if (session := unreadable.get(slot.participant, 0)) > (0 if last is None else last.session):
+            found.append(Due(slot.participant, slot.group, session, "unreadable"))
+        elif last is None:
             found.append(Due(slot.participant, slot.group, 1, "never came"))
         elif not last.complete:
             found.append(Due(slot.participant, slot.group, last.session, "unfinished"))
         else:
-            found += _next(slot.participant, slot.group, last, _protocol(last.row, protocols), today)
+            try:
+                protocol = _protocol(last.row, protocols)
+            except LogError:  # damaged where a glance does not look
+                found.append(Due(slot.participant, slot.group, last.session, "unreadable"))
+            else:
+                found += _next(slot.participant, slot.group, last, protocol, today)
     return tuple(found)
 
 
-def _furthest(study_dir: Path) -> dict[str, _Seen]:
+def _furthest(study_dir: Path) -> tuple[dict[str, _Seen], dict[str, int]]:
+    """Everybody's furthest session, and the furthest that cannot be read, by whose folder its log is in."""
     seen: dict[str, _Seen] = {}
+    unreadable: dict[str, int] = {}
     for row in sessions(study_dir):
         found = row.summary
-        if found is None or (found.participant in seen and seen[found.participant].session > found.session):
+        if found is None:
+            if in_place := _SESSION_FOLDER.fullmatch("/".join(row.path.parts[-3:-1])):
+                participant, session = in_place[1], int(in_place[2])
+                unreadable[participant] = max(session, unreadable.get(participant, 0))
             continue
-        whole = found.end_reason in ("complete", "screened_out") or (
-            0 < found.episodes_planned == found.episodes_completed
-        )
+        if found.participant in seen and seen[found.participant].session > found.session:
+            continue
+        whole = found.end_reason in SETTLED or (0 < found.episodes_planned == found.episodes_completed)
         started = datetime.fromisoformat(found.started_at).date()
         seen[found.participant] = _Seen(row, found.session, whole, started)
-    return seen
+    return seen, unreadable
 
 
 def _protocol(row: SessionRow, known: dict[str, Protocol]) -> Protocol:

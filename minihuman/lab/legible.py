@@ -5,18 +5,19 @@ from typing import Any
 
 import msgspec
 
+from minihuman.errors import ProtocolError
 from minihuman.study import texts
 from minihuman.study.activities.drafts import Question, draft_of
 from minihuman.study.activities.pages import PagePlan
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.activities.questions import QuestionsPlan
 from minihuman.study.allocation import allocation
-from minihuman.study.expand import enrol, expand
-from minihuman.study.plan import Part, SessionPlan
+from minihuman.study.expand import expand, participant_code, placed
+from minihuman.study.plan import Part, Participant, SessionPlan
 from minihuman.study.protocol import Protocol
 from minihuman.study.screens import TextScreen
 from minihuman.study.words import ENGLISH, Words
-from minihuman.typeset.faces import Faces, faces_for
+from minihuman.typeset.faces import Faces, faces_for, installed
 from minihuman.typeset.line import width_px
 from minihuman.windows.draw_question import fits as question_fits
 from minihuman.windows.draw_text import fits as text_fits
@@ -26,17 +27,31 @@ SIZE_PX = (1024, 768)  # the narrowest screen that a study is likely to meet
 _LONGEST_TITLE = 1.25  # of the height
 
 
+def refuse_unreadable(protocol: Protocol, source: str) -> None:
+    """Let nobody sit down before what they could not read; ``source`` names the file.
+
+    Raises:
+        ProtocolError: with everything that cannot be read in any session of any group.
+    """
+    if problems := list(dict.fromkeys(study_unreadable(protocol))):
+        raise ProtocolError.of([f"{source}: {problem}" for problem in problems], source)
+
+
 def study_unreadable(protocol: Protocol) -> Iterator[str]:
     """What cannot be read in any session of any group."""
-    first = {slot.group: slot.index for slot in reversed(allocation(protocol))}
-    for index in sorted(first.values()):
+    first = {slot.group: slot for slot in reversed(allocation(protocol))}
+    for slot in sorted(first.values(), key=lambda slot: slot.index):
+        who = placed(protocol, Participant(participant_code(slot.index), slot.index, ""), slot)
         for session in range(1, max(1, len(protocol.sessions)) + 1):
-            yield from unreadable(expand(protocol, enrol(protocol, index), session=session))
+            yield from unreadable(expand(protocol, who, session=session))
 
 
 def unreadable(plan: SessionPlan) -> Iterator[str]:
     """What cannot be read of a session, and the way out, one sentence each."""
-    words, faces = Words(plan.language, plan.words), faces_for(plan.language)
+    words, faces = Words(plan.language, plan.words, plan.fonts), faces_for(plan.language, fonts=plan.fonts)
+    for name in plan.fonts:
+        if installed(name) is None:
+            yield f"$.study.fonts names {name!r}, a face that is not installed here; install it, or leave it out"
     for where, text in _texts(plan):
         if missing := faces.missing(text):
             yield (

@@ -6,15 +6,15 @@ from pathlib import Path
 import msgspec
 
 from minihuman.errors import AllocationError
-from minihuman.lab.register import take_slot
+from minihuman.lab.register import draw_slot, take_slot
 from minihuman.log.paths import session_folder, sessions_in
 from minihuman.log.read.open_log import open_log
 from minihuman.log.record.finish import leftovers, recover
 from minihuman.recorded.episode import SessionLog
 from minihuman.study.activities.play_plan import PlayPlan
-from minihuman.study.events import Answered, EpisodesSkipped, PartEnded, Scored
+from minihuman.study.events import SETTLED, Answered, EpisodesSkipped, PartEnded, Scored
 from minihuman.study.expand import expand
-from minihuman.study.plan import SessionPlan, Standing
+from minihuman.study.plan import Participant, SessionPlan, Standing
 from minihuman.study.protocol import Protocol
 
 
@@ -50,9 +50,22 @@ def next_session(
     folder = session_folder(data, protocol.study.name, who.id, session)
     for part in leftovers(folder):
         recover(part)
-    if not folder.is_dir() or not sessions_in(folder):
-        return expand(protocol, who, session=session, overridden=taken.overridden)
-    return _rest_of(open_log(folder))
+    if folder.is_dir() and sessions_in(folder):
+        return _rest_of(open_log(folder))
+    if protocol.allocation.stratify and session == 1:
+        who = Participant(who.id, who.index, "")  # drawn, or drawn again, after the answer
+    return expand(protocol, who, session=session, overridden=taken.overridden)
+
+
+def drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, stratum: str) -> SessionPlan:
+    """The plan of somebody who has answered, their group drawn.
+
+    Raises:
+        AllocationError: if there is no slot of that stratum.
+        OSError: if the data folder cannot be read or written.
+    """
+    who = draw_slot(protocol, data / protocol.study.name, undrawn.participant.id, stratum)
+    return expand(protocol, who, session=undrawn.session, overridden=undrawn.overridden)
 
 
 def _check_came_before(
@@ -95,7 +108,7 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int) -> None:
 
 def is_complete(log: SessionLog) -> bool:
     """Whether nothing of a session is left to do."""
-    return log.end_reason in ("complete", "screened_out") or (not log.plan.parts and not _left(log))
+    return log.end_reason in SETTLED or (not log.plan.parts and not _left(log))
 
 
 def _left(log: SessionLog) -> list[int]:

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
+from minihuman.lab.advised import advice
 from minihuman.lab.prove import prove
 from minihuman.lab.seal import broken
 from minihuman.lab.verify import other_rules, verify
@@ -13,11 +14,11 @@ from minihuman.worlds.trust import trusting
 MOST_LINES = 20  # of differences, a log
 
 
-def proofs(log: Path, *, trust: Collection[str] = ()) -> Iterator[tuple[str, bool]]:
-    """Yield lines on a log, each with whether it is good news.
+def proofs(log: Path, *, trust: Collection[str] = (), policies: bool = False) -> Iterator[tuple[str, bool]]:
+    """Yield lines on a log, each with whether it is good news; with ``policies`` on what its agents thought, too.
 
     Raises:
-        LogError: if the log cannot be read.
+        LogError: if the log cannot be read, or the file of a policy.
         WorldError: if a world of it cannot be made here, or is in a module that is not trusted.
     """
     session = open_log(log)
@@ -28,12 +29,19 @@ def proofs(log: Path, *, trust: Collection[str] = ()) -> Iterator[tuple[str, boo
         steps = verify(session, make_world)
     if steps.difference:
         yield steps.difference, False
+    if steps.drawn_otherwise:
+        yield (
+            f"{steps.drawn_otherwise} episodes with an earlier renderer's pictures: these are not compared",
+            True,
+        )
     with guarded(log, "proven"):
         differences = list(prove(log, make_world)) if log.is_file() else []
     for difference in differences[:MOST_LINES]:
         yield difference, False
     if len(differences) > MOST_LINES:
         yield f"and {len(differences) - MOST_LINES} more", False
+    if policies:
+        yield from advice(session, make_world)
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 

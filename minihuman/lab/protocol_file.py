@@ -6,6 +6,8 @@ from pathlib import Path
 import msgspec
 
 from minihuman.errors import ProtocolError
+from minihuman.players.agent import is_agent
+from minihuman.study.activities.agent_plan import LATEST
 from minihuman.study.protocol import Protocol, decode
 
 
@@ -23,7 +25,22 @@ def read_protocol(path: Path) -> Protocol:
     if folder not in sys.path:
         sys.path.append(folder)  # the last: nothing in it takes the place of a library
     protocol = decode(toml, str(path))
-    return msgspec.structs.replace(protocol, files=_pictures(protocol, path))
+    return msgspec.structs.replace(protocol, files=_pictures(protocol, path) | _policies(protocol, path))
+
+
+def _policies(protocol: Protocol, path: Path) -> dict[str, bytes]:
+    """The policy files of its agents, which lie beside it, by name."""
+    found: dict[str, bytes] = {}
+    for number, block in enumerate(protocol.blocks):
+        name = block.agent.policy if block.agent is not None else ""
+        if name and name != LATEST and not is_agent(name):
+            try:
+                found[name] = (path.parent / name).read_bytes()
+            except OSError as error:
+                where = f"{path}: $.blocks[{number}].agent.policy"
+                reason = f"{path.parent / name} cannot be read: {error.strerror}"
+                raise ProtocolError(f"{where}: {reason}; put it there, or name an agent that is registered") from error
+    return found
 
 
 def _pictures(protocol: Protocol, path: Path) -> dict[str, bytes]:

@@ -15,9 +15,10 @@ from mcap.records import Attachment, Metadata
 
 from minihuman.errors import MinihumanError
 from minihuman.lab.prove_messages import MessageProof
-from minihuman.lab.register import sealed_heads
+from minihuman.lab.register_lines import sealed_heads
 from minihuman.log import segment_head, topics
 from minihuman.log.chain import HEAD, OURS, Chain
+from minihuman.log.kinds import known
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.read.chunk import LogMessage, Messages
 from minihuman.log.read.scan import Scan
@@ -25,11 +26,14 @@ from minihuman.log.record.live_file import attachments, segment_facts
 from minihuman.log.segment_head import SegmentHead
 from minihuman.log.versions import Decode, reader_for
 from minihuman.study.again import RULES, differences
+from minihuman.study.allocation import allocation
 from minihuman.study.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted, Stepped
-from minihuman.study.expand import enrol, expand, participant_index
+from minihuman.study.expand import expand, participant_index
 from minihuman.study.plan import SessionPlan
+from minihuman.study.protocol import Protocol
 from minihuman.study.protocol import decode as decode_protocol
 from minihuman.study.stage import MakeWorld
+from minihuman.study.strata import strata_of
 from minihuman.study.well_formed import complaints
 
 _KNOWN = (
@@ -148,7 +152,7 @@ def _read(path: Path) -> _Found:
             case Attachment():
                 chain.attachment(record)
                 found.attached.append(record)
-            case LogMessage() if record.channel.topic in topics.BY_NAME:
+            case LogMessage() if known(record.channel.topic) is not None:
                 schema = scan.schemas.get(record.channel.schema_id)
                 chain.message(record, schema)
                 segment = found.segments[-1]
@@ -258,10 +262,7 @@ def _plan(segment: _Segment) -> Iterator[str]:
     try:
         protocol = decode_protocol(plan.protocol_toml)
         again = expand(protocol, plan.participant, session=plan.session, overridden=plan.overridden)
-        if not plan.overridden:
-            listed = enrol(protocol, plan.participant.index).group
-            if listed != plan.participant.group:
-                yield f"plan: participant's group {plan.participant.group!r}, in the allocation list {listed!r}"
+        yield from _slot(protocol, segment, plan)
         if participant_index(plan.participant.id) != plan.participant.index:
             yield f"plan: participant {plan.participant.id} is at index {plan.participant.index}"
     except MinihumanError as error:
@@ -271,3 +272,22 @@ def _plan(segment: _Segment) -> Iterator[str]:
         logged, now = getattr(plan, name), getattr(again, name)
         if name not in _ONCE_PER_PLAN and logged != now:
             yield f"plan: {name} is not what the protocol gives"
+
+
+def _slot(protocol: Protocol, segment: _Segment, plan: SessionPlan) -> Iterator[str]:
+    """Hold group and stratum against the allocation list, and the stratum against the answer."""
+    who, slots = plan.participant, allocation(protocol)
+    if not 0 <= who.place < len(slots):
+        yield f"plan: slot {who.place} is outside the allocation list of {len(slots)}"
+        return
+    slot = slots[who.place]
+    if not plan.overridden and slot.group != who.group:
+        yield f"plan: participant's group {who.group!r}, in the allocation list {slot.group!r}"
+    if slot.stratum != who.stratum:
+        yield f"plan: participant's stratum {who.stratum!r}, in the allocation list {slot.stratum!r}"
+    strata = strata_of(protocol)
+    if strata is None or plan.session > 1 or plan.segment > 1:
+        return
+    answered = strata.drawn(segment.events)
+    if answered not in (None, who.stratum):
+        yield f"plan: participant's stratum {who.stratum!r}, by the answer to {strata.question} {answered!r}"

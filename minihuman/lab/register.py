@@ -4,72 +4,28 @@ Two stations that share the data folder never get the same slot: a slot is taken
 Lines of other kinds, which other programs may add, are passed over.
 """
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
 
 import msgspec
 
-from minihuman.errors import AllocationError, naming
-from minihuman.log.record.claim import lock
-from minihuman.study.allocation import allocation, allocation_sha256
-from minihuman.study.expand import enrol, participant_code, participant_index
+from minihuman.errors import AllocationError
+from minihuman.lab.register_lines import (
+    FILE_NAME,
+    Drawn,
+    Freed,
+    Line,
+    Replaced,
+    Sealed,
+    Taken,
+    Withdrawn,
+    register_of,
+    slots_taken,
+)
+from minihuman.study.allocation import Slot, allocation, allocation_sha256, slot_of
+from minihuman.study.expand import enrol, participant_code, participant_index, placed
 from minihuman.study.plan import Participant
 from minihuman.study.protocol import Protocol
-
-FILE_NAME = "register.jsonl"
-
-
-class Taken(msgspec.Struct, frozen=True):
-    """One line of the register: a slot, and the allocation list it was taken from."""
-
-    allocation_sha256: str
-    list_length: int
-    index: int
-    participant: str
-    group: str
-    overridden: bool  # chosen by hand with --participant or --group
-
-
-class Withdrawn(msgspec.Struct, frozen=True):
-    """A tombstone: this participant's data count nowhere, and their slot is free again."""
-
-    withdrawn: str  # the code
-    at: str  # ISO 8601 UTC
-    kept: Literal["erased", "sealed"]  # what became of the data
-
-
-class Replaced(msgspec.Struct, frozen=True):
-    """Somebody does not come back: what they did counts, and their slot is free again."""
-
-    replaced: str  # the code
-    at: str  # ISO 8601 UTC
-
-
-class Sealed(msgspec.Struct, frozen=True):
-    """How a segment's log ended: the head of its hash chain."""
-
-    sealed: str  # the log's name
-    segment: str
-    chain: str
-
-
-Line = Taken | Withdrawn | Replaced | Sealed
-
-
-def read_register(study_dir: Path) -> tuple[Taken, ...]:
-    """Who is in the study, in order of taking their slots; those who withdrew are not."""
-    lines = read_lines(study_dir)
-    gone = {line.withdrawn for line in lines if isinstance(line, Withdrawn)}
-    return tuple(line for line in lines if isinstance(line, Taken) and line.participant not in gone)
-
-
-def read_lines(study_dir: Path) -> tuple[Line, ...]:
-    """All that the register says, in order of writing; nothing if the study has not begun."""
-    path = study_dir / FILE_NAME
-    return _lines(path.read_bytes(), path) if path.exists() else ()
 
 
 def take_slot(
@@ -77,7 +33,8 @@ def take_slot(
 ) -> tuple[Participant, Taken]:
     """Take the next free slot, or the one of a participant named by hand, and make it last.
 
-    A participant who has a slot keeps it: asked for again, the line already written is the answer.
+    A participant who has a slot keeps it: asked for again, the line already written is the answer. Where groups are
+    drawn after an answer they have no group until ``draw_slot``, unless one was chosen by hand.
 
     Raises:
         AllocationError: if every slot is taken, the code is no code, the participant's group is another,
@@ -85,18 +42,41 @@ def take_slot(
     """
     slots = allocation(protocol)
     study_dir.mkdir(parents=True, exist_ok=True)
-    with _locked(study_dir / FILE_NAME) as file:
-        lines = _lines(file.read(), study_dir / FILE_NAME)
-        holders = _Holders(lines)
+    with register_of(study_dir).hold() as register:
+        holders = _Holders(register.lines)
         _check_list(holders.taken, study_dir, protocol)
         if participant is not None and (line := holders.line_of(participant)) is not None:
             return _again(line, group)
         index = holders.next_free(protocol) if participant is None else holders.free(participant)
         who = msgspec.structs.replace(enrol(protocol, index, group), id=participant or holders.next_code(index))
+        if who.slot is not None:
+            who = Participant(who.id, who.index, group or "")
         by_hand = participant is not None or group is not None
-        taken = Taken(allocation_sha256(slots), len(slots), index, who.id, who.group, by_hand)
-        _append(file, taken)
+        taken = Taken(allocation_sha256(slots), protocol.study.participants, index, who.id, who.group, by_hand)
+        register.append(taken)
     return who, taken
+
+
+def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> Participant:
+    """Draw the group of somebody who has answered: the first slot of their stratum that nobody holds; make it last.
+
+    Drawn again for the same stratum, since a program was killed in between, it is the same slot.
+
+    Raises:
+        AllocationError: if they have no place in the study, or the stratum has no slot left.
+    """
+    with register_of(study_dir).hold() as register:
+        holders = _Holders(register.lines)
+        line = holders.line_of(code)
+        if line is None:
+            raise AllocationError(f"{code} has no place in {study_dir}, so there is no group to draw")
+        if (line.stratum, line.slot is None) == (stratum, False):
+            return _again(line, None)[0]
+        by_hand = holders.chosen_group(code)
+        slot = holders.next_of(protocol, stratum)
+        who = placed(protocol, Participant(code, line.index, by_hand), slot)
+        register.append(Drawn(code, stratum, slot.index, who.group, _now()))
+    return who
 
 
 def note_seal(study_dir: Path, sealed: Sealed) -> None:
@@ -105,15 +85,9 @@ def note_seal(study_dir: Path, sealed: Sealed) -> None:
     Raises:
         OSError: if the register cannot be written.
     """
-    with _locked(study_dir / FILE_NAME) as file:
-        if sealed not in _lines(file.read(), study_dir / FILE_NAME):
-            _append(file, sealed)
-
-
-def sealed_heads(study_dir: Path, log: str) -> dict[str, str]:
-    """By what the register says a log's segments ended with: the head of the chain, the latest of each segment."""
-    lines = read_lines(study_dir)
-    return {line.segment: line.chain for line in lines if isinstance(line, Sealed) and line.sealed == log}
+    with register_of(study_dir).hold() as register:
+        if sealed not in register.lines:
+            register.append(sealed)
 
 
 def leave(study_dir: Path, parting: Withdrawn | Replaced) -> None:
@@ -123,24 +97,44 @@ def leave(study_dir: Path, parting: Withdrawn | Replaced) -> None:
         AllocationError: if there is no such participant, or they withdrew before.
     """
     code = parting.withdrawn if isinstance(parting, Withdrawn) else parting.replaced
-    path = study_dir / FILE_NAME
-    if not path.exists():
+    journal = register_of(study_dir)
+    if not journal.begun:
         raise AllocationError(f"{study_dir} is no study's folder: it has no {FILE_NAME}; name one with --study")
-    with _locked(path) as file:
-        lines = _lines(file.read(), path)
-        holders = _Holders(lines)
+    with journal.hold() as register:
+        holders = _Holders(register.lines)
         if holders.line_of(code) is None:
-            known = ", ".join(line.participant for line in read_register(study_dir)[:8]) or "nobody yet"
+            gone = {line.withdrawn for line in register.lines if isinstance(line, Withdrawn)}
+            here = [line.participant for line in holders.taken if line.participant not in gone]
+            known = ", ".join(here[:8]) or "nobody yet"
             raise AllocationError(f"{code!r} has no slot in {study_dir}; there are {known}")
-        if not any(type(line) is type(parting) and code in (holders.left_by(line)) for line in lines):
-            _append(file, parting)
+        if not any(type(line) is type(parting) and code in (holders.left_by(line)) for line in register.lines):
+            register.append(parting)
+
+
+def free(study_dir: Path, code: str, why: str) -> None:
+    """Free the slot of somebody of whom there are no data, for the next one, code and all; written once.
+
+    Args:
+        study_dir: the study's folder.
+        code: theirs.
+        why: why their session ended, which is all that is kept of it.
+
+    Raises:
+        AllocationError: if there are data of them, who then withdraw or are replaced, or the register cannot be read.
+    """
+    if (study_dir / code).exists():
+        raise AllocationError(f"{code} has data in {study_dir}; withdraw or replace them instead")
+    with register_of(study_dir).hold() as register:
+        if _Holders(register.lines).line_of(code) is not None:
+            register.append(Freed(code, _now(), why))
 
 
 class _Holders:
     """Who holds which slot, from the register's lines."""
 
     def __init__(self, lines: tuple[Line, ...]) -> None:
-        self.taken = tuple(line for line in lines if isinstance(line, Taken))
+        self.taken = slots_taken(lines)
+        self._began = {line.participant: line for line in lines if isinstance(line, Taken)}
         self._withdrawn = {line.withdrawn for line in lines if isinstance(line, Withdrawn)}
         self._replaced = {line.replaced for line in lines if isinstance(line, Replaced)}
         self._held = {
@@ -167,6 +161,10 @@ class _Holders:
             raise AllocationError("this participant has withdrawn; leave --participant out to offer the slot again")
         return next((line for line in self.taken if line.participant == code), None)
 
+    def chosen_group(self, code: str) -> str:
+        """The group that was chosen by hand for somebody whose draw is still to come; "" where none was."""
+        return self._began[code].group
+
     def free(self, code: str) -> int:
         """The slot of a code that has none yet.
 
@@ -192,15 +190,30 @@ class _Holders:
             f"all {count} slots of study {protocol.study.name!r} are taken; raise $.study.participants in the protocol"
         )
 
+    def next_of(self, protocol: Protocol, stratum: str) -> Slot:
+        """The first slot of a stratum that nobody holds.
+
+        Raises:
+            AllocationError: if all are held.
+        """
+        held = {line.slot for line in self._held.values()}
+        slots = (slot_of(protocol, place, stratum) for place in range(protocol.study.participants))
+        free = next((slot for slot in slots if slot.index not in held), None)
+        if free is None:
+            raise AllocationError(f"every slot of the stratum {stratum!r} of study {protocol.study.name!r} is taken")
+        return free
+
     def next_code(self, index: int) -> str:
         """The code of the next participant in a slot: never one that was somebody's."""
         return participant_code(index, sum(line.index == index for line in self.taken))
 
 
 def _again(line: Taken, group: str | None) -> tuple[Participant, Taken]:
+    if group is not None and not line.group:
+        raise AllocationError(f"{line.participant} has a place whose group is still to be drawn; leave --group out")
     if group is not None and group != line.group:
         raise AllocationError(f"{line.participant} is in group {line.group!r}, not {group!r}; leave --group out")
-    return Participant(line.participant, line.index, line.group), line
+    return Participant(line.participant, line.index, line.group, line.stratum, line.slot), line
 
 
 def _check_list(lines: tuple[Taken, ...], study_dir: Path, protocol: Protocol) -> None:
@@ -217,43 +230,5 @@ def _check_list(lines: tuple[Taken, ...], study_dir: Path, protocol: Protocol) -
         )
 
 
-@contextmanager
-def _locked(path: Path) -> Iterator[BinaryIO]:
-    with naming(path), path.open("a+b") as file:
-        lock(file.fileno(), path)
-        file.seek(0)
-        yield file
-
-
-def _append(file: BinaryIO, line: Line) -> None:
-    file.seek(0, os.SEEK_END)
-    if file.tell():
-        file.seek(-1, os.SEEK_END)
-        if file.read(1) != b"\n":  # a crash cut the last line off: it was never acknowledged
-            file.write(b"\n")
-    file.write(msgspec.json.encode(line) + b"\n")
-    file.flush()
-    os.fsync(file.fileno())
-
-
-def _lines(data: bytes, path: Path) -> tuple[Line, ...]:
-    """Every whole line of ours; a cut-off one was never acknowledged and is passed over.
-
-    Raises:
-        AllocationError: if a whole line cannot be read.
-    """
-    lines: list[Line] = []
-    for number, line in enumerate(data.split(b"\n"), 1):
-        try:
-            found = msgspec.json.decode(line, type=dict[str, Any]) if line else {}
-            kind = next((kind for field, kind in _KINDS.items() if field in found), None)
-            if kind is not None:
-                lines.append(msgspec.convert(found, kind))
-        except msgspec.DecodeError:
-            if not line.endswith(b"}"):
-                continue
-            raise AllocationError(f"{path}:{number}: cannot be read: {line[:60]!r}; restore the file") from None
-    return tuple(lines)
-
-
-_KINDS: dict[str, type[Line]] = {"participant": Taken, "withdrawn": Withdrawn, "replaced": Replaced, "sealed": Sealed}
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

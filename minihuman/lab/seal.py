@@ -11,16 +11,17 @@ from pathlib import Path
 
 import msgspec
 
+from minihuman.data.caches import is_cache
 from minihuman.errors import LogError
-from minihuman.lab.register import FILE_NAME as REGISTER
-from minihuman.lab.register import Sealed, note_seal
-from minihuman.lab.session_table import FILE_NAME as TABLE
+from minihuman.lab.register import note_seal
+from minihuman.lab.register_lines import Sealed, register_of
+from minihuman.lab.shelf import put_away
 from minihuman.log.chain import HEAD
 from minihuman.log.read.glance import glance
 from minihuman.log.record.claim import sync_folder
 
 FILE_NAME = "seal.json"
-_LEFT_OUT = (FILE_NAME, TABLE)  # the seal itself, and what is only a cache
+_UNFINISHED = f"{FILE_NAME}.part"
 _DIGITS = 64
 
 
@@ -34,15 +35,20 @@ class Seal(msgspec.Struct, frozen=True):
 def note_end(log: Path) -> str:
     """Write the head of a finished log's chain into the study's register, and give it; "" if it has none.
 
+    The log is put on the study's shelf, too, if there is one.
+
     Raises:
         OSError: if the register cannot be written.
+        ShelfError: if the shelf cannot be reached; the register is written.
     """
     found = glance(log)
     if found is None or not found.ends or HEAD not in found.ends[-1]:
         return ""
     end = found.ends[-1]
-    if (log.parent.parent.parent / REGISTER).exists():  # a log by itself, far from its study, stays by itself
-        note_seal(log.parent.parent.parent, Sealed(log.name, end["segment"], end[HEAD]))
+    study = log.absolute().parent.parent.parent
+    if register_of(study).begun:  # a log by itself, far from its study, stays by itself
+        note_seal(study, Sealed(log.name, end["segment"], end[HEAD]))
+        put_away(log)
     return end[HEAD]
 
 
@@ -57,7 +63,7 @@ def seal(study: Path) -> Seal:
     if not files:
         raise LogError(f"{study} is no folder with files in it; name a study's folder")
     made = Seal(_digest(files), files)
-    unfinished = study / f"{FILE_NAME}.part"
+    unfinished = study / _UNFINISHED
     with unfinished.open("wb") as file:
         file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
         file.flush()
@@ -89,7 +95,8 @@ def broken(study: Path, given: str) -> Iterator[str]:
         yield f"{file if file.is_file() else study / FILE_NAME} is no seal, or was changed"
         return
     now_there = _digests(study)
-    for name in sorted({*kept.files, *now_there}):
+    sealed = {name for name in kept.files if not is_cache(Path(name))}  # earlier versions sealed one cache, too
+    for name in sorted({*sealed, *now_there}):
         if name not in now_there:
             yield f"{name} is gone"
         elif name not in kept.files:
@@ -110,9 +117,10 @@ def _digests(study: Path) -> dict[str, str]:
     for folder, _, names in os.walk(study):
         for name in names:
             path = Path(folder, name)
-            if path.is_file() and not name.startswith(_LEFT_OUT):
+            within = path.relative_to(study)
+            if path.is_file() and within.as_posix() not in (FILE_NAME, _UNFINISHED) and not is_cache(within):
                 with path.open("rb") as file:
-                    found[path.relative_to(study).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+                    found[within.as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
     return dict(sorted(found.items()))
 
 

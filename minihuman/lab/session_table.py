@@ -14,17 +14,18 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from minihuman.data.caches import SESSIONS as FILE_NAME
 from minihuman.errors import LogError
-from minihuman.lab.summary import Summary, summarise
-from minihuman.log.paths import sessions_among
+from minihuman.lab.summary import Summary
+from minihuman.log.paths import folders_with_logs, sessions_among
 
-FILE_NAME = "sessions.sqlite"
 _STORED: dict[Any, Any] = {str: str, int: int, bool: int, float: (int, float)}
 _TYPES = tuple(_STORED[field.type] for field in fields(Summary))
 _COLUMNS = tuple(f'"{field.name}"' for field in fields(Summary))
 _VALUES = attrgetter(*(field.name for field in fields(Summary)))
 _TABLE = f"sessions_v1 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
 _PAGE = f"SELECT log, path, problem, {', '.join(_COLUMNS)} FROM sessions_v1 WHERE log > ? ORDER BY log LIMIT 100"
+_KEEP = f"INSERT OR REPLACE INTO sessions_v1 VALUES (?, ?, ?, ?, {', '.join('?' * len(_COLUMNS))})"
 BUSY_S = 2.0  # how long another process may hold the table before we do without it
 _SPOILT = (sqlite3.Error, UnicodeError)  # what a damaged file makes sqlite raise
 
@@ -109,19 +110,20 @@ def _refreshed(table: sqlite3.Connection, study: Path) -> sqlite3.Connection:
 
 
 def _refresh(table: sqlite3.Connection, study: Path) -> None:
+    below = len(os.fspath(study / "_")) - 1  # what every path there begins with
     for log, files in _sessions_below(study):
-        key, fingerprint = str(log.relative_to(study)), _fingerprint(files)
+        key, fingerprint = os.fspath(log)[below:], _fingerprint(files)
         table.execute("INSERT INTO present VALUES (?)", (key,))
         known = table.execute("SELECT fingerprint FROM sessions_v1 WHERE log = ?", (key,)).fetchone()
         if known != (fingerprint,):
-            row = (key, fingerprint, str(files[0].relative_to(study)), *_summary_or_problem(files))
-            table.execute(f"INSERT OR REPLACE INTO sessions_v1 VALUES ({', '.join('?' * len(row))})", row)
+            row = (key, fingerprint, os.fspath(files[0])[below:], *_summary_or_problem(files))
+            table.execute(_KEEP, row)
     table.execute("DELETE FROM sessions_v1 WHERE log NOT IN (SELECT log FROM present)")
 
 
 def _sessions_below(study: Path) -> Iterator[tuple[Path, list[Path]]]:
-    for folder, _, names in os.walk(study):
-        yield from sessions_among(Path(folder), names).items()
+    for folder, names in folders_with_logs(study):
+        yield from sessions_among(folder, names).items()
 
 
 def _fingerprint(files: list[Path]) -> str:
@@ -136,6 +138,8 @@ def _fingerprint(files: list[Path]) -> str:
 
 
 def _summary_or_problem(files: list[Path]) -> tuple[object, ...]:
+    from minihuman.lab.summarise import summarise  # all that reads logs: not needed where nothing is new
+
     try:
         return ("", *_VALUES(summarise(files)))
     except LogError as error:

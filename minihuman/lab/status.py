@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from minihuman.lab.register import Replaced, Withdrawn, read_lines, read_register
+from minihuman.lab.flow import left_before
+from minihuman.lab.register_lines import Replaced, Withdrawn, read_lines, read_register
 from minihuman.lab.session_table import SessionRow, sessions
 from minihuman.lab.summary import Summary
 from minihuman.log.paths import PART_SUFFIX
@@ -36,8 +37,10 @@ def _session(summary: Summary) -> tuple[str, str, int]:
 
 
 def _partings(study_dir: Path) -> Iterator[str]:
-    """Who left; nobody who withdrew is named."""
+    """Who left; nobody is named who withdrew or left no data."""
     lines = read_lines(study_dir)
+    for what, count in left_before(lines).items():
+        yield f"{count} {what}"
     for line in lines:
         if isinstance(line, Replaced):
             yield f"{line.replaced:12} does not come back; the slot is offered again"

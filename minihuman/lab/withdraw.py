@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from minihuman.data.store import FILE_NAME as TABLES
+from minihuman.data.caches import caches_in
 from minihuman.errors import AllocationError
-from minihuman.lab.register import Replaced, Withdrawn, leave
-from minihuman.lab.session_table import FILE_NAME as SESSION_TABLE
+from minihuman.lab.recruits import Recruits
+from minihuman.lab.register import leave
+from minihuman.lab.register_lines import Replaced, Withdrawn
+from minihuman.lab.shelf import take_away
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.claim import is_live, sync_folder
 
@@ -65,8 +67,10 @@ def withdraw(study_dir: Path, code: str, *, seal: Path | None) -> Gone:
         gone = Gone(gone.files, gone.bytes, seal, _seal(files, seal, study_dir))
     if folder.is_dir():
         shutil.rmtree(folder)
-    for cache in (*study_dir.glob(f"{SESSION_TABLE}*"), *study_dir.glob(f"{TABLES}*")):  # free pages remember
-        cache.unlink()
+    for cache in caches_in(study_dir):  # free pages remember
+        shutil.rmtree(cache) if cache.is_dir() else cache.unlink()
+    Recruits(study_dir).forget(code)
+    take_away(study_dir.absolute().parent, f"{study_dir.name}/{code}/")
     sync_folder(study_dir)
     return gone
 

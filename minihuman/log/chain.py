@@ -10,8 +10,8 @@ import hashlib
 from mcap.records import Attachment, Channel, Metadata, Schema
 
 from minihuman.log import segment_head
+from minihuman.log.kinds import known
 from minihuman.log.read.chunk import LogMessage
-from minihuman.log.topics import BY_NAME
 
 HEAD = "chain"  # the fact of a segment's end that states the head
 OURS = "minihuman."  # how our metadata records' names begin
@@ -32,7 +32,7 @@ class Chain:
 
     def message(self, message: LogMessage, schema: Schema | None) -> None:
         """Take a message in."""
-        if message.channel.topic not in BY_NAME:
+        if known(message.channel.topic) is None:
             return
         channel, name = message.channel, "" if schema is None else schema.name
         if (channel.topic, name) not in self._known:

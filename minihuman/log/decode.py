@@ -5,6 +5,7 @@ from typing import Any, get_args
 
 from minihuman.log import plan_messages as plans
 from minihuman.log import topics
+from minihuman.log.kinds import reader_of
 from minihuman.log.observations import unpack
 from minihuman.log.plain import readers
 from minihuman.log.proto import minihuman_v1_pb2 as v1
@@ -24,7 +25,7 @@ def decode(topic: str, data: bytes) -> ev.Event | None:
         google.protobuf.message.DecodeError: if the bytes are no such message.
         LogError: if a word in it is outside its vocabulary.
     """
-    read = _READERS.get(topic)
+    read = _READERS.get(topic) or reader_of(topic)
     return None if read is None else read(data)
 
 

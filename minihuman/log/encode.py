@@ -15,8 +15,8 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from minihuman.log import kinds, topics
 from minihuman.log import plan_messages as plans
-from minihuman.log import topics
 from minihuman.log.decode import decode
 from minihuman.log.floor_plan import floor_plan_png
 from minihuman.log.observations import pack
@@ -30,6 +30,8 @@ FRAME_ID = "world"  # x right, y up, z down the page, as minihuman.worlds.pose s
 
 def truth(event: ev.Event) -> tuple[str, Message]:
     """Name the topic of an event and put all of it into one message."""
+    if isinstance(event, ev.KindEvent):
+        return kinds.message_of(event)
     plain = message_of(event)
     if plain is not None:
         return plain

@@ -8,16 +8,18 @@ companions of theirs, MCAP files too.
 import os
 import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-
-from mcap.writer import MCAP0_MAGIC as MAGIC
+from typing import TYPE_CHECKING
 
 from minihuman.errors import LogError
 from minihuman.log.regular import open_regular
-from minihuman.study.plan import SessionPlan
 
+if TYPE_CHECKING:
+    from minihuman.study.plan import SessionPlan
+
+MAGIC = b"\x89MCAP0\r\n"  # every MCAP file's first bytes
 LOG_SUFFIX = ".mcap"
 PART_SUFFIX = ".mcap.part"
 _SEGMENT = re.compile(r"_seg-(\d+)$")
@@ -36,7 +38,7 @@ class SegmentPath:
     segment: int  # 1 for the first
 
     @classmethod
-    def of_plan(cls, data: Path, plan: SessionPlan) -> "SegmentPath":
+    def of_plan(cls, data: Path, plan: "SessionPlan") -> "SegmentPath":
         """Name a new segment's files under the data folder.
 
         Raises:
@@ -86,6 +88,25 @@ def session_folder(data: Path, study: str, participant: str, session: int) -> Pa
     return data / study / participant / f"ses-{session:02d}"
 
 
+def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[str]]]:
+    """Yield every folder from one down that has an MCAP file in it, with the names of all its files; links are left."""
+    waiting = [os.fspath(top)]
+    while waiting:
+        folder = waiting.pop()
+        names: list[str] = []
+        try:
+            with os.scandir(folder) as entries:
+                for entry in entries:
+                    if entry.is_dir():
+                        waiting += [] if entry.is_symlink() else [entry.path]
+                    else:
+                        names.append(entry.name)
+        except OSError:  # gone since, or not ours to read
+            continue
+        if any(LOG_SUFFIX in name for name in names):
+            yield Path(folder), names
+
+
 def sessions_in(folder: Path) -> dict[Path, list[Path]]:
     """List a folder's sessions by the log each has or will have: that log, then live or cut-off segments in order."""
     return sessions_among(folder, os.listdir(folder))
@@ -93,9 +114,10 @@ def sessions_in(folder: Path) -> dict[Path, list[Path]]:
 
 def sessions_among(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
     """As ``sessions_in``, for a folder whose names are already known."""
-    names = sorted(name for name in names if name.endswith((LOG_SUFFIX, PART_SUFFIX)) and not is_guest(folder / name))
-    found = {folder / name: [folder / name] for name in names if name.endswith(LOG_SUFFIX)}
-    parts = [SegmentPath.of_part(folder / name) for name in names if name.endswith(PART_SUFFIX)]
+    paths = [folder / name for name in sorted(names) if name.endswith((LOG_SUFFIX, PART_SUFFIX))]
+    ours = [path for path in paths if not is_guest(path)]
+    found = {path: [path] for path in ours if path.name.endswith(LOG_SUFFIX)}
+    parts = [SegmentPath.of_part(path) for path in ours if path.name.endswith(PART_SUFFIX)]
     for part in sorted(parts, key=lambda part: (part.log, part.segment)):
         found.setdefault(part.log, []).append(part.part)
     return found

@@ -1,6 +1,6 @@
 """Events whose fields are their message's fields, name by name: one row each, and nothing else to write.
 
-A kind of activity that brings events adds a row here, the messages to the .proto and a topic to ``topics``.
+What a kind of activity adds is in its own rows: ``minihuman.log.kinds``.
 """
 
 from collections.abc import Callable
@@ -25,6 +25,7 @@ PLAIN: dict[type, tuple[str, type[Message]]] = {
     ev.PointerUsed: (topics.POINTER, v1.PointerUsed),
     ev.AnswerChanged: (topics.ANSWER_CHANGE, v1.AnswerChanged),
     ev.Answered: (topics.ANSWER, v1.Answered),
+    ev.Linked: (topics.LINK, v1.Linked),
 }
 _WORDS: dict[tuple[type, str], tuple[str, ...]] = {
     (ev.EpisodesSkipped, "reason"): get_args(ev.SkipReason),

@@ -130,8 +130,7 @@ def read_episode_plan(message: v1.EpisodePlan) -> EpisodePlan:
 def session_plan_message(plan: SessionPlan, *, t_ns: int, facts: dict[str, str]) -> v1.SessionPlan:
     """Put a session's plan and the station's facts into their message."""
     fields = {name: getattr(plan, name) for name in plan.__struct_fields__}
-    who = plan.participant
-    fields["participant"] = v1.Participant(id=who.id, index=who.index, group=who.group)
+    fields["participant"] = v1.Participant(**msgspec.structs.asdict(plan.participant))
     fields["texts"] = [
         v1.BlockText(instruction=text.instruction, feedback=text.feedback, rest=text.rest, rest_s=text.rest_s)
         for text in plan.texts
@@ -149,12 +148,13 @@ def session_plan_message(plan: SessionPlan, *, t_ns: int, facts: dict[str, str])
 def read_session_plan(message: v1.SessionPlan) -> SessionPlan:
     """Read a session's plan."""
     who = message.participant
+    slot = who.slot if who.HasField("slot") else None
     return SessionPlan(
         study=message.study,
         study_version=message.study_version,
         protocol_toml=message.protocol_toml,
         protocol_sha256=message.protocol_sha256,
-        participant=Participant(id=who.id, index=who.index, group=who.group),
+        participant=Participant(who.id, who.index, who.group, who.stratum, slot),
         session=message.session,
         study_seed=message.study_seed,
         allocation_sha256=message.allocation_sha256 if message.HasField("allocation_sha256") else None,
@@ -173,6 +173,7 @@ def read_session_plan(message: v1.SessionPlan) -> SessionPlan:
         language=message.language or ENGLISH,
         standing=msgspec.json.decode(message.standing_json or b"{}", type=Standing),
         bonus=msgspec.json.decode(message.bonus_json or b"null", type=Bonus | None),
+        fonts=tuple(message.fonts),
     )
 
 

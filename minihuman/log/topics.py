@@ -13,16 +13,15 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
+from minihuman.log.names import END_METADATA as END_METADATA
+from minihuman.log.names import FACTS_METADATA as FACTS_METADATA
+from minihuman.log.names import MISSING_METADATA as MISSING_METADATA
+from minihuman.log.names import PROFILE as PROFILE
+from minihuman.log.names import REPAIRED_METADATA as REPAIRED_METADATA
+from minihuman.log.names import SCHEMA_VERSION as SCHEMA_VERSION
+from minihuman.log.names import SEGMENT_METADATA as SEGMENT_METADATA
+from minihuman.log.names import STEP as STEP
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-
-SCHEMA_VERSION = 1  # of the messages; goes up when an older reader would misread a newer log
-PROFILE = "minihuman"
-
-SEGMENT_METADATA = "minihuman.segment"  # at a segment's start
-FACTS_METADATA = "minihuman.facts"
-END_METADATA = "minihuman.end"  # added when the segment is finished
-REPAIRED_METADATA = "minihuman.repaired"  # added when a finished log is rewritten because it was damaged
-MISSING_METADATA = "minihuman.missing"  # added for messages that were lost to damage
 
 PLAN = "/session/plan"
 NOTE = "/session/note"
@@ -32,7 +31,6 @@ KEY_MAP = "/episode/keys"
 EPISODE_START = "/episode/start"
 EPISODE_END = "/episode/end"
 KEY = "/input/key"
-STEP = "/step"
 FRAME = "/frame"
 OBSERVATION = "/obs"
 SKIP = "/episode/skip"
@@ -46,6 +44,7 @@ POINTER = "/input/pointer"
 ANSWER_CHANGE = "/answer/change"
 ANSWER = "/answer"
 SAMPLE = "/sample"
+LINK = "/link"
 
 POSE = "/pose"
 MAP_IMAGE = "/map/image"
@@ -74,6 +73,7 @@ TOPICS = (
     Topic(STEP, v1.Step, "one step of the world; the last message of its step"),
     Topic(FRAME, v1.FrameShown, "when a picture was handed over and when it was on the display"),
     Topic(SAMPLE, v1.Sample, "what a device of the protocol gave"),
+    Topic(LINK, v1.Linked, "how a browser's clock lies to its server's, every ten seconds"),
     Topic(EPISODE_END, v1.EpisodeEnd, "outcome, steps, return, last state hash"),
     Topic(SKIP, v1.EpisodesSkipped, "planned episodes that are not played: a criterion was met, or the time is up"),
     Topic(POINTS, v1.Scored, "an episode's points, and the session's so far"),

@@ -9,7 +9,6 @@ from minihuman.worlds.contract import Bounds
 
 if TYPE_CHECKING:
     from minihuman.worlds.adapt.world import World
-from minihuman.worlds.trust import trusting
 
 
 def shortest(plan: EpisodePlan) -> Bounds:
@@ -30,5 +29,6 @@ def _of_layout(world_id: str, options: str, seed: int) -> Bounds:
 
 @lru_cache(maxsize=16)
 def _world(world_id: str, options: str) -> "World":
+    from minihuman.worlds.trust import trusting  # it brings Gymnasium: only needed where a world is asked
 
     return trusting()(world_id, json.loads(options))

@@ -23,6 +23,11 @@ class Searcher:
         self._env = env
         self._explorer = Explorer(env.state, env.image_shape[0])
 
+    @property
+    def seen_cells(self) -> int:
+        """How many cells of the grid were in sight so far."""
+        return int(self._explorer.memory.seen.sum())
+
     def way(self) -> list[str]:
         """What to do from here, as far as it is decided."""
         return [self._env.action_names[action] for action in self._explorer.way(self._env.state)]

@@ -11,8 +11,12 @@ from minihuman.errors import ReportError
 from minihuman.measures.effort import log_excess_steps, spl
 from minihuman.statistics.compare import Values, permutation_p
 from minihuman.statistics.shares import wilson
+from minihuman.statistics.two_parts import people_of, two_parts_p
 
 ALPHA = 0.05
+_POOLS = 20
+_Z = 1.96
+TWO_PARTS = "reward_two_parts"  # how often there is any, and how much where there is
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,19 +86,21 @@ class PowerAt:
     measure: str
     participants: int  # a group
     power: float
-    low: float  # 95 % Wilson interval: how surely so many studies tell it
+    low: float  # 95 % interval: how surely so many studies of so many simulated people tell it
     high: float
     studies: int
 
 
 def values_of(rows: pd.DataFrame, measure: str) -> Values:
-    """One value a person: the mean over episodes.
+    """One value a person: the mean over episodes; of the reward in two parts two, (n, 2).
 
     Raises:
         ReportError: if there is no such measure, or nobody tells it.
     """
+    if measure == TWO_PARTS:
+        return people_of(rows, "reward")
     if measure not in MEASURES:
-        raise ReportError(f"--measure is {measure!r}; there are {', '.join(MEASURES)}, or all")
+        raise ReportError(f"--measure is {measure!r}; there are {', '.join((*MEASURES, TWO_PARTS))}, or all")
     told = rows.assign(value=MEASURES[measure](rows)).groupby("participant")["value"].mean().dropna()
     if len(told) < 2:
         raise ReportError(
@@ -106,12 +112,29 @@ def values_of(rows: pd.DataFrame, measure: str) -> Values:
 def power_curve(
     measure: str, treated: Values, untreated: Values, sizes: Sequence[int], *, studies: int, seed: int
 ) -> tuple[PowerAt, ...]:
-    """Draw people, with replacement, into two groups of each size, and test them as the report does."""
-    found = []
-    for size in sizes:
-        rng = np.random.default_rng([seed, size])
-        hits = 0
-        for _ in range(studies):
-            hits += permutation_p(rng.choice(treated, size), rng.choice(untreated, size)) < ALPHA
-        found.append(PowerAt(measure, size, hits / studies, *wilson(hits, studies), studies))
-    return tuple(found)
+    """Draw people, with replacement, into two groups of each size, and test them as the report does.
+
+    ``treated`` and ``untreated`` are the same people with and without the effect. They are drawn anew some twenty times
+    on the way: by how much power then changes tells how far it hangs on who happens to be in the pool.
+    """
+    return tuple(_power_at(measure, treated, untreated, size, studies=studies, seed=seed) for size in sizes)
+
+
+def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, studies: int, seed: int) -> PowerAt:
+    test = permutation_p if untreated.ndim == 1 else two_parts_p
+    rng = np.random.default_rng([seed, size])
+    hits, counts = list[int](), [len(part) for part in np.array_split(range(studies), min(_POOLS, studies))]
+    for count in counts:
+        pool = rng.integers(len(untreated), size=len(untreated))
+        found = 0
+        for _ in range(count):
+            found += test(treated[rng.choice(pool, size)], untreated[rng.choice(pool, size)]) < ALPHA
+        hits.append(found)
+    power = sum(hits) / studies
+    shares = np.array(hits) / np.array(counts)
+    by_chance = power * (1 - power) * float(np.mean(1 / np.array(counts)))  # between pools that do not differ
+    between = max(float(shares.var(ddof=1)) - by_chance, 0.0) if len(shares) > 1 else 0.0
+    low, high = wilson(sum(hits), studies)
+    further = _Z * math.sqrt(between)
+    low, high = power - math.hypot(power - low, further), power + math.hypot(high - power, further)
+    return PowerAt(measure, size, power, max(low, 0.0), min(high, 1.0), studies)

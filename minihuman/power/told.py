@@ -22,7 +22,8 @@ def told(pool: Pool, effect: Effect, found: Sequence[PowerAt], *, player: str) -
     lines = [
         f"Power for {what}, block {pool.block}: the share of {found[0].studies:,} studies with p < {ALPHA:g}",
         f"(permutation of |Welch's t| over participants' means), people drawn from {pool.people} simulated ones of",
-        f"group {pool.group}, player {player}. In brackets: how surely so many studies tell it (95 %).",
+        f"group {pool.group}, player {player}. In brackets (95 %): how surely so many studies tell it",
+        "of so few people; whether people are like these it cannot tell.",
         "",
         f"{'participants a group':<22}" + "".join(f"{size:>22}" for size in sizes),
     ]

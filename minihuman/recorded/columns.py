@@ -74,8 +74,7 @@ class EventColumns(Sequence[E], Generic[E]):
         rows = self._rows[place]
         if isinstance(rows, range):
             return EventColumns(self._kind, self._column, rows)
-        (event,) = EventColumns(self._kind, self._column, range(rows, rows + 1))
-        return event
+        return self._kind(*(_value(field.name, self._column(field.name)[rows]) for field in fields(self._kind)))
 
 
 def _values(name: str, column: Any) -> Iterable[Any]:
@@ -84,6 +83,12 @@ def _values(name: str, column: Any) -> Iterable[Any]:
         return column
     values: list[Any] = column.tolist()
     return [None if value == NO_ACTION else value for value in values] if name == "action" else values
+
+
+def _value(name: str, found: Any) -> Any:
+    """One value of a column, as events have it."""
+    value = found if isinstance(found, str) else found.item()
+    return None if name == "action" and value == NO_ACTION else value
 
 
 def _column(name: str, values: list[Any]) -> Any:

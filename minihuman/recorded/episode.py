@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.recorded.columns import EventColumns
+from minihuman.recorded.compared import Compared, comparisons
+from minihuman.recorded.corrected import Corrected, corrections
 from minihuman.recorded.segment import Note, PartEvent, Pauses, Segment
+from minihuman.recorded.taught import Taught
 from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, Outcome
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.worlds.pose import Pose
@@ -48,6 +51,7 @@ class Episode:
     segment: int = 1  # of the session: one more after each resume
     attempt: int = 1  # more where an interrupted episode was begun again
     pauses: Pauses = ()  # that lay between its reset and its last step, session time
+    taught: Taught | None = None  # who steered, and what a policy would have done; None where no agent had a part in it
 
     def __post_init__(self) -> None:
         """Refuse lengths that do not belong together."""
@@ -109,6 +113,16 @@ class SessionLog:
     def part_events(self) -> tuple[PartEvent, ...]:
         """What happened in the session's parts beside play, in order; nothing in logs from before there were parts."""
         return tuple(event for segment in self.segments for event in segment.part_events)
+
+    @property
+    def comparisons(self) -> tuple[Compared, ...]:
+        """The pairs of stretches that were compared, and what was said of them."""
+        return comparisons(self.part_events)
+
+    @property
+    def corrections(self) -> tuple[Corrected, ...]:
+        """What should have been done instead, shown after the fact from a step of an episode on."""
+        return corrections(self.part_events)
 
     @property
     def keys(self) -> EventColumns[KeyPressed]:

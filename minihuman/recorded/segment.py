@@ -6,7 +6,7 @@ its start, and it never begins before the one before it ended.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from minihuman.recorded.columns import EventColumns
 from minihuman.study.events import (
@@ -15,6 +15,8 @@ from minihuman.study.events import (
     ClauseDone,
     EpisodesSkipped,
     KeyPressed,
+    KindEvent,
+    Linked,
     Noted,
     PageShown,
     PartEnded,
@@ -38,11 +40,11 @@ PartEvent = (
     | Answered
     | TextTyped
     | PointerUsed
+    | KindEvent
+    | Linked
 )
 Note = Noted | Paused | Resumed
 Pauses = tuple[tuple[int, int], ...]  # begin and end of each, ns of session time
-
-_TIMES = ("t_ns", "shown_ns", "first_ns", "submit_ns", "flip_ns")  # of part events
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +92,9 @@ def parts_in_session(events: Iterable[PartEvent], start_ns: int) -> tuple[PartEv
 
 
 def _moved(event: PartEvent, start_ns: int) -> PartEvent:
-    times = {name: getattr(event, name) for name in _TIMES if hasattr(event, name)}
+    if isinstance(event, Linked):  # whose other times are how long something took
+        return replace(event, t_ns=event.t_ns + start_ns)
+    names = (field.name for field in fields(event) if field.name.endswith("_ns"))
+    times = {name: getattr(event, name) for name in names}
     known = {name: t_ns + start_ns for name, t_ns in times.items() if t_ns or name == "t_ns"}  # 0: nobody said
     return replace(event, **known)

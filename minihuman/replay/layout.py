@@ -27,10 +27,13 @@ def layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
 
 def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     root = session_root(log)
+    taught = any(episode.taught is not None for episode in log.episodes)
+    steering = [rrb.StateTimelineView(origin=f"{root}/steering", name="Policy and person")] if taught else []
     pictures = [_maps(log), *([rrb.Spatial2DView(origin=f"{root}/view", name="View")] if with_view else [])]
     return rrb.Horizontal(
         rrb.Vertical(*pictures, row_shares=[3, 2][: len(pictures)]),
         rrb.Vertical(
+            *steering,
             rrb.StateTimelineView(origin=f"{root}/keys", name="Keys"),
             rrb.TimeSeriesView(origin=root, contents=["$origin/reward", "$origin/return"], name="Reward"),
             rrb.TimeSeriesView(origin=root, contents=["$origin/reaction_ms"], name="Reaction time (ms)"),
@@ -38,7 +41,7 @@ def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
                 rrb.TextLogView(origin=f"{root}/events", name="Events"),
                 rrb.TextDocumentView(origin=f"{root}/facts", name="Session"),
             ),
-            row_shares=[3, 2, 2, 3],
+            row_shares=[*([2] if taught else []), 3, 2, 2, 3],
         ),
         column_shares=[1, 1],
     )

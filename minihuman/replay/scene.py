@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minihuman.recorded.episode import Episode, SessionLog
+from minihuman.recorded.taught import NO_ADVICE
 from minihuman.replay.facts import facts_page
 from minihuman.replay.moments import Moments
 from minihuman.replay.views import pictures
@@ -35,6 +36,8 @@ _KEY_STATES = {  # what became of a press: label, colour
     "not_playing": 0xCC79A7FF,
 }
 
+_ACTIONS = (0x0072B2FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0x56B4E9FF, 0xD55E00FF, 0xF0E442FF)
+
 
 def session_root(log: SessionLog) -> str:
     """Where a session's things are in the recording: "sub-07_ses-01"."""
@@ -49,6 +52,7 @@ def send_session(recording: rr.RecordingStream, log: SessionLog, moments: Moment
     _send_motion(recording, root, log, moments)
     _send_series(recording, root, log, moments)
     _send_keys(recording, root, log, moments)
+    _send_steering(recording, root, log, moments)
     _send_events(recording, root, log, moments)
 
 
@@ -158,15 +162,18 @@ def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> 
 def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
     """Reward and return a step, and reaction times where there are any."""
     series: dict[str, tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]]] = defaultdict(lambda: ([], []))
+    carried = 0.0
     for episode in log.episodes:
         answered = ~np.isnan(episode.rt_ms)
+        returns = np.concatenate([[0.0], np.cumsum(episode.rewards)])
         for name, times, values in (
             ("reward", episode.t_ns[1:], episode.rewards),
-            ("return", episode.t_ns, np.concatenate([[0.0], np.cumsum(episode.rewards)])),
+            ("return", np.repeat(episode.t_ns, 2), stairs(returns, carried)),
             ("reaction_ms", episode.t_ns[1:][answered], episode.rt_ms[answered]),
         ):
             series[name][0].append(times)
             series[name][1].append(values)
+        carried = float(returns[-1])
     styles = {
         "reward": rr.SeriesPoints(names="reward", colors=TRAIL, markers="circle", marker_sizes=3),
         "return": rr.SeriesLines(names="return", colors=PATH, widths=2),
@@ -176,6 +183,11 @@ def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, mome
         recording.log(f"{root}/{name}", styles[name], static=True)
         rows = moments.columns(np.concatenate(all_times))
         recording.send_columns(f"{root}/{name}", rows, rr.Scalars.columns(scalars=np.concatenate(all_values)))
+
+
+def stairs(values: NDArray[np.float64], before: float) -> NDArray[np.float64]:
+    """Each value beside the one before it, for a line that goes on level and then changes at once."""
+    return np.column_stack([[before, *values[:-1]], values]).ravel()
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
@@ -195,6 +207,30 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moment
         recording.log(lane, style, static=True)
         columns = rr.StateChange.columns(state=[press.verdict if press.down else "" for press in presses])
         recording.send_columns(lane, moments.columns([press.t_ns for press in presses]), columns)
+
+
+def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:
+    """Two lanes: what the policy would have done after each picture, and what the person did where they steered."""
+    lanes: dict[str, list[tuple[int, str]]] = {"policy": [], "person": []}
+    names: dict[str, None] = {}
+    for episode in log.episodes:
+        if (taught := episode.taught) is None:
+            continue
+        said = episode.start.action_names
+        for step, t_ns in enumerate(episode.t_ns[:-1].tolist()):
+            policy = int(taught.policy_actions[step])
+            lanes["policy"].append((t_ns, "" if policy == NO_ADVICE else said[policy]))
+            lanes["person"].append((t_ns, said[int(episode.actions[step])] if taught.by_person[step] else ""))
+        for lane in lanes.values():
+            lane.append((int(episode.t_ns[-1]), ""))
+        names |= dict.fromkeys(said)
+    for name, changes in lanes.items():
+        if changes:
+            states, colours = list(names), [_ACTIONS[place % len(_ACTIONS)] for place in range(len(names))]
+            style = rr.StateConfiguration(values=states, labels=states, colors=colours)
+            recording.log(f"{root}/steering/{name}", style, static=True)
+            columns = rr.StateChange.columns(state=[action for _, action in changes])
+            recording.send_columns(f"{root}/steering/{name}", moments.columns([t for t, _ in changes]), columns)
 
 
 def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: Moments) -> None:

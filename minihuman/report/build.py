@@ -1,8 +1,9 @@
 """The report of a study, from its logs to a folder: tables, figures and one page."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import pandas as pd
 
@@ -15,21 +16,28 @@ from minihuman.errors import ReportError
 from minihuman.figures.files import save
 from minihuman.figures.learning import learning_curves, learning_figure
 from minihuman.figures.paths import session_paths
+from minihuman.figures.waiting import waiting_figure
 from minihuman.log.read.open_log import open_log
+from minihuman.report.clauses import clauses_done
+from minihuman.report.flow import flow_section
 from minihuman.report.methods import methods
 from minihuman.report.page import Page, page
 from minihuman.report.published import is_papers
 from minihuman.report.results import Results, results
+from minihuman.report.teaching import taught_logs, teaching_figures, teaching_section
 from minihuman.study.analysis import Analysis
 from minihuman.study.protocol import decode
 
+T = TypeVar("T")
 _CURVES = (
+    ("log_excess_steps", "log of the steps over the best way", (0.0, math.inf)),
     ("reward", "reward", (0.0, 1.0)),
     ("success", "success (share)", (0.0, 1.0)),
     ("playing_s", "playing time (s)", (0.0, math.inf)),
 )
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
-    "participant", "group", "session", "block", "episode", "attempt", "episode_in_block", "left_out", "world",
+    "participant", "group", "session", "segment", "block", "episode", "attempt", "episode_in_block",
+    "left_out", "world", "steps",
     *(measure for measure, _, _ in _CURVES),
 ]  # fmt: skip
 _EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})  # too long to be read in a report
@@ -50,21 +58,30 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
         tables = write_tables(store.tables, out / "tables", names=names)
         episodes = store.tables.table("episodes", _EPISODE_COLUMNS).to_pandas()
         blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
-        answers = store.tables.table("answers").to_pandas()
+        answers, starts, done = (store.tables.table(name).to_pandas() for name in ("answers", "starts", "clauses"))
+        controls = store.tables.table("controls").to_pandas()
     found = results(episodes, blocks, participants, named_before(store.kept))
     qualities = [kept.quality for kept in store.kept if kept.quality is not None]
     outlines = [kept.outline for kept in store.kept if kept.outline is not None]
     paths = _paths(store.kept, sessions.selection, out / "figures")
-    figures = [*_curves(episodes, found, out / "figures"), *paths]
+    taught = taught_logs(store.kept, controls)
+    steering = teaching_figures(taught, out / "figures")
+    figures = [*_curves(episodes, found, out / "figures"), *_waiting(found, out / "figures"), *steering, *paths]
+    simulated = int((participants["player"] != "human").sum())
     facts = Page(
         study=study,
         sessions=len(participants),
         players=sorted(participants["player"].unique()),
-        methods=methods(outlines, qualities),
+        windows=dict(participants["window"].fillna("a window that did not say").value_counts()),
+        simulated=simulated,
+        flow=flow_section(sessions.source, participants),
+        methods=methods(outlines, qualities, simulated),
         figures=figures,
         tables=tables,
         qualities=qualities,
         answers=answers,
+        clauses=clauses_done(episodes, starts, done),
+        teaching=teaching_section(taught),
         account=sessions.account,
         papers=is_papers(study, frozenset(episodes["world"])),
     )
@@ -102,10 +119,34 @@ def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple
     for block in (one.block for one in found.blocks):
         rows = counted[counted["block"] == block]
         for measure, label, limits in _CURVES:
-            curves = learning_curves(rows, measure)
-            if curves and rows["episode_in_block"].nunique() > 1:
-                png, _ = save(learning_figure(curves, measure=label, limits=limits), out / f"{block}_{measure}")
-                yield block, png, f"{label} over the episodes of block {block}: mean and its 95 % interval."
+            curves = _in_order(learning_curves(rows, measure), found.order)
+            if curves and rows["episode_in_block"].nunique() > 1 and rows[measure].notna().any():
+                cannot_leave = limits if rows[measure].dropna().between(*limits).all() else None
+                png, _ = save(learning_figure(curves, measure=label, limits=cannot_leave), out / f"{block}_{measure}")
+                yield (
+                    block,
+                    png,
+                    f"{label[0].upper()}{label[1:]} over the episodes of block {block}: mean, 95 % interval.",
+                )
+
+
+def _in_order(curves: Mapping[str, T], order: Sequence[str]) -> dict[str, T]:
+    """Groups in the order of the comparisons, so that each has one colour in all figures of a page."""
+    return {group: curves[group] for group in order if group in curves}
+
+
+def _waiting(found: Results, out: Path) -> Iterator[tuple[str, Path, str]]:
+    """Of every block, how long the goal and the keys were waited for."""
+    for one in found.blocks:
+        told = (
+            ("goal", one.waits.goal, "steps of an episode", "episodes whose goal was not reached yet"),
+            ("keys", one.waits.keys, "playing time (s)", "participants who had not found every key yet"),
+        )
+        for name, groups, label, what in told:
+            if groups:
+                png, _ = save(waiting_figure(groups, label=label), out / f"{one.block}_waiting_{name}")
+                tick = "a tick: out of time" if name == "goal" else "a tick: watched no longer"
+                yield one.block, png, f"Share of {what} (Kaplan and Meier); {tick}. Below: how many they are."
 
 
 def _paths(kept: Sequence[Kept], selection: Selection, out: Path) -> Iterator[tuple[str, Path, str]]:
@@ -117,4 +158,4 @@ def _paths(kept: Sequence[Kept], selection: Selection, out: Path) -> Iterator[tu
     for group, one in sorted(examples.items()):
         session = selection.judge(open_log(Path(one.path))).session
         png, _ = save(session_paths(session), out / f"paths_{group}")
-        yield "", png, f"Paths of {session.plan.participant.id} ({group})."
+        yield "", png, f"Paths of {session.plan.participant.id} (group {group}), the first to have played most blocks."

@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+_MOST_ROWS = 60  # that stand open on the page
 STYLE = """
 :root { color-scheme: light; }
 body { font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1c1c1c; max-width: 60rem;
@@ -29,6 +30,7 @@ figure { margin: 1rem 0; display: inline-block; vertical-align: top; } figure im
 figcaption { color: #555; max-width: 24rem; }
 h3 { font-size: 1rem; margin: 1.4rem 0 .2rem; } .few { color: #777; }
 a { color: #0072b2; }
+summary { cursor: pointer; color: #0072b2; }
 .key { background: #f3f7fa; border-left: 4px solid #0072b2; padding: .7rem 1rem; }
 @media print {
   @page { margin: 1.6cm; }
@@ -58,6 +60,19 @@ def table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]], *, 
     title = f"<caption>{escape(caption)}</caption>" if caption else ""
     body = "".join(line(row, "td") for row in rows)
     return f"<table>{title}<thead>{line(heads, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+def long_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1) -> str:
+    """A table; one of more rows than anybody reads through is folded up, with their number."""
+    whole = table(caption, heads, rows, words=words)
+    if not is_long(rows):
+        return whole
+    return f"<details><summary>{len(rows)} rows: {escape(', '.join(heads))}</summary>{whole}</details>"
+
+
+def is_long(rows: Sequence[object]) -> bool:
+    """Whether a table of these is folded up."""
+    return len(rows) > _MOST_ROWS
 
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from importlib.metadata import version
+from itertools import pairwise
 
 from minihuman.data.quality import Outline, Quality
 from minihuman.study.plan import EpisodePlan
@@ -14,12 +15,12 @@ _KEY_MAPS = {
 }
 
 
-def methods(plans: Sequence[Outline], qualities: Sequence[Quality]) -> list[str]:
-    """The paragraphs; ``plans`` and ``qualities`` are the sessions'."""
-    return [_people(plans), *_blocks(plans), _software(plans, qualities), _statistics()]
+def methods(plans: Sequence[Outline], qualities: Sequence[Quality], simulated: int = 0) -> list[str]:
+    """The paragraphs; ``plans`` and ``qualities`` are the sessions', ``simulated`` of which no person played."""
+    return [_people(plans, simulated), *_blocks(plans), _software(plans, qualities), _statistics()]
 
 
-def _people(plans: Sequence[Outline]) -> str:
+def _people(plans: Sequence[Outline], simulated: int) -> str:
     groups = Counter({plan.participant: plan.group for plan in plans}.values())
     told = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
     sessions = len({plan.session for plan in plans})
@@ -27,9 +28,31 @@ def _people(plans: Sequence[Outline]) -> str:
     by_hand = sum(plan.by_hand for plan in plans)
     chosen = f"; in {by_hand} sessions participant or group were chosen by hand" if by_hand else ""
     return (
-        f"{sum(groups.values())} participants took part{days} ({told}). Groups and keys came from an allocation list "
-        f"drawn before the first session from the study's seed, {plans[0].seed}{chosen}."
+        f"{sum(groups.values())} participants took part{days} ({told}{_nobody(plans, simulated)}). "
+        f"{'Groups and keys' if any(plan.blocks for plan in plans) else 'Groups'} came from an allocation list "
+        f"drawn before the first session from the study's seed, {plans[0].seed}{chosen}.{_strata(plans)}"
     )
+
+
+def _strata(plans: Sequence[Outline]) -> str:
+    """Within which strata groups were drawn, and how many of each group each has."""
+    drawn = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
+    if not drawn:
+        return ""
+    many = Counter(drawn.values())
+    groups = sorted({group for _, group in many})
+    told = "; ".join(
+        f"{stratum}: {', '.join(f'{group} {many[stratum, group]}' for group in groups)}"
+        for stratum in sorted({stratum for stratum, _ in many})
+    )
+    asked = next(plan.stratified_by for plan in plans if plan.stratified_by)
+    return f" Groups were drawn after the answer to {asked}, within strata that have a list each ({told})."
+
+
+def _nobody(plans: Sequence[Outline], simulated: int) -> str:
+    if not simulated:
+        return ""
+    return "; all of them simulated" if simulated == len(plans) else f"; {simulated} sessions of them simulated"
 
 
 def _blocks(plans: Sequence[Outline]) -> list[str]:
@@ -37,10 +60,21 @@ def _blocks(plans: Sequence[Outline]) -> list[str]:
     for plan in plans:
         for episode in plan.blocks:
             first.setdefault(episode.block_name, episode)
-    return [_block(name, episode) for name, episode in first.items()]
+    return [_block(name, episode, _carried(name, plans)) for name, episode in first.items()]
 
 
-def _block(name: str, one: EpisodePlan) -> str:
+def _carried(name: str, plans: Sequence[Outline]) -> str:
+    """The groups who came to a block with the keys of the one before, which they knew by then."""
+    knew = {
+        plan.group
+        for plan in plans
+        for before, one in pairwise(plan.blocks)
+        if one.block_name == name and set(one.key_map.keys) == set(before.key_map.keys)
+    }
+    return f" (not by {', '.join(sorted(knew))}: the keys were those of the block before)" if knew else ""
+
+
+def _block(name: str, one: EpisodePlan, carried: str) -> str:
     options = "".join(f", {option} = {value!r}" for option, value in sorted(one.options.items()))
     pace = (
         f"a step was made every {one.step_period_ms:g} ms"
@@ -50,7 +84,8 @@ def _block(name: str, one: EpisodePlan) -> str:
     return (
         f"Block {name}: {one.episodes_in_block} episodes in {one.world}{options}, {one.view} view, at most "
         f"{one.max_steps} steps each; {pace}; actions {', '.join(one.actions)} on {len(one.key_map.keys)} keys of "
-        f"{len(one.key_map.keys) + len(one.key_map.spare_keys)}; {_KEY_MAPS[one.show_keys]}."
+        f"{len(one.key_map.keys) + len(one.key_map.spare_keys)}; {_KEY_MAPS[one.show_keys]}"
+        f"{'' if one.show_keys else carried}."
     )
 
 

@@ -10,15 +10,27 @@ import pandas as pd
 
 from minihuman.data.counted import Account
 from minihuman.data.quality import Quality
-from minihuman.report.html import STYLE, figure, interval, number, p_value, records, spread, table
+from minihuman.report.clauses import clauses_section
+from minihuman.report.html import (
+    STYLE,
+    figure,
+    interval,
+    is_long,
+    long_table,
+    number,
+    p_value,
+    records,
+    spread,
+    table,
+)
+from minihuman.report.parts import parts_section
 from minihuman.report.published import SOURCE, published
 from minihuman.report.recorded import answers, left_out, quality, skipped
-from minihuman.report.results import MEASURES, Alike, BlockResults, Results, Role, group_rewards
+from minihuman.report.results import MEASURES, BlockResults, Results, Role, group_rewards
+from minihuman.report.sentences import alike_statement, difference_statement, power_statement
+from minihuman.report.waiting import waiting
 from minihuman.statistics.compare import Comparison
 from minihuman.statistics.growth import LEAST_EPISODES, Growth
-from minihuman.statistics.power import Power
-
-FEW = 5  # participants a group, below which an effect size says little
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,25 +40,38 @@ class Page:
     study: str
     sessions: int
     players: Sequence[str]
+    simulated: int  # sessions that no person played
+    windows: Mapping[str, int]  # what they sat at, and how many sessions there
+    flow: Sequence[str]  # how many came, left, were screened out and count; empty without a register
     methods: Sequence[str]
     figures: Sequence[tuple[str, Path, str]]  # its block, "" for all; a PNG and its caption
     tables: Sequence[Path]
     qualities: Sequence[Quality]
     answers: pd.DataFrame
+    clauses: pd.DataFrame  # asked for and done, by block, verb and group
+    teaching: Sequence[str]  # the section on agents that were taught; empty where none was
     account: Account
     papers: bool  # the study and its worlds are the published one's
 
 
 def page(facts: Page, found: Results) -> str:
     """Write the page."""
+    paths = [figure(path, caption) for block, path, caption in facts.figures if not block]
     parts = [
         f"<h1>{escape(facts.study)}</h1>",
         f'<p class="lead">{_counted(facts, found)}</p>',
+        *_nobody(facts),
+        *facts.flow,
         *(_published_beside(found.target_block) if facts.papers and found.target_block else ()),
-        *(part for one in found.blocks for part in _block(one, facts, is_target=one.block == found.target)),
+        *(
+            part
+            for one in found.blocks
+            for part in _block(one, facts, found.order, is_target=one.block == found.target)
+        ),
+        *clauses_section(facts.clauses),
+        *facts.teaching,
         *answers(facts.answers),
-        "<h2>Paths</h2>",
-        *(figure(path, caption) for block, path, caption in facts.figures if not block),
+        *(["<h2>Paths</h2>", *paths] if paths else ()),
         "<h2>Quality of the data</h2>",
         quality(facts.qualities),
         "<h2>Left out</h2>",
@@ -67,39 +92,19 @@ def page(facts: Page, found: Results) -> str:
     )
 
 
-def difference_statement(one: Comparison, block: str) -> str:
-    """How far apart two groups' rewards in a block are, in one sentence."""
-    few = " With so few participants the effect size says little." if min(one.n) < FEW else ""
-    return (
-        f"Reward in block {block}: {one.first} minus {one.second} is "
-        f"{number(one.difference, sign='+')} (95 % interval {interval(one.interval, sign='+')}; "
-        f"permutation p {p_value(one.p)}; Hedges' g {number(one.g, 2)}, "
-        f"interval {interval(one.g_interval, 2)}; "
-        f"{one.n[0]} and {one.n[1]} participants).{few}"
+def _nobody(facts: Page) -> list[str]:
+    """That data are simulated is said before any of them."""
+    if not facts.simulated:
+        return []
+    who = (
+        "all sessions were"
+        if facts.simulated == facts.sessions
+        else f"{facts.simulated} of {facts.sessions} sessions were"
     )
-
-
-def alike_statement(one: Alike, roles: Mapping[str, Role]) -> str:
-    """Whether two groups are shown to be alike, in one sentence."""
-    (primary,) = (name for name, role in roles.items() if role == "primary")
-    shown = "are shown to be alike" if one.test.alike else "are not shown to be alike"
-    return (
-        f"{MEASURES[primary].capitalize()}: {one.first} and {one.second} {shown} within {one.test.bounds[1]:g}, as the "
-        f"protocol says (two one-sided tests, p {p_value(one.test.p)}; 90 % interval of the difference "
-        f"{interval(one.test.interval, sign='+')})."
-    )
-
-
-def power_statement(one: Power) -> str:
-    """What the sample could show, in one sentence."""
-    a, b = one.n
-    if math.isnan(one.power_for_large):
-        return f"Power: with {a} and {b} participants no difference between groups can be tested."
-    return (
-        f"Power: with {a} and {b} participants a two-sided t test at 5 % finds a difference of 0.8 standard deviations "
-        f"with a chance of {100 * one.power_for_large:.0f} %; a chance of 80 % needs a difference of "
-        f"{one.detectable_g:.2f} standard deviations, or {one.needed_for_large} participants a group for one of 0.8."
-    )
+    told = f"Simulated data: {who} played by {', '.join(one for one in facts.players if one != 'human')}."
+    return [
+        f'<p class="key">{escape(told)} They say what this analysis does with such data, and nothing about people.</p>'
+    ]
 
 
 def _link(path: Path) -> str:
@@ -109,9 +114,11 @@ def _link(path: Path) -> str:
 
 def _counted(facts: Page, found: Results) -> str:
     people, episodes = found.kept
+    at = ", ".join(f"{window} in {count} sessions" for window, count in facts.windows.items())
     return escape(
         f"{_versions(facts.account)}; {facts.sessions} sessions read, {len(facts.account.skipped)} skipped; "
-        f"{people} participants and {episodes} episodes count. Played by: {', '.join(facts.players) or 'nobody'}."
+        f"{people} participants and {episodes} episodes count. Played by: {', '.join(facts.players) or 'nobody'}. "
+        f"At: {at or 'nothing'}."
     )
 
 
@@ -123,18 +130,22 @@ def _versions(account: Account) -> str:
     return f"{len(told)} versions of the protocol are pooled here ({'; '.join(told)}), --version takes one"
 
 
-def _block(one: BlockResults, facts: Page, *, is_target: bool) -> list[str]:
+def _block(one: BlockResults, facts: Page, found_groups: Sequence[str], *, is_target: bool) -> list[str]:
     """A block's section."""
     compared = "; the block that all groups are compared on" if is_target and len(one.groups) > 1 else ""
+    if len(one.groups) == 1 and len(found_groups) > 1:
+        compared = f"; played by {escape(str(one.groups['group'].iloc[0]))} alone, so nothing is compared"
     worlds = f"{escape(', '.join(one.worlds))}: " if one.worlds else ""
-    rewards = [comparison for comparison in one.comparisons if comparison.measure == "reward_mean"]
     return [
         f"<h2>Block {escape(one.block)}</h2>",
         f'<p class="lead">{worlds}{one.episodes} episodes count{compared}.</p>',
-        *(f'<p class="key">{escape(difference_statement(each, one.block))}</p>' for each in rewards),
+        *(f'<p class="key">{escape(difference_statement(each, one.block))}</p>' for each in one.headline),
         f'<div class="beside">{_measures(one)}{_subjects(one)}</div>',
         _comparisons(one.comparisons, one.roles, one.block),
+        _set_aside(one.set_aside),
         *(f'<p class="key">{escape(alike_statement(each, one.roles))}</p>' for each in one.alike),
+        waiting(one.waits),
+        parts_section(one.parts),
         _growth(one.growth),
         *(f"<p>{escape(power_statement(each))}</p>" for each in one.powers),
         *(figure(path, caption) for block, path, caption in facts.figures if block == one.block),
@@ -150,22 +161,35 @@ def _published_beside(one: BlockResults) -> list[str]:
     theirs = table(f"Published: {SOURCE}.", ("group", "subject", "reward"), rows, words=2)
     rewards = [each for each in one.comparisons if each.measure == "reward_mean"]
     effect = "".join(
-        f'<p class="key">Transfer effect. {escape(difference_statement(e, one.block))}</p>' for e in rewards
+        f"<p>The published measure. {escape(difference_statement(e, one.block))} A mean reward mixes how often time "
+        "ran out with how many steps were taken; what groups are compared on here comes with the block.</p>"
+        for e in rewards
     )
     return ["<h2>Beside the published study</h2>", effect, f'<div class="beside">{_subjects(one)}{theirs}</div>']
 
 
 def _subjects(one: BlockResults) -> str:
+    several = one.subjects["session"].nunique() > 1
+
+    def row(group: str, who: str, session: str, n: int, mean: float, sd: float) -> tuple[str, ...]:
+        return (group, who, *((session,) if several else ()), str(n), spread(mean, sd))
+
     rows = [
-        (row["group"], row["participant"], str(row["episodes"]), spread(row["reward_mean"], row["reward_sd"]))
-        for row in records(one.subjects)
+        row(
+            its["group"], its["participant"], str(its["session"]), its["episodes"], its["reward_mean"], its["reward_sd"]
+        )
+        for its in records(one.subjects)
     ]
-    rows += [
-        (row["group"], "all", str(row["participants"]), spread(row["reward_mean"], row["reward_sd"]))
-        for row in records(one.groups)
+    groups = [
+        row(its["group"], "all", "all", its["participants"], its["reward_mean"], its["reward_sd"])
+        for its in records(one.groups)
     ]
+    heads = ("group", "subject", *(("session",) if several else ()), "n", "reward")
+    words = len(heads) - 2
     caption = f"Reward in block {one.block}: mean (standard deviation). Rows “all” are over subjects' means."
-    return table(caption, ("group", "subject", "n", "reward"), rows, words=2)
+    if is_long(rows):
+        return f"<div>{table(caption, heads, groups, words=words)}{long_table('', heads, rows, words=words)}</div>"
+    return table(caption, heads, [*rows, *groups], words=words)
 
 
 def _comparisons(found: Sequence[Comparison], roles: Mapping[str, Role], block: str) -> str:
@@ -175,7 +199,7 @@ def _comparisons(found: Sequence[Comparison], roles: Mapping[str, Role], block: 
     rows = [
         (
             MEASURES[one.measure], *((roles[one.measure],) if named else ()),
-            f"{one.first} \N{MINUS SIGN} {one.second}",
+            f"{one.first}\N{NO-BREAK SPACE}\N{MINUS SIGN}\N{NO-BREAK SPACE}{one.second}",
             f"{one.n[0]}, {one.n[1]}", f"{number(one.means[0])}, {number(one.means[1])}",
             _with_interval(one.difference, one.interval),
             p_value(one.p), p_value(one.p_holm), p_value(one.smallest_p),
@@ -198,6 +222,13 @@ def _comparisons(found: Sequence[Comparison], roles: Mapping[str, Role], block: 
     ]
     because = f'<p class="few">Not compared, or not in every way: {escape("; ".join(reasons))}.</p>' if reasons else ""
     return f'<div class="wide">{table(caption, heads, rows, words=3 if named else 2)}</div>{because}'
+
+
+def _set_aside(why: Mapping[str, str]) -> str:
+    if not why:
+        return ""
+    told = "; ".join(f"{MEASURES[name]} ({reason})" for name, reason in why.items())
+    return f'<p class="few">Left out, since it would make those who fail more look better: {escape(told)}.</p>'
 
 
 def _with_interval(value: float, bounds: tuple[float, float], digits: int = 3) -> str:

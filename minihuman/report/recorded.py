@@ -9,21 +9,31 @@ import pandas as pd
 
 from minihuman.data.opened import Skipped
 from minihuman.data.quality import LATE_MS, Quality
-from minihuman.report.html import number, records, table
+from minihuman.report.html import long_table, number, records, table
 
 _MOST_ANSWERS = 8  # of a question, that are told one by one
+_MEASURED = ("likert", "slider", "number")  # kinds whose answers have a mean; an option's code has none
+_GIVEN_ONCE = ["participant", "session", "questions", "item", "attempt"]  # who goes back answers anew
 
 
 def answers(found: pd.DataFrame) -> list[str]:
-    """Every question: how often each answer was given, or its mean and range, and how long it took."""
+    """Every question: how often each answer was given, or its mean and range, and how long it took.
+
+    One that was asked in several sessions has a row for each: a second day's answers are not the first day's.
+    """
     if found.empty:
         return []
     rows = []
-    for (part, item), given in found.groupby(["questions", "item"], sort=False):
+    last = found.drop_duplicates(_GIVEN_ONCE, keep="last")
+    several = bool((last.groupby(["questions", "item"])["session"].nunique() > 1).any())
+    in_order: list[tuple[object, ...]] = list(zip(last["questions"], last["item"], strict=True))  # as first asked
+    asked = last.groupby(["questions", "item", "session"])
+    for (part, item, session), given in sorted(asked, key=lambda one: (in_order.index(one[0][:2]), one[0][2])):
         numbers = given["number"].dropna()
-        if len(numbers) == len(given):
+        if len(numbers) and set(given["kind"]) <= set(_MEASURED):
             mean, low, high = (number(float(one)) for one in (numbers.mean(), numbers.min(), numbers.max()))
-            said = f"mean {mean}, {low} to {high}"
+            none = len(given) - len(numbers)
+            said = f"mean {mean}, {low} to {high}" + (f"; none ({none})" if none else "")
         else:
             told = given["said"].fillna(given["answer"]).fillna("nothing").value_counts()
             said = ", ".join(f"{answer} ({count})" for answer, count in told.head(_MOST_ANSWERS).items())
@@ -31,17 +41,20 @@ def answers(found: pd.DataFrame) -> list[str]:
         right = given["right"].dropna()
         share = f"{100 * float(right.astype(float).mean()):.0f} %" if len(right) else "\N{EN DASH}"
         took = number(float(given["answer_ms"].median()) / 1000)
-        rows.append((str(part), str(item), said, str(len(given)), share, took))
-    heads = ("questions", "question", "answers", "n", "right", "median time (s)")
-    return ["<h2>Answers</h2>", table("Over all participants and days.", heads, rows, words=3)]
+        when = (str(session),) if several else ()
+        rows.append((str(part), str(item), *when, said, str(len(given)), share, took))
+    heads = ("questions", "question", *(("session",) if several else ()), "answers", "n", "right", "median time (s)")
+    return ["<h2>Answers</h2>", table("Over all participants.", heads, rows, words=4 if several else 3)]
 
 
 def quality(qualities: Sequence[Quality]) -> str:
     """Late presses, pictures, focus, pauses, display."""
     rows = [
         (
-            one.participant, str(one.session), str(one.presses), f"{one.late}", number(one.latest_ms),
-            f"{one.pictures_missing} of {one.steps}", *(number(ms) for ms in one.key_to_flip_ms),
+            one.participant, str(one.session), str(one.presses),
+            *((f"{one.late}", number(one.latest_ms)) if _sat(one) else ("n/a", "n/a")),
+            f"{one.pictures_missing} of {one.steps}" if _sat(one) else "n/a",
+            *(number(ms) if _sat(one) else "n/a" for ms in one.key_to_flip_ms),
             str(one.focus_lost), f"{one.pauses}, {one.paused_s:.0f} s",
             f"{one.segments}{'' if one.clean else ', cut off'}",
         )
@@ -52,15 +65,24 @@ def quality(qualities: Sequence[Quality]) -> str:
         "key to flip: median", "95 %", "99 % (ms)", "focus lost", "pauses", "segments",
     )  # fmt: skip
     displays = sorted({", ".join(f"{name} {value}" for name, value in one.display.items()) for one in qualities})
-    presses = sum(one.presses for one in qualities)
-    late = sum(one.late for one in qualities)
-    slowest = np.array([one.key_to_flip_ms[2] for one in qualities])
+    sat = [one for one in qualities if _sat(one)]
+    presses = sum(one.presses for one in sat)
+    late = sum(one.late for one in sat)
+    slowest = np.array([one.key_to_flip_ms[2] for one in sat])
     slowest = slowest[~np.isnan(slowest)]
     lead = f"{late} of {presses} presses were taken more than {LATE_MS:g} ms after they were made"
     if slowest.size:
         lead += f"; 99 % of pictures came within {number(float(slowest.max()))} ms of their key in every session"
+    if len(sat) < len(qualities):
+        none = f"In {len(qualities) - len(sat)} sessions there was neither keyboard nor display, so nothing to time"
+        lead = f"{lead}. {none}" if sat else none
     shown = "".join(f"<p>Display: {escape(one)}.</p>" for one in displays if one)
-    return f"<p>{escape(lead)}.</p>{shown}" + table("", heads, rows)
+    return f"<p>{escape(lead)}.</p>{shown}" + long_table("", heads, rows)
+
+
+def _sat(one: Quality) -> bool:
+    """Whether somebody sat at something: a simulated window has a clock of its own."""
+    return one.display.get("window") != "simulated"
 
 
 def left_out(rows: pd.DataFrame) -> str:
@@ -70,7 +92,7 @@ def left_out(rows: pd.DataFrame) -> str:
     counts = rows.groupby(["left_out", "level"]).size().reset_index(name="count")
     totals = [(row["left_out"], row["level"], str(row["count"])) for row in records(counts)]
     each = [(row["left_out"], row["participant"], str(row["session"]), _which(row["episode"])) for row in records(rows)]
-    return table("Rules and what they removed.", ("reason", "level", "removed"), totals, words=2) + table(
+    return table("Rules and what they removed.", ("reason", "level", "removed"), totals, words=2) + long_table(
         "", ("reason", "participant", "session", "episode"), each, words=2
     )
 
@@ -83,4 +105,4 @@ def skipped(logs: Sequence[Skipped]) -> str:
     """Logs that could not be read, and why."""
     if not logs:
         return "<p>None.</p>"
-    return table("", ("log", "reason"), [(str(one.path), one.reason) for one in logs], words=2)
+    return long_table("", ("log", "reason"), [(str(one.path), one.reason) for one in logs], words=2)

@@ -1,35 +1,40 @@
 """What a study shows, block by block, and who was left out. From the tables, not the logs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
 
+from minihuman.report.parts import reward_parts
+from minihuman.report.waits import Waits, waits
 from minihuman.statistics.compare import Comparison, compare_groups
 from minihuman.statistics.equivalence import Equivalence, equivalence
 from minihuman.statistics.growth import Growth, growth
 from minihuman.statistics.power import Power, power
+from minihuman.statistics.two_parts import TwoParts
 from minihuman.study.analysis import Analysis
 
 MEASURES = {  # columns of the block table that groups are compared on, and what they are called
-    "log_excess_steps_mean": "log of the steps over the best way (time-outs at the limit)",
+    "log_excess_steps_mean": "log of the steps over the best way (without the goal: at the limit)",
     "spl_mean": "SPL: success weighted by path length",
     "success": "success (share of episodes)",
     "reward_mean": "reward",
-    "steps_at_limit_mean": "steps (time-outs at the limit)",
+    "steps_at_limit_mean": "steps (without the goal: at the limit)",
     "reward_first": "reward of the first episode",
     "reward_slope": "learning: change of reward from one episode to the next, over the first five",
     "excess_steps_mean": "steps over the best way, of successes alone",
     "playing_s_mean": "playing time of an episode (s)",
     "reaction_median_ms": "reaction time, median (ms)",
-    "path_efficiency_mean": "path efficiency",
+    "path_efficiency_mean": "path efficiency (straight distance over ground covered)",
     "in_vain_share": "share of steps in vain",
     "found_all_s": "time until every key was found (s)",
 }
 
+
+_LOG_EXCESS = "log of the steps over the best way"
 
 Role = Literal["primary", "secondary", "exploratory"]  # named in the protocol before anybody played, or not
 
@@ -55,9 +60,19 @@ class BlockResults:
     measures: pd.DataFrame  # measure, group, n, mean, sd; of measures that have a value in this block
     comparisons: tuple[Comparison, ...]  # the primary measure first, then the secondary ones
     roles: Mapping[str, Role]  # of each measure that is compared
+    set_aside: Mapping[str, str]  # measures that are not compared since they leave out who did not get there, and why
     alike: tuple[Alike, ...]  # of the primary measure, where the protocol says how near is alike
-    growth: Growth | None  # of the reward over the block's episodes
-    powers: tuple[Power, ...]  # one for each pair of groups, in the order of the comparisons of reward
+    waits: Waits  # until every key was found, and until the goal
+    parts: tuple[TwoParts, ...]  # of the reward, where it has mass at 0
+    growth: Growth | None  # of the steps over the best way, or of the reward, over the block's episodes
+    powers: tuple[Power, ...]  # one for each pair of groups, in the order of the headline
+
+    @property
+    def headline(self) -> tuple[Comparison, ...]:
+        """What groups are compared on first: the primary measure, or the first of ``MEASURES`` that is told."""
+        measure = next((one.measure for one in self.comparisons if self.roles[one.measure] == "primary"), None)
+        chosen = measure or next((name for name in MEASURES if name in self.roles), None)
+        return tuple(one for one in self.comparisons if one.measure == chosen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +81,7 @@ class Results:
 
     blocks: tuple[BlockResults, ...]
     target: str  # the last block that all groups played; "" without any
+    order: tuple[str, ...]  # of the groups, in every comparison and figure
     exclusions: pd.DataFrame  # left_out, level, participant, session, episode, attempt
     kept: tuple[int, int]  # participants and episodes that count
 
@@ -97,6 +113,7 @@ def results(
             for name in in_order_of_play(kept)
         ),
         target=target,
+        order=tuple(order),
         exclusions=exclusions(episodes, participants),
         kept=(counted_people["participant"].nunique(), len(counted)),
     )
@@ -107,7 +124,12 @@ def block_results(
 ) -> BlockResults:
     """One block's, from its rows of the block table and its episodes."""
     rows = rows.sort_values(["group", "participant", "session"])
-    told = [measure for measure in MEASURES if rows[measure].notna().any()]
+    aside = {
+        name: why
+        for name, why in _set_aside(rows, episodes).items()
+        if name not in (analysis.primary, *analysis.secondary)
+    }
+    told = [measure for measure in MEASURES if rows[measure].notna().any() and measure not in aside]
     each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
     order = [group for group in order if (each["group"] == group).any()]
     roles = _roles(told, analysis)
@@ -116,7 +138,9 @@ def block_results(
         for role in get_args(Role)
         for one in compare_groups(each, [name for name in roles if roles[name] == role], order=order)
     )
-    return BlockResults(
+    told_excess = "log_excess_steps" in episodes and episodes["log_excess_steps"].notna().any()
+    lines = episodes.rename(columns={"log_excess_steps": _LOG_EXCESS}) if told_excess else episodes
+    found = BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
         episodes=len(episodes),
@@ -128,9 +152,24 @@ def block_results(
         comparisons=comparisons,
         roles=roles,
         alike=_alike(each, analysis, order),
-        growth=growth(episodes, "reward", order=order),
-        powers=tuple(power(one.n) for one in comparisons if one.measure == "reward_mean"),
+        waits=waits(rows, episodes, order),
+        parts=reward_parts(episodes, order),
+        set_aside=aside,
+        growth=growth(lines, _LOG_EXCESS if told_excess else "reward", order=order),
+        powers=(),
     )
+    return replace(found, powers=tuple(power(one.n) for one in found.headline))
+
+
+def _set_aside(rows: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, str]:
+    """Measures that know only of those who got there, where somebody did not."""
+    late = int((~episodes["success"].astype(bool)).sum())
+    never = int((rows["found_all_s"].isna() & (rows["keys_to_find"] > 0)).sum())
+    why = {
+        "excess_steps_mean": f"{late} episodes without success are not in it" if late else "",
+        "found_all_s": f"{never} never found them all; compared below with them in it" if never else "",
+    }
+    return {name: reason for name, reason in why.items() if reason and rows[name].notna().any()}
 
 
 def _roles(told: Sequence[str], analysis: Analysis) -> dict[str, Role]:

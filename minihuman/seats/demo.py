@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from minihuman.errors import WindowError
 from minihuman.lab.next_session import next_session
 from minihuman.lab.protocol_file import read_protocol
@@ -14,7 +16,7 @@ from minihuman.recorded.episode import SessionLog
 from minihuman.seats.machine import SessionClock
 from minihuman.seats.simulate import simulate
 from minihuman.seats.sitting import sit
-from minihuman.seats.warm_up import warm_up
+from minihuman.seats.warm_up import shared, warm_up
 from minihuman.study.protocol import Protocol
 from minihuman.windows.choose import AUTO, open_window
 
@@ -45,18 +47,24 @@ def demonstrate(data: Path, *, window: str, fullscreen: bool, say: Say) -> Itera
 
 
 def _play(protocol: Protocol, data: Path, *, window: str, fullscreen: bool, say: Say) -> Path:
-    warm_up(protocol)
-    clock = SessionClock()
-    try:
-        opened = open_window(window, clock, fullscreen=fullscreen)
-    except WindowError:
-        if window != AUTO:
-            raise
-        say("There is no display here: a simulated participant plays.")
-        (log,) = simulate(protocol, data, participants=1, seed=_SEED, player=_PLAYER)
-        return log
-    with closing(opened):
-        played = sit(next_session(protocol, data), opened, clock, data)
+    """The window opens when its first world is there; what the others take is compiled behind it."""
+    first, *others = protocol.blocks
+    with shared([first], others, plans=True) as companion:
+        warm_up(replace(protocol, blocks=(first,)), companion=companion)
+        clock = SessionClock()
+        try:
+            opened = open_window(window, clock, fullscreen=fullscreen)
+        except WindowError:
+            if window != AUTO:
+                raise
+            say("There is no display here: a simulated participant plays.")
+            warm_up(protocol, companion=companion)
+            for block in protocol.blocks:
+                companion.compile_plan(block)
+            (log,) = simulate(protocol, data, participants=1, seed=_SEED, player=_PLAYER)
+            return log
+        with closing(opened):
+            played = sit(next_session(protocol, data), opened, clock, data)
     assert played is not None, "a session with a recorder on disk has a log"
     return played
 

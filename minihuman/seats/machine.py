@@ -11,6 +11,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import minihuman
+from minihuman.study.plan import SessionPlan
+from minihuman.study.protocol import decode
+from minihuman.study.undrawn import is_undrawn
+from minihuman.worlds.contract import PICTURES
 from minihuman.worlds.sources import rules_digest
 
 _PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
@@ -42,6 +46,7 @@ def machine_facts() -> dict[str, str]:
     """A digest of the worlds' rules, versions, platform, processor, the commit of a checked-out minihuman; by name."""
     facts = {
         "rules": rules_digest(),
+        "pictures": str(PICTURES),
         "python": platform.python_version(),
         "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),
@@ -54,6 +59,13 @@ def machine_facts() -> dict[str, str]:
     if commit := _git_commit(Path(minihuman.__file__).parents[1]):
         facts["git_commit"] = commit
     return facts
+
+
+def worlds_of(plan: SessionPlan) -> set[str]:
+    """The ids of the worlds that a session may play; of any group where it is not drawn yet."""
+    if is_undrawn(plan):
+        return {block.world for block in decode(plan.protocol_toml).blocks}
+    return {episode.world for episode in plan.episodes}
 
 
 def world_facts(worlds: Iterable[str]) -> dict[str, str]:

@@ -4,7 +4,7 @@ import logging
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -12,8 +12,9 @@ from types import FrameType
 from minihuman.errors import LogError
 from minihuman.log.record.recorder import Recorder
 from minihuman.seats.desk import Desk
+from minihuman.study.activities.port import Outside
 from minihuman.study.events import SessionEnded
-from minihuman.study.inputs import Asked, Input, KeyDown, Stop, Tick
+from minihuman.study.inputs import Asked, Input, KeyDown, Shown, Stop, Tick
 from minihuman.study.screens import Screen
 from minihuman.study.session import Session
 from minihuman.windows.port import Clock, Window
@@ -33,12 +34,16 @@ def run_session(
     clock: Clock,
     *,
     desk: Desk | None = None,
+    agent: Outside | None = None,
+    finished: Callable[[Path], object] | None = None,
     last_screen_s: float = 60.0,
 ) -> Path | None:
     """Run a session to its end, whatever ends it; the log is finished before this returns or raises.
 
     Args:
         desk: where the experimenter may ask for something; None: nobody does.
+        agent: answers what a part wants from outside; None: no part does. It is let go at the end.
+        finished: told where the finished log is, while signals still wait.
         last_screen_s: how long a screen that says what failed waits for a key, seconds.
 
     Returns:
@@ -48,7 +53,7 @@ def run_session(
         LogError: if the log could not be written; what was written before is kept.
         Exception: what the window or a bug of ours raised.
     """
-    loop = _Loop(session, window, recorder, clock, desk)
+    loop = _Loop(session, window, recorder, clock, desk, agent)
     with _signals(loop):  # up to the end: a second Ctrl-C must not break the log off while it is being finished
         try:
             with _short_turns():
@@ -59,11 +64,15 @@ def run_session(
                     raise
                 loop.hold_last_screen(last_screen_s)
         finally:
+            if agent is not None:
+                agent.close()
             try:
                 session.close()
             except Exception as error:  # the world is done with; its log is not
                 LOG.warning("the world did not close: %s: %s", type(error).__name__, error)
             path = recorder.close()
+            if finished is not None and path is not None:
+                finished(path)
     if loop.log_error:
         raise loop.log_error
     return path
@@ -72,7 +81,15 @@ def run_session(
 class _Loop:
     """A session between its window and its log."""
 
-    def __init__(self, session: Session, window: Window, recorder: Recorder, clock: Clock, desk: Desk | None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        window: Window,
+        recorder: Recorder,
+        clock: Clock,
+        desk: Desk | None,
+        agent: Outside | None,
+    ) -> None:
         self.log_error: LogError | None = None
         self.signal_name = ""
         self._session = session
@@ -80,6 +97,7 @@ class _Loop:
         self._recorder = recorder
         self._clock = clock
         self._desk = desk
+        self._agent = agent
         self._look_ns = 0  # when to look at the desk again
         self._shown: Screen | None = None
         self._failed = False
@@ -89,28 +107,37 @@ class _Loop:
         self.take(Tick(self._clock()))
         while not self._session.over:
             self._show()
+            self._answer()
             for happened in self._next_inputs():
                 self.take(happened)
                 if not self._session.over:
                     self._show()  # each step's picture, though the next key is there already
+                    self._answer()
+        try:
+            self._written()
+        except LogError as error:
+            self._stop(error)
 
     def take(self, happened: Input) -> None:
-        """Let the session have an input, and write what it says. A log that cannot be written stops the session."""
+        """Let the session have an input, and begin to write what it says, which no picture is shown before.
+
+        A log that cannot be written stops the session.
+        """
         events = self._session.receive(happened)
         self._failed |= any(isinstance(event, SessionEnded) and event.reason == "world_error" for event in events)
         if self.log_error:
             return
         try:
-            self._recorder.write(events)
+            self._recorder.begin(events)
         except LogError as error:
-            self.log_error = error
-            self.take(Stop(self._clock(), "disk_full", str(error)))
+            self._stop(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
         """Leave on the screen what failed, until a key, the window's cross, a signal or the time ends it."""
         if not (self._failed or self.log_error):
             return
-        self._window.show(self._session.screen)
+        if self._display(self._session.screen) is None:  # which is said on another screen
+            self._window.show(self._session.screen)
         until_ns = self._clock() + round(last_screen_s * _NS_PER_S)
         while self._clock() < until_ns and not self.signal_name:
             inputs = self._window.wait(min(until_ns, self._clock() + SIGNAL_CHECK_NS))
@@ -122,7 +149,34 @@ class _Loop:
         screen = self._session.screen
         if screen is not self._shown:
             self._shown = screen
-            self.take(self._window.show(screen))
+            if (shown := self._display(screen)) is not None:
+                self.take(shown)
+
+    def _display(self, screen: Screen) -> Shown | None:
+        """Draw a screen while the log is written, and flip when it is; None if it could not be written."""
+        try:
+            return self._window.show_after(screen, self._written)
+        except LogError as error:
+            self._stop(error)
+            return None
+
+    def _written(self) -> None:
+        if not self.log_error:
+            self._recorder.settle()
+
+    def _stop(self, error: LogError) -> None:
+        """End the session: what is done cannot be logged."""
+        self.log_error = error
+        self.take(Stop(self._clock(), "disk_full", str(error)))
+
+    def _answer(self) -> None:
+        """Give the part that runs what it waits for. After the picture, which nothing is to hold up."""
+        while self._agent is not None and not self._session.over and (want := self._session.wants) is not None:
+            given = self._agent.answer(want, self._session.play, self._clock())
+            if given is None:
+                return
+            self.take(given)
+            self._show()
 
     def _next_inputs(self) -> list[Input]:
         tick_ns = self._session.next_tick_ns

@@ -1,14 +1,19 @@
-"""Every screen of a session as a picture, without a window: what a participant will see, played through once."""
+"""Every screen of a session as a picture, without a window: played through by who knows the way, then by who does not.
 
+The first gets to the end of it, the second sees what people are told who err.
+"""
+
+import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from minihuman.errors import PlayerError
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.players.choose import make_player
-from minihuman.players.port import Player
 from minihuman.seats.run import run_session
 from minihuman.seats.simulated import SimulatedWindow
 from minihuman.study.inputs import Shown
@@ -21,49 +26,73 @@ from minihuman.windows.theme import BACKGROUND, INK
 from minihuman.worlds.adapt.world import World
 
 _SEED = 1
-_PLAYER = "random"
+_VISITS = (("optimal", 0), ("random", 10))  # who plays, and how many answers in ten are given without thinking
+_SUM = re.compile(r"\u200e?[-\u2212]?\d[\d.,]*")
 _THUMB_PX: Size = (320, 180)
 _ACROSS = 5
 _LABEL_PX = 22
 
 
 class _Camera(SimulatedWindow):
-    """A window that keeps the screens worth a picture: of play the first and the last of each block's first episode."""
+    """A window that keeps the screens worth a picture: of play each block's first, and its last for each outcome.
 
-    def __init__(self, player: Player, session: Session, clock: VirtualClock) -> None:
-        super().__init__(player, session, clock)
-        self.kept: list[tuple[str, Screen]] = []
+    Args:
+        kept: gets the screens with their phases' names.
+        seen: what tells those from others; a screen like one of them is not kept.
+        session: the session that it shows.
+        clock: the session's.
+        player: the name of who sits in front of it.
+        wrong_in_ten: as ``SimulatedWindow``.
+    """
+
+    def __init__(
+        self,
+        kept: list[tuple[str, Screen]],
+        seen: set[object],
+        session: Session,
+        clock: VirtualClock,
+        *,
+        player: str,
+        wrong_in_ten: int,
+    ) -> None:
+        made = make_player(player, np.random.default_rng(_SEED))
+        super().__init__(made, session, clock, wrong_in_ten=wrong_in_ten)
+        self._kept = kept
         self._watched = session
-        self._seen: set[object] = set()
+        self._seen = seen
 
     def show(self, screen: Screen) -> Shown:
         """Keep a screen that is not like one before."""
         name = str(self._watched.phase)
         if isinstance(screen, PlayScreen):
             plan = self._watched.plan.episodes[screen.episode]
-            kind: object = (plan.block_name, "held" if screen.mark or name == "hold" else "playing")
+            kind: object = (plan.block_name, f"held {screen.mark}" if screen.mark or name == "hold" else "playing")
             name = f"{plan.block_name}-{name}"
         else:
-            kind = (name, _words(screen))
+            kind = (name, _words(screen, but_sums=name in ("feedback", "closing")))
         if kind not in self._seen and not (isinstance(screen, BlankScreen) and not screen.cross):
             self._seen.add(kind)
-            self.kept.append((name, screen))
+            self._kept.append((name, screen))
         return super().show(screen)
 
 
 def screens_of(plan: SessionPlan, size_px: Size) -> list[tuple[str, Screen]]:
-    """The screens of a session with their phases' names, played by chance; one that comes again is kept once.
+    """The screens of a session with their phases' names; one that comes again is kept once.
 
     Raises:
         Exception: what a world raised.
     """
-    clock = VirtualClock()
-    session = Session(plan, World, {}, picture_px=picture_size_px(size_px))
-    camera = _Camera(make_player(_PLAYER, np.random.default_rng(_SEED)), session, clock)
-    run_session(session, camera, MemoryRecorder(), clock)
-    if session.failure is not None:
-        raise session.failure
-    return camera.kept
+    kept: list[tuple[str, Screen]] = []
+    seen: set[object] = set()
+    for player, wrong_in_ten in _VISITS:
+        clock = VirtualClock()
+        session = Session(plan, World, {}, picture_px=picture_size_px(size_px))
+        camera = _Camera(kept, seen, session, clock, player=player, wrong_in_ten=wrong_in_ten)
+        with suppress(PlayerError):  # a world that nobody plans for: the second visit is all that can be had
+            run_session(session, camera, MemoryRecorder(), clock)
+        if session.failure is not None:
+            raise session.failure
+    return kept
 
 
 def save_screens(plan: SessionPlan, out: Path, size_px: Size = (1280, 720)) -> Iterator[Path]:
@@ -93,6 +122,7 @@ def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
     return sheet
 
 
-def _words(screen: Screen) -> tuple[str, ...]:
-    """What tells a screen from another: its title, text and page; not what counts down or fills."""
-    return tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "ask"))
+def _words(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
+    """What tells a screen from another: its title, text and page; not what counts down, fills or was earned."""
+    words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "ask"))
+    return tuple(_SUM.sub("0", text) for text in words) if but_sums else words

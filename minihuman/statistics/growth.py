@@ -7,7 +7,7 @@ people and a term for the episode, it rejects a true null in a third of studies)
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -62,7 +62,8 @@ def growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = ()) -> Gr
     terms = []
     for column, name in enumerate((f"{measure} in the middle of the block", "change an episode")):
         base = people[reference][:, column]
-        terms.append(_mean(f"{reference}: {name}", base))
+        level = _mean(f"{reference}: {name}", base)
+        terms.append(level if column else replace(level, p=math.nan))  # that a level is 0 nobody asks
         terms += [_difference(f"{group} minus {reference}: {name}", people[group][:, column], base) for group in others]
     left_out = tuple(
         f"{group}: {len(lines.get(group, ()))} with {LEAST_EPISODES} episodes or more"

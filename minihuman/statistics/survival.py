@@ -44,7 +44,7 @@ class WaitedCompared:
 
     n: tuple[int, int]
     never: tuple[int, int]  # to whom it had not come
-    until: float  # restricted means look at the time up to here: the shorter of the two groups' watching
+    until: float  # restricted means look at the time up to here: as far as both groups' curves are known
     means: tuple[float, float]  # restricted means
     difference: float
     interval: tuple[float, float]
@@ -78,7 +78,7 @@ def compare_waiting(first: Waited, second: Waited) -> WaitedCompared | None:
     n = len(first.times), len(second.times)
     if min(n) < 2:
         return None
-    until = float(min(first.times.max(), second.times.max()))
+    until = min(_known_until(first), _known_until(second), float(max(first.times.max(), second.times.max())))
     means = restricted_mean(first, until), restricted_mean(second, until)
     pseudo = [_pseudo(waited, until) for waited in (first, second)]
     interval = (math.nan, math.nan)
@@ -89,6 +89,12 @@ def compare_waiting(first: Waited, second: Waited) -> WaitedCompared | None:
         p = float(stats.logrank(_censored(first), _censored(second)).pvalue)
     never = int((~first.came).sum()), int((~second.came).sum())
     return WaitedCompared(n, never, until, means, means[0] - means[1], interval, p)
+
+
+def _known_until(waited: Waited) -> float:
+    """How far the curve is known: for ever where it came to the last one of all."""
+    last = float(waited.times.max())
+    return math.inf if waited.came[waited.times == last].all() else last
 
 
 def _pseudo(waited: Waited, until: float) -> Values:

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from minihuman.errors import ProtocolError
+from minihuman.study.activities.agent_plan import AgentPlan, AgentPlayPlan
+from minihuman.study.activities.agent_plan import complaints as agent_complaints
 from minihuman.study.activities.drafts import Question
+from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.activities.registry import kind_of
 from minihuman.study.forms import FORMS
 from minihuman.study.words import LANGUAGES, flat, of
@@ -61,11 +64,17 @@ def _names(protocol: "Protocol") -> Iterator[Complaint]:
 
 
 def _others(protocol: "Protocol") -> Iterator[Complaint]:
+    blocks = list(dict.fromkeys(block.name for block in protocol.blocks))
     for number, other in enumerate(protocol.activities):
         try:
-            kind_of(other.kind).read(other.plan)
+            kind = kind_of(other.kind)
+            plan = kind.read(other.plan)
         except (ProtocolError, msgspec.ValidationError) as error:
             yield f"$.activities[{number}]", f"of kind {other.kind!r}: {error}"
+            continue
+        if kind.block_field and (named := getattr(plan, kind.block_field)) not in blocks:
+            what = f"is {named!r}, which is no block; blocks: {', '.join(blocks) or 'none'}"
+            yield f"$.activities[{number}].plan.{kind.block_field}", what
 
 
 def _lists(protocol: "Protocol") -> Iterator[Complaint]:
@@ -174,6 +183,7 @@ def _overrides(protocol: "Protocol") -> Iterator[Complaint]:
 
 def _block(block: "Block", protocol: "Protocol") -> Iterator[Complaint]:
     pool = protocol.keys.pool
+    yield from _kind(block, pool)
     if block.key_map == "fixed" and set(block.fixed.values()) != set(block.actions):
         yield "fixed", "gives keys to other actions than those of the block; give each a key: fixed = { 1 = 'left' }"
     for key in block.fixed:
@@ -187,3 +197,21 @@ def _block(block: "Block", protocol: "Protocol") -> Iterator[Complaint]:
     for field in ("max_s", "block_max_s", "interval_ms", "fixation_ms", "hold_ms"):
         if not 0 <= getattr(block, field) <= 86_400_000:
             yield field, f"is {getattr(block, field):g}; use 0 or more"
+
+
+def _kind(block: "Block", pool: tuple[str, ...]) -> Iterator[Complaint]:
+    """A block's kind is one of blocks, and has an agent where it needs one."""
+    try:
+        plan = kind_of(block.kind).plan
+    except ProtocolError as error:
+        yield "kind", f"is {block.kind!r}: {error}"
+        return
+    if not issubclass(plan, PlayPlan):
+        yield "kind", f"is {block.kind!r}, which is no kind of block; list it in [[activities]]"
+    elif issubclass(plan, AgentPlayPlan):
+        if block.pace != "on_key":
+            yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
+        agent = block.agent or AgentPlan()
+        yield from ((f"agent.{field}", what) for field, what in agent_complaints(agent, pool))
+    elif block.agent is not None:
+        yield "agent", f"is given, but a {block.kind} block has none; use kind = 'takeover' or 'rating'"

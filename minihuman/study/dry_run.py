@@ -1,11 +1,15 @@
 """A session's plan as lines to read: the experimenter's dry run."""
 
+from collections import Counter
 from collections.abc import Iterator
 
 from minihuman.study.activities.pages import PagePlan
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.activities.questions import QuestionsPlan
+from minihuman.study.allocation import allocation
 from minihuman.study.plan import EpisodePlan, Part, SessionPlan
+from minihuman.study.protocol import Protocol
+from minihuman.study.strata import strata_of
 
 
 def lines(plan: SessionPlan) -> Iterator[str]:
@@ -15,7 +19,8 @@ def lines(plan: SessionPlan) -> Iterator[str]:
     yield f"protocol     SHA-256 {plan.protocol_sha256}"
     if plan.allocation_sha256:
         yield f"allocation   SHA-256 {plan.allocation_sha256}"
-    yield f"participant  {who.id}, group {who.group}, session {plan.session}"
+    stratum = f", stratum {who.stratum}" if who.stratum else ""
+    yield f"participant  {who.id}, group {who.group}{stratum}, session {plan.session}"
     yield f"consent      {'SHA-256 ' + plan.consent_sha256 if plan.consent_text else 'not asked for'}"
     yield f"keys         {' '.join(plan.key_pool)}{', each checked first' if plan.keyboard_check else ''}"
     if plan.bonus:
@@ -24,6 +29,19 @@ def lines(plan: SessionPlan) -> Iterator[str]:
     for number, part in enumerate(plan.parts, 1):
         yield ""
         yield from _part(plan, number, part)
+
+
+def strata_lines(protocol: Protocol) -> Iterator[str]:
+    """How many slots of each group each stratum has, where groups are drawn after an answer."""
+    strata = strata_of(protocol)
+    if strata is None:
+        return
+    of_each = Counter((slot.stratum, slot.group) for slot in allocation(protocol))
+    yield ""
+    yield f"strata of {strata.question}: the group is drawn after the answer, from the stratum's own list"
+    for name in strata.names:
+        groups = ", ".join(f"{group.name} {of_each[name, group.name]}" for group in protocol.groups)
+        yield f"  {name}  of the first {protocol.study.participants}: {groups}"
 
 
 def _part(plan: SessionPlan, number: int, part: Part) -> Iterator[str]:

@@ -28,14 +28,19 @@ PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_quest
 EndReason = Literal[
     "complete",
     "screened_out",
+    "declined",  # did not agree: nothing of it is on the disk, unless the consent came after play
     "aborted",
     "quit",
     "window_closed",
     "signal",
+    "timed_out",  # nobody was there for as long as the study waits
+    "connection_lost",
     "disk_full",
     "world_error",
     "internal_error",
 ]
+
+SETTLED: frozenset[str] = frozenset({"complete", "screened_out", "declined"})  # ends after which nothing is left to do
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,6 +303,18 @@ class Sampled:
 
 
 @dataclass(frozen=True, slots=True)
+class Linked:
+    """How a browser's clock lies to its server's, by the quickest of the latest messages there and back."""
+
+    t_ns: int
+    offset_ns: int  # the server's time minus the session's, both since the segment began
+    error_ns: int  # the offset is right to so much, either way
+    rtt_ns: int  # there and back, the last time
+    least_rtt_ns: int  # the quickest of the latest
+    drift_ppm: float | None  # how much faster the server's clock runs; None until it can be told
+
+
+@dataclass(frozen=True, slots=True)
 class SessionEnded:
     """The last event."""
 
@@ -305,6 +322,16 @@ class SessionEnded:
     reason: EndReason
     detail: str
     episodes_completed: int
+
+
+@dataclass(frozen=True, slots=True)
+class KindEvent:
+    """What one kind of activity says and no other; the kind adds its fields.
+
+    A field whose name ends in ``_ns`` is a time of the session; 0 where nobody said.
+    """
+
+    t_ns: int
 
 
 Event = (
@@ -330,5 +357,7 @@ Event = (
     | Resumed
     | Noted
     | Sampled
+    | Linked
     | SessionEnded
+    | KindEvent
 )

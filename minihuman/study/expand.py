@@ -3,9 +3,11 @@
 import hashlib
 import re
 
+import msgspec
+
 from minihuman.errors import AllocationError
 from minihuman.study.activities.pages import PagePlan
-from minihuman.study.allocation import allocation, allocation_sha256, slot_of
+from minihuman.study.allocation import Slot, allocation, allocation_sha256, slot_of
 from minihuman.study.chance import permutation, seeds
 from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
 from minihuman.study.planned import consent_text, own_words, planned_parts, words_of
@@ -33,15 +35,28 @@ def participant_code(index: int, before: int = 0) -> str:
     return f"sub-{before * MOST_SLOTS + index + 1:02d}"
 
 
-def enrol(protocol: Protocol, index: int, group: str | None = None) -> Participant:
+def enrol(protocol: Protocol, index: int, group: str | None = None, *, stratum: str | None = None) -> Participant:
     """The participant at a place of the allocation list; ``group`` overrides the list's.
 
+    Where groups are drawn after an answer it is a place of a stratum's list, the first stratum's where none is given.
+
     Raises:
-        AllocationError: if the list is not that long.
+        AllocationError: if the list is not that long, or there is no such stratum.
         ProtocolError: if there is no such group.
     """
-    slot = slot_of(protocol, index)
-    return Participant(participant_code(index), index, protocol.group(group or slot.group).name)
+    slot = slot_of(protocol, index, stratum)
+    return placed(protocol, Participant(participant_code(index), index, group or ""), slot)
+
+
+def placed(protocol: Protocol, who: Participant, slot: Slot) -> Participant:
+    """A participant in a slot, in its group unless they are in one already.
+
+    Raises:
+        ProtocolError: if there is no such group.
+    """
+    group = protocol.group(who.group or slot.group).name
+    own = slot.index if slot.stratum else None
+    return msgspec.structs.replace(who, group=group, stratum=slot.stratum, slot=own)
 
 
 def expand(
@@ -56,10 +71,12 @@ def expand(
     """Everything the session will ask for, before the first key press.
 
     ``overridden`` says that participant or group was chosen by hand; ``first_episode`` and ``segment`` say where a
-    resumed session goes on, and change nothing else.
+    resumed session goes on, and change nothing else. For somebody whose group is not drawn yet the plan is right up to
+    the draw, and some group's from there on.
     """
     slots = allocation(protocol)
-    slot = slots[participant.index]
+    slot = slots[participant.place if participant.group else 0]
+    drawn, participant = participant, placed(protocol, participant, slot)
     names = part_names(protocol, slot, participant.group, session)
     blocks = [protocol.block_for(name, participant.group) for name in names if _is_block(protocol, name)]
     episodes: list[EpisodePlan] = []
@@ -88,7 +105,7 @@ def expand(
         study_version=protocol.study.version,
         protocol_toml=protocol.toml,
         protocol_sha256=protocol.sha256,
-        participant=participant,
+        participant=drawn,
         session=session,
         study_seed=protocol.study.seed,
         allocation_sha256=allocation_sha256(slots),
@@ -106,6 +123,7 @@ def expand(
         words=own_words(protocol),
         language=protocol.study.language,
         bonus=protocol.bonus,
+        fonts=protocol.study.fonts,
     )
 
 

@@ -76,11 +76,16 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """The screen of ``Session.screen`` reached the display: handed over at submit, returned from the flip at flip."""
+    """The screen of ``Session.screen`` reached the display: handed over at submit, returned from the flip at flip.
+
+    ``step`` says which step's picture it was, where that may be another than the latest: a browser shows a picture
+    before the session knows of the key, and tells of it when the next key may be there already.
+    """
 
     t_ns: int
     submit_ns: int
     flip_ns: int
+    step: int | None = None  # None: the latest
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +101,9 @@ class Stop:
     """The session must end now: the window was closed, a signal came, the disk is full, the world broke."""
 
     t_ns: int
-    reason: Literal["window_closed", "signal", "disk_full", "world_error", "internal_error"]
+    reason: Literal[
+        "window_closed", "signal", "timed_out", "connection_lost", "disk_full", "world_error", "internal_error"
+    ]
     detail: str = ""
 
 
@@ -109,5 +116,12 @@ class Asked:
     text: str = ""  # the note, or why
 
 
+@dataclass(frozen=True, slots=True)
+class ForPart:
+    """Something that only the part that runs has a use for; a kind of activity adds what it says."""
+
+    t_ns: int
+
+
 Pointer = PointerPressed | PointerMoved | PointerReleased
-Input = KeyDown | KeyUp | Typed | Pointer | Tick | Shown | FocusChanged | Asked | Stop
+Input = KeyDown | KeyUp | Typed | Pointer | Tick | Shown | FocusChanged | Asked | ForPart | Stop

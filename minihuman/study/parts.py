@@ -15,7 +15,7 @@ def parts_of(plan: SessionPlan) -> tuple[Part, ...]:
     """The parts in order; those that a plan without any means: consent, keyboard check, block after block, closing."""
     if plan.parts:
         return plan.parts
-    words = Words(plan.language, plan.words)
+    words = Words(plan.language, plan.words, plan.fonts)
     parts: list[Part] = []
     if plan.consent_text and plan.segment == 1:
         text = plan.consent_text.strip()
@@ -60,6 +60,20 @@ def first_part(plan: SessionPlan, parts: Sequence[Part]) -> list[int]:
     worth = [number for number in left if parts[number].kind != "keyboard_check"]
     only_closing = all(_is_closing(parts[number]) for number in worth)
     return [] if only_closing and not (worth and plan.standing.part) else left
+
+
+def asks_for_consent_first(plan: SessionPlan) -> bool:
+    """Whether a session asks for agreement before anything is played; one that goes on was agreed to before."""
+    if plan.segment > 1:
+        return False
+    parts = parts_of(plan)
+    for number in first_part(plan, parts):
+        its = parts[number].plan
+        if isinstance(its, PlayPlan):
+            return False
+        if isinstance(its, PagePlan) and its.agree:
+            return True
+    return False
 
 
 def _done(number: int, part: Part, plan: SessionPlan) -> bool:

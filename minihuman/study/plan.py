@@ -16,7 +16,14 @@ class Participant(msgspec.Struct, frozen=True):
 
     id: str  # "sub-07"
     index: int  # order of enrolment, 0 for the first
-    group: str
+    group: str  # "" as long as it is not drawn
+    stratum: str = ""  # of the answer that the group was drawn after; "" where it is drawn among all
+    slot: int | None = None  # the place in the allocation list; None: the index
+
+    @property
+    def place(self) -> int:
+        """Where in the allocation list they are."""
+        return self.index if self.slot is None else self.slot
 
 
 class KeyMap(msgspec.Struct, frozen=True):
@@ -113,3 +120,4 @@ class SessionPlan(msgspec.Struct, frozen=True):
     language: str = "en"
     standing: Standing = Standing()
     bonus: Bonus | None = None
+    fonts: tuple[str, ...] = ()  # files of faces that are asked first

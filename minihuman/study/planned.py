@@ -7,6 +7,7 @@ from minihuman.errors import ProtocolError
 from minihuman.study.activities.keyboard import KeyboardPlan
 from minihuman.study.activities.pages import PagePlan
 from minihuman.study.activities.play_plan import PlayPlan
+from minihuman.study.activities.port import Kind
 from minihuman.study.activities.questions import QuestionsPlan
 from minihuman.study.activities.registry import kind_of
 from minihuman.study.chance import permutation
@@ -30,12 +31,12 @@ def own_words(protocol: Protocol) -> dict[str, str]:
 
 def words_of(protocol: Protocol) -> Words:
     """The interface's words of a study."""
-    return Words(protocol.study.language, own_words(protocol))
+    return Words(protocol.study.language, own_words(protocol), protocol.study.fonts)
 
 
 def faces_of(protocol: Protocol) -> Faces:
     """The faces that a study's texts are set in."""
-    return faces_for(protocol.study.language)
+    return faces_for(protocol.study.language, fonts=protocol.study.fonts)
 
 
 def consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:
@@ -63,7 +64,8 @@ def planned_parts(
         elif asked is not None:
             yield Part("questions", name, _questions(protocol, participant, session, asked, names))
         elif any(block.name == name for block in protocol.blocks):
-            yield Part("play", name, _play(protocol, blocks, number, episodes, words, faces))
+            kind = kind_of(blocks[number].kind)
+            yield Part(kind.name, name, _block(kind, protocol, blocks, number, episodes, words, faces))
             number += 1
         elif (other := next((other for other in protocol.activities if other.name == name), None)) is not None:
             yield Part(other.kind, name, kind_of(other.kind).read(other.plan))
@@ -123,6 +125,27 @@ def _questions(
         back_to=names.index(back_to) if back_to else None,
         failed=asked.failed,
     )
+
+
+def _block(
+    kind: Kind,
+    protocol: Protocol,
+    blocks: Sequence[Block],
+    number: int,
+    episodes: Sequence[EpisodePlan],
+    words: Words,
+    faces: Faces,
+) -> PlayPlan:
+    """A block's plan as its kind has it."""
+    play = _play(protocol, blocks, number, episodes, words, faces)
+    if kind.plan is PlayPlan:
+        return play
+    fields = {name: getattr(play, name) for name in play.__struct_fields__}
+    if blocks[number].agent is not None:
+        fields["agent"] = blocks[number].agent
+    made = kind.plan(**fields)
+    assert isinstance(made, PlayPlan)  # the protocol's check has seen to it
+    return made
 
 
 def _play(

@@ -4,6 +4,7 @@ import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,9 @@ from minihuman.study.events import (
 )
 from minihuman.study.inputs import Shown
 from minihuman.study.plan import EpisodePlan
-from minihuman.worlds.adapt.world import World
+
+if TYPE_CHECKING:
+    from minihuman.worlds.adapt.world import World  # it brings Gymnasium, which whoever only reads logs does without
 
 NS_PER_MS = 1_000_000
 NO_PICTURE = np.zeros((0, 0, 3), dtype=np.uint8)
@@ -58,11 +61,11 @@ class Play:
         picture_px: the largest picture wanted, width and height; None draws none.
     """
 
-    def __init__(self, plan: EpisodePlan, world: World, *, picture_px: tuple[int, int] | None) -> None:
+    def __init__(self, plan: EpisodePlan, world: "World", *, picture_px: tuple[int, int] | None) -> None:
         self.plan = plan
         self.world = world
         self.outcome: Outcome | None = None
-        self.steps = 0
+        self.actions: list[int] = []  # done so far
         self.return_ = 0.0
         self.started = False
         self.next_tick_ns: int | None = None  # None until a picture has been shown
@@ -75,6 +78,11 @@ class Play:
             self._noop = None if plan.noop is None else _index(plan, world, plan.noop)
             self._observed = world.reset(plan.seed)
             self._state_hash = world.state_hash()
+
+    @property
+    def steps(self) -> int:
+        """How many were made."""
+        return len(self.actions)
 
     @property
     def mission(self) -> str:
@@ -113,13 +121,17 @@ class Play:
             return self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
 
     def shown(self, shown: Shown) -> FrameShown:
-        """Take note that the present picture reached the display; the first one starts a real_time clock."""
-        if self._shown_step != self.steps:
+        """Take note that a picture reached the display, the present one if it is not said which.
+
+        The first one starts a real_time clock.
+        """
+        step = self.steps if shown.step is None else min(shown.step, self.steps)
+        if self._shown_step != step:
             self._flips_ns = [*self._flips_ns[-1:], shown.flip_ns]
-            self._shown_step = self.steps
+            self._shown_step = step
         if self.real_time and self.next_tick_ns is None:
             self.next_tick_ns = shown.flip_ns + self._period_ns
-        return FrameShown(shown.t_ns, self.plan.episode, self.steps, shown.submit_ns, shown.flip_ns)
+        return FrameShown(shown.t_ns, self.plan.episode, step, shown.submit_ns, shown.flip_ns)
 
     def queue(self, t_ns: int, key: str, action: int) -> None:
         """Keep a key for the next tick; a later key takes its place."""
@@ -151,7 +163,7 @@ class Play:
         with world_calls():
             transition = self.world.step(action)
             pose, self._state_hash = self.world.pose(), self.world.state_hash()
-        self.steps += 1
+        self.actions.append(action)
         self.return_ += transition.reward
         spent = self.steps >= self.plan.max_steps and not transition.terminated
         truncated = transition.truncated or spent
@@ -209,7 +221,7 @@ class Play:
         return (key_t_ns - seen[-1]) / NS_PER_MS if seen else None
 
 
-def _index(plan: EpisodePlan, world: World, name: str) -> int:
+def _index(plan: EpisodePlan, world: "World", name: str) -> int:
     if name not in world.action_names:
         raise WorldError(f"{plan.world} has no action {name!r}; it has {', '.join(world.action_names)}")
     return world.action_names.index(name)

@@ -15,6 +15,9 @@ from minihuman.errors import ProtocolError
 from minihuman.study import about as facts
 from minihuman.study import analysis as judged
 from minihuman.study import devices as apparatus
+from minihuman.study import online as browsers
+from minihuman.study import strata as alike
+from minihuman.study.activities.agent_plan import AgentPlan
 from minihuman.study.activities.play_plan import Criterion, Points
 from minihuman.study.design import Day, Order, Other, Override, Questionnaire, Text
 from minihuman.study.design_complaints import design_complaints
@@ -40,6 +43,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     closing: str | None = None  # the last screen; absent: thanks in the study's language
     break_s: float = 0.0  # the shortest break between blocks, seconds
     language: str = "en"  # of the interface's words: en de fr es zh ja ar, or another with all its [words]
+    fonts: tuple[str, ...] = ()  # files of faces installed where the study runs, asked for a character before ours
 
 
 class Keys(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -95,6 +99,8 @@ class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     marks: bool = False  # and carries a mark and a colour for the outcome
     points: Points | None = None
     show_points: bool = False  # the running total is on the screen
+    kind: str = "play"  # or another kind of block: "takeover", "rating", ...
+    agent: AgentPlan | None = None  # that plays, where the kind has one
     for_group: Override = {}
 
 
@@ -126,7 +132,9 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
     about: facts.About = facts.About()
     analysis: judged.Analysis = judged.Analysis()
+    allocation: alike.Allocation = alike.Allocation()
     devices: tuple[apparatus.Device, ...] = ()
+    web: browsers.Online = browsers.Online()
     toml: bytes = b""  # the file itself, byte for byte; not a field of the file
 
     @property
@@ -227,7 +235,9 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
         *design_complaints(protocol),
         *facts.complaints(protocol.about),
         *judged.complaints(protocol.analysis, tuple(block.name for block in protocol.blocks)),
+        *alike.complaints(protocol),
         *apparatus.complaints(protocol.devices),
+        *browsers.complaints(protocol.web),
         *(
             (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
             for number, rule in enumerate(protocol.exclusions)

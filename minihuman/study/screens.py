@@ -1,5 +1,6 @@
 """Screens: what a participant should see now, as values. Windows draw them; the session only names them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Mark = Literal["", "good", "bad", "neutral"]
+Steers = Literal["", "person", "agent"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,6 +17,7 @@ class Script:
 
     language: str = "en"
     rtl: bool = False  # from right to left
+    fonts: tuple[str, ...] = ()  # files of faces that are asked first
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +79,9 @@ class PlayScreen:
     mark: Mark = ""  # the last picture, held: how the episode ended
     said: str = ""  # beside the mark: what it was worth
     labels: tuple[tuple[str, str, str], ...] = ()  # key name, what its cap says, what stands above it
+    steers: Steers = ""  # a frame in their colour says who does; "" where an agent never does
+    steers_said: str = ""  # the same in words
+    flash: Mark = ""  # the frame for a moment: a press was taken
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,4 +166,64 @@ class QuestionScreen:
         return isinstance(self.item, Entry)
 
 
-Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen
+@dataclass(frozen=True, slots=True, eq=False)
+class KindScreen:
+    """A screen that one kind of activity brings, which draws it; the kind adds what is to be seen.
+
+    It is seen in windows by ``minihuman.windows.drawings``.
+    """
+
+    wants_text: ClassVar[bool] = False
+    wants_pointer: ClassVar[bool] = False
+    script: Script
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairScreen(KindScreen):
+    """Two films side by side, of which one is to be preferred: at one step of both."""
+
+    lefts: Sequence[NDArray[np.uint8]]  # uint8[H, W, 3] each; the last stands while the other side goes on
+    rights: Sequence[NDArray[np.uint8]]  # drawn when they are asked for
+    step: int  # 0 for the first picture of both; one more than the last while that stands at the end
+    title: str
+    prompt: str  # the keys and what they say
+    progress: str
+    period_ns: int = 0  # from a step's pictures on the display to the next step
+    again: str = ""  # the key that begins anew
+    pair: tuple[int, int] = (0, 0)  # which one it is
+
+    @property
+    def length(self) -> int:
+        """How many steps the longer film has."""
+        return max(len(self.lefts), len(self.rights))
+
+    @property
+    def left(self) -> NDArray[np.uint8]:
+        """What is on the left now."""
+        return self.lefts[min(self.step, len(self.lefts) - 1)]
+
+    @property
+    def right(self) -> NDArray[np.uint8]:
+        """What is on the right now."""
+        return self.rights[min(self.step, len(self.rights) - 1)]
+
+    @property
+    def along(self) -> float:
+        """How far the films have come, 0..1."""
+        return min(1.0, self.step / max(1, self.length - 1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilmScreen(KindScreen):
+    """One picture of an episode that is gone through step by step."""
+
+    pictures: Sequence[NDArray[np.uint8]]  # uint8[H, W, 3] each, drawn when it is asked for
+    step: int
+    prompt: str  # the keys and what they do
+    progress: str
+    back: str  # the keys to the step before and the next one
+    forward: str
+    film: tuple[int, int]  # which one it is
+
+
+Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | KindScreen

@@ -4,32 +4,31 @@
     events = session.receive(Tick(t_ns=0))    # write these
     screen = session.screen                   # then show this, and hand back what the window says was Shown
 
-Events are to be written before the new screen is shown. The same inputs give the same events. The session owns the
-order of its parts, pauses, questions about itself and its end; what a part is about is its activity's.
+Events are to be written before the new screen is shown. The same inputs give the same events. The session owns
+pauses, questions about itself and its end; the order of its parts is its course's, what a part is about its activity's.
 """
 
 from collections.abc import Mapping
 from enum import StrEnum
 
-from minihuman.errors import AllocationError
 from minihuman.study import texts
-from minihuman.study.activities.port import Activity, Ended
-from minihuman.study.activities.registry import activity_of
+from minihuman.study.activities.port import Activity, Want
+from minihuman.study.course import Course
 from minihuman.study.events import (
     EndReason,
     Event,
     Noted,
-    PartEnded,
-    PartStarted,
     PauseReason,
     PointerUsed,
     SessionEnded,
     SessionStarted,
     TextTyped,
 )
+from minihuman.study.held_keys import HeldKeys
 from minihuman.study.inputs import (
     Asked,
     FocusChanged,
+    ForPart,
     Input,
     KeyDown,
     KeyUp,
@@ -41,7 +40,6 @@ from minihuman.study.inputs import (
     Tick,
     Typed,
 )
-from minihuman.study.parts import first_part, parts_of
 from minihuman.study.phases import MOVES, Cause, Phase
 from minihuman.study.plan import SessionPlan
 from minihuman.study.play import Play, WorldBrokeError
@@ -49,8 +47,6 @@ from minihuman.study.screens import Screen, TextScreen
 from minihuman.study.stage import ENTER, MakeWorld, Stage
 
 PAUSE = "f8"
-ABORT_CHORD = frozenset({"f9", "f12"})
-HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
 
 _PAUSE_REASONS: dict[Cause, PauseReason] = {
     Cause.PAUSE: "participant",
@@ -81,23 +77,21 @@ class Session:
         *,
         picture_px: tuple[int, int] | None = (640, 480),
     ) -> None:
-        self._parts = parts_of(plan)
-        self._to_do = first_part(plan, self._parts)
-        if not self._to_do:
-            raise AllocationError(
-                f"{plan.participant.id} has played all {len(plan.episodes)} episodes of session {plan.session}; "
-                "nothing is left to play"
-            )
+        self._facts = dict(facts)
+        self._make_world = make_world
+        self._picture_px = picture_px
+        self._set_out(plan)
+
+    def _set_out(self, plan: SessionPlan) -> None:
+        """Stand before the first input."""
         self.plan = plan
         self.failure: BaseException | None = None  # what a broken world raised, for whoever reads tracebacks
         self._phase = Phase.START
-        self._facts = dict(facts)
-        self._stage = Stage(plan, make_world, picture_px)
-        self._part: Activity | None = None
+        self._stage = Stage(plan, self._make_world, self._picture_px)
+        self._course = Course(self._stage)
         self._screen: Screen = TextScreen("", "", "")
         self._came_from: list[Phase] = []
-        self._held: set[str] = set()
-        self._escape_since_ns: int | None = None  # held over the question
+        self._held = HeldKeys()
         self._focused = True
         self._end_reason: EndReason = "complete"
         self._end_detail = ""
@@ -108,6 +102,16 @@ class Session:
     def phase(self) -> StrEnum:
         """Where it is: in a part, the part's own phase."""
         return self.part.phase if self._phase is Phase.PART else self._phase
+
+    @property
+    def now_ns(self) -> int:
+        """The time of the latest input."""
+        return self._stage.now_ns
+
+    @property
+    def next_episode(self) -> int:
+        """Index of the episode that is played or comes next."""
+        return self._stage.next_episode
 
     @property
     def over(self) -> bool:
@@ -129,9 +133,7 @@ class Session:
         """When the session wants a Tick, if nothing else comes before; None: never."""
         if self._phase is Phase.PART:
             return self.part.next_tick_ns
-        if self._phase is Phase.QUIT_QUESTION and self._escape_since_ns is not None:
-            return self._escape_since_ns + HOLD_TO_END_NS
-        return None
+        return self._held.end_ns if self._phase is Phase.QUIT_QUESTION else None
 
     @property
     def play(self) -> Play | None:
@@ -141,19 +143,17 @@ class Session:
     @property
     def part(self) -> Activity:
         """The part that runs."""
-        assert self._part is not None, "the session has not begun"
-        return self._part
+        return self._course.part
 
     @property
     def next_part(self) -> int | None:
         """Index of the part that follows the one that has ended; None where none does."""
-        ended = self.part.ended
-        assert ended is not None
-        if ended.reason is not None:
-            return None
-        if ended.back_to is not None:
-            self._to_do = [*range(ended.back_to, len(self._parts))]
-        return self._to_do[0] if self._to_do else None
+        return self._course.next_part
+
+    @property
+    def wants(self) -> Want | None:
+        """What the part that runs waits for from outside; None: nothing."""
+        return self.part.wants if self._phase is Phase.PART else None
 
     def close(self) -> None:
         """Let go of the world."""
@@ -161,14 +161,18 @@ class Session:
 
     # Inputs
 
-    def receive(self, happened: Input) -> list[Event]:
+    def receive(self, happened: Input, *, at_ns: int = 0) -> list[Event]:
         """Take one input; say what came of it, in order. Nothing follows SessionEnded.
 
         An input stamped before the one it follows counts as coming with it: event times never go back.
+
+        Args:
+            happened: the input, with its own time.
+            at_ns: when it came in, where that was later: its events have this time.
         """
         if self.over:
             return []
-        self._stage.now_ns = max(self._now_ns, happened.t_ns)
+        self._stage.now_ns = max(self._now_ns, happened.t_ns, at_ns)
         try:
             if self._phase is Phase.START:
                 self._stage.say(SessionStarted(self._now_ns, self.plan, self._facts))
@@ -208,6 +212,9 @@ class Session:
             case Asked():
                 self._let_time_pass(happened.t_ns)
                 self._asked(happened)
+            case ForPart():
+                self._let_time_pass(happened.t_ns)
+                self._to_part(happened)
             case Tick():
                 self._let_time_pass(happened.t_ns)
 
@@ -240,8 +247,7 @@ class Session:
         if focused:
             self._move(Cause.FOCUS_FOUND)
             return
-        self._held.clear()  # their releases go elsewhere
-        self._escape_since_ns = None
+        self._held.forget()
         self._move(Cause.FOCUS_LOST)
 
     def _asked(self, asked: Asked) -> None:
@@ -262,8 +268,8 @@ class Session:
     def _key_down(self, press: KeyDown) -> None:
         if self.over:
             return
-        self._held.add(press.key)
-        chord = press.key in ABORT_CHORD and self._held >= ABORT_CHORD and not press.repeat
+        self._held.down(press.key)
+        chord = self._held.completes_chord(press.key) and not press.repeat
         if chord and MOVES.find(self._phase, Cause.ASK_ABORT, self):
             self._say_key(press)
             self._move(Cause.ASK_ABORT)
@@ -287,7 +293,7 @@ class Session:
         """Ask whether to end the session; over that question, a tap goes back and holding ends it."""
         self._say_key(press)
         if self._phase is Phase.QUIT_QUESTION:
-            self._escape_since_ns = press.t_ns
+            self._held.hold_escape(press.t_ns)
         elif self._phase is Phase.ABORT_QUESTION:
             self._move(Cause.STAY)
         else:
@@ -296,10 +302,9 @@ class Session:
     def _key_up(self, release: KeyUp) -> None:
         if self.over:
             return
-        self._held.discard(release.key)
+        self._held.up(release.key)
         self._stage.say_key(release, "release", self.phase)
-        if release.key == "escape" and self._escape_since_ns is not None:
-            self._escape_since_ns = None
+        if release.key == "escape" and self._held.let_escape_go():
             self._move(Cause.STAY)
 
     def _key_over_part(self, press: KeyDown) -> None:
@@ -336,7 +341,7 @@ class Session:
         else:
             assert isinstance(move.end, Phase)
             self._phase = move.end
-        self._escape_since_ns = None
+        self._held.let_escape_go()
         if self._phase is Phase.OVER:
             self._finish()
         elif cause is Cause.BEGAN or cause is Cause.DONE:
@@ -358,26 +363,14 @@ class Session:
         self._follow_part()
 
     def _begin_part(self) -> None:
-        number = self._to_do.pop(0)
-        part = self._parts[number]
-        if self.plan.parts:  # older logs have no word of parts
-            self._stage.say(PartStarted(self._now_ns, number, part.kind, part.name))
-        self._part = activity_of(number, part, self._stage)
-        self.part.begin()
+        self._course.begin()
         self._follow_part()
 
     def _follow_part(self) -> None:
         """If the part is over, go on with the next, or end the session."""
-        ended = self.part.ended
+        ended = self._course.leave()
         if ended is None:
             return
-        following = self.next_part
-        if self.plan.parts:
-            past = len(self._parts) if following is None else following
-            self._stage.say(PartEnded(self._now_ns, self.part.number, ended.end, past))
-        self._conclude(ended)
-
-    def _conclude(self, ended: Ended) -> None:
         if ended.reason is not None:
             self._end(ended.reason, ended.detail)
         else:
@@ -388,32 +381,17 @@ class Session:
         self._move(Cause.END)
 
     def _finish(self) -> None:
-        if self._part is not None:
-            self._part.stop()
+        self._course.stop()
         reason, detail = self._end_reason, self._end_detail
         self._stage.say(SessionEnded(self._now_ns, reason, detail, self._stage.completed))
 
     # Screens
 
     def _draw(self) -> None:
-        screen = self._screen_now()
+        over_part = texts.over_part(self._stage.words, self._phase, self._end_reason, self._end_detail)
+        screen = over_part or self.part.screen()
         if screen != self._screen:
             self._screen = screen
-
-    def _screen_now(self) -> Screen:
-        words = self._stage.words
-        match self._phase:
-            case Phase.PAUSED:
-                return texts.paused(words)
-            case Phase.UNFOCUSED:
-                return texts.unfocused(words)
-            case Phase.QUIT_QUESTION:
-                return texts.quit_question(words)
-            case Phase.ABORT_QUESTION:
-                return texts.abort_question(words)
-            case Phase.OVER:
-                return texts.over(words, self._end_reason, self._end_detail)
-        return self.part.screen()
 
     @property
     def _now_ns(self) -> int:

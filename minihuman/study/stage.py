@@ -1,16 +1,18 @@
 """What a part of a session may see of the session around it, and where it says what happened."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from minihuman.study.events import Event, KeyPressed, Verdict
 from minihuman.study.inputs import KeyDown, KeyUp
 from minihuman.study.plan import KeyMap, SessionPlan
 from minihuman.study.play import world_calls
 from minihuman.study.words import Words
-from minihuman.worlds.adapt.world import World
 
-MakeWorld = Callable[[str, dict[str, Any]], World]
+if TYPE_CHECKING:
+    from minihuman.worlds.adapt.world import World  # it brings Gymnasium, which whoever only reads logs does without
+
+MakeWorld = Callable[[str, dict[str, Any]], "World"]
 ENTER = ("enter", "kp_enter")
 
 
@@ -19,7 +21,7 @@ class Stage:
 
     def __init__(self, plan: SessionPlan, make_world: MakeWorld, picture_px: tuple[int, int] | None) -> None:
         self.plan = plan
-        self.words = Words(plan.language, plan.words)
+        self.words = Words(plan.language, plan.words, plan.fonts)
         self.picture_px = picture_px
         self.now_ns = 0
         self.next_episode = plan.first_episode  # index of the episode being played or to be played next
@@ -49,7 +51,7 @@ class Stage:
         """Whether that world is the one that is open."""
         return self._world is not None and self._world[0] == (world_id, options)
 
-    def world(self, world_id: str, options: dict[str, Any]) -> World:
+    def world(self, world_id: str, options: dict[str, Any]) -> "World":
         """The one world that is open; another is closed first."""
         key = (world_id, options)
         if self._world is None or self._world[0] != key:

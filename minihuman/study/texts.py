@@ -1,5 +1,6 @@
 """The words of every screen but the world's own: what a participant reads, from the plan and what just happened."""
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from minihuman.study.activities.drafts import Question
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.events import EndReason, Outcome
+from minihuman.study.phases import Phase
 from minihuman.study.plan import Bonus, EpisodePlan
 from minihuman.study.play import Play
 from minihuman.study.screens import Button, Item, Mark, PageScreen, Pointed, QuestionScreen, TextScreen
@@ -25,6 +27,7 @@ ABORT_REASONS = (
     "another reason",
 )
 _MARKS: dict[Outcome, Mark] = {"goal": "good", "timeout": "neutral", "failure": "bad", "abandoned": ""}
+_SIGNED = re.compile(r"(?<!\w)[-+\u2212](?=\d)")
 _FAILURES = ("disk_full", "world_error", "internal_error")
 
 
@@ -39,10 +42,15 @@ def page(
     button: str,
     picture: NDArray[np.uint8] | None = None,
     marks: tuple[Pointed, ...] = (),
+    declining: str = "",
 ) -> PageScreen:
-    """A page of a text; ``last`` is the last page's prompt and ``button`` what its button says."""
+    """A page of a text; ``last`` is the last page's prompt, ``button`` what its button says.
+
+    ``declining`` is what a button to say no to it says; "" where there is nothing to decline.
+    """
     at_end = page == pages - 1
     buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if page else ()
+    buttons += (Button("decline", declining),) if declining else ()
     buttons += (Button("go_on", button if at_end else words["button.next"]),)
     progress = words.fill("page.progress", page=page + 1, pages=pages) if pages > 1 else ""
     prompt = last if at_end else words["page.prompt"]
@@ -77,7 +85,9 @@ def progress(stage: "Stage", block: PlayPlan, episode: EpisodePlan, points: floa
     if block.until is not None:
         key += "_open"  # nobody knows how many there will be
     line = words.fill(key, **fields)
-    return line if points is None else f"{line}    {words.fill('progress.points', points=number(points))}"
+    if points is None:
+        return line
+    return f"{line}    {_signs(words, words.fill('progress.points', points=number(points)))}"
 
 
 def keyboard_check(words: Words, keys: Sequence[str], pressed: frozenset[str]) -> TextScreen:
@@ -114,7 +124,13 @@ def feedback(
         points=Number(points),
         total=Number(total),
     )
-    return TextScreen("", _sentence(body.strip()), words["go_on"], progress_line, script=words.script)
+    body = _signs(words, _sentence(body.strip()))
+    return TextScreen("", body, words["go_on"], progress_line, script=words.script)
+
+
+def learning(words: Words) -> TextScreen:
+    """The agent learns from what it was shown; the next episode waits for it a while."""
+    return TextScreen(words["learning.title"], words["learning.body"], "", script=words.script)
 
 
 def rest(words: Words, text: str, left_s: int) -> TextScreen:
@@ -165,6 +181,22 @@ def over(words: Words, reason: EndReason, detail: str) -> TextScreen:
     return TextScreen(words["over.complete" if reason == "complete" else "over.title"], "", "", script=words.script)
 
 
+def over_part(words: Words, phase: Phase, reason: EndReason, detail: str) -> TextScreen | None:
+    """What stands in front of a part, or after the last; None while a part is seen."""
+    match phase:
+        case Phase.PAUSED:
+            return paused(words)
+        case Phase.UNFOCUSED:
+            return unfocused(words)
+        case Phase.QUIT_QUESTION:
+            return quit_question(words)
+        case Phase.ABORT_QUESTION:
+            return abort_question(words)
+        case Phase.OVER:
+            return over(words, reason, detail)
+    return None
+
+
 def mark(outcome: Outcome | None) -> Mark:
     """The mark on a last picture."""
     return _MARKS[outcome] if outcome else ""
@@ -172,7 +204,7 @@ def mark(outcome: Outcome | None) -> Mark:
 
 def score(words: Words, points: float) -> str:
     """What an episode was worth: "+10 points"."""
-    return words.fill("score", points=f"{'+' if points > 0 else ''}{number(points)}")
+    return _signs(words, words.fill("score", points=f"{'+' if points > 0 else ''}{number(points)}"))
 
 
 def with_score(stage: "Stage", text: str) -> str:
@@ -180,10 +212,11 @@ def with_score(stage: "Stage", text: str) -> str:
     if not any(f"{{{field}}}" in text for field in ("points", "bonus", "currency")):
         return text
     bonus = stage.plan.bonus or Bonus(0.0)
-    return (
+    return _signs(
+        stage.words,
         text.replace("{points}", number(stage.points))
         .replace("{bonus}", f"{bonus_of(bonus, stage.points):.2f}")
-        .replace("{currency}", bonus.currency)
+        .replace("{currency}", bonus.currency),
     )
 
 
@@ -195,7 +228,8 @@ def bonus_of(bonus: Bonus, points: float) -> float:
 
 def number(value: float) -> str:
     """A number of points without needless decimals."""
-    return f"{value:.1f}".rstrip("0").rstrip(".") if value else "0"
+    shown = round(value, 1)
+    return f"{shown:.1f}".rstrip("0").rstrip(".") if shown else "0"
 
 
 class Number(float):
@@ -204,6 +238,11 @@ class Number(float):
     def __format__(self, spec: str) -> str:
         """As ``number`` says."""
         return float.__format__(self, spec) if spec else number(self)
+
+
+def _signs(words: Words, text: str) -> str:
+    """A text in which signs stay before their numbers: from right to left, Unicode's rules put them behind."""
+    return _SIGNED.sub("\u200e\\g<0>", text) if words.rtl else text
 
 
 def _sentence(text: str) -> str:

@@ -5,19 +5,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from minihuman.data import store
+from minihuman.data.caches import is_cache
 from minihuman.data.chosen import ChosenEpisodes
 from minihuman.data.selection import Selection
 from minihuman.data.study import Sessions
 from minihuman.export.port import Exporter, Written, find_exporter
-from minihuman.lab import session_table
 from minihuman.seats.simulate import simulate
 from minihuman.testing.kept import promise
 from minihuman.testing.player import WORLD
 from minihuman.testing.session import short_study
 
 PARTICIPANTS, EPISODES = 2, 2
-_CACHES = (session_table.FILE_NAME, store.FILE_NAME)
 
 
 def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[str, Any] | None = None) -> None:
@@ -71,5 +69,5 @@ def _files(folder: Path) -> dict[str, str]:
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and not path.name.startswith(_CACHES)
+        if path.is_file() and not is_cache(Path(*path.relative_to(folder).parts[1:]))  # which is a study's name
     }

@@ -92,11 +92,12 @@ class Faces:
     Args:
         language: decides how characters that Chinese, Japanese and Korean share are drawn.
         bold: whether the one that comes with us is bold; the others are as they are.
+        fonts: files of faces to ask before ours, by their names; one that is not installed is passed over.
     """
 
-    def __init__(self, language: str = "en", *, bold: bool = False) -> None:
+    def __init__(self, language: str = "en", *, bold: bool = False, fonts: tuple[str, ...] = ()) -> None:
         self.language = language
-        self._first = (shipped(bold=bold),)
+        self._first = (*(face for name in fonts if (face := installed(name)) is not None), shipped(bold=bold))
 
     def of(self, character: str) -> Face | None:
         """The first face that has a character; None if none has."""
@@ -115,9 +116,15 @@ class Faces:
 
 
 @cache
-def faces_for(language: str, *, bold: bool = False) -> Faces:
-    """The faces of a language."""
-    return Faces(language, bold=bold)
+def faces_for(language: str, *, bold: bool = False, fonts: tuple[str, ...] = ()) -> Faces:
+    """The faces of a language, and those to be asked before them."""
+    return Faces(language, bold=bold, fonts=fonts)
+
+
+def installed(name: str) -> Face | None:
+    """The face in the font file of that name; None where this machine has none."""
+    path = _files().get(name)
+    return None if path is None else Face(path)
 
 
 @cache

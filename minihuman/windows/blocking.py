@@ -1,6 +1,7 @@
 """What windows on a real display have in common: a deadline to block until, auto-repeat, the picture of a screen."""
 
 import abc
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,14 @@ class BlockingWindow(Window):
 
     def show(self, screen: Screen) -> Shown:
         """Draw a screen, flip, and say when it was submitted and when the flip returned."""
+        return self.show_after(screen, lambda: None)
+
+    def show_after(self, screen: Screen, written: Callable[[], None]) -> Shown:
+        """Draw a screen, wait for ``written``, and flip.
+
+        Raises:
+            LogError: as ``written`` does; the display stays as it is.
+        """
         width, height = self.size_px
         if self._frame.shape[:2] != (height, width):
             self._shown, self._frame = None, np.empty((height, width, 3), np.uint8)
@@ -67,6 +76,14 @@ class BlockingWindow(Window):
         if self._wanted != (screen.wants_text, screen.wants_pointer):
             self._wanted, self._pressed_in = (screen.wants_text, screen.wants_pointer), None
             self._want(text=screen.wants_text, pointer=screen.wants_pointer)
+        try:
+            written()
+        except BaseException:
+            self._shown, self._frame = (
+                None,
+                self._frame[:0],
+            )  # what was drawn is not what is shown: the next is drawn anew
+            raise
         submit_ns = self._clock()
         self._flip(self._frame, changed)
         flip_ns = self._clock()

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from minihuman.study.screens import BlankScreen, PageScreen, PlayScreen, QuestionScreen, Screen, TextScreen
+from minihuman.study.screens import BlankScreen, KindScreen, PageScreen, PlayScreen, QuestionScreen, Screen, TextScreen
 from minihuman.windows import theme
 from minihuman.windows.draw_page import draw_page
 from minihuman.windows.draw_play import Around, Box, draw_mark, draw_surroundings, paint, room_px
 from minihuman.windows.draw_question import draw_question
+from minihuman.windows.draw_steering import draw_steering
 from minihuman.windows.draw_text import draw_text
+from minihuman.windows.drawings import drawing_of
 from minihuman.windows.sheet import Sheet, Size
 
 __all__ = ["Box", "Size", "along_spot", "compose", "picture_size_px", "repaint", "spot_at"]
@@ -26,7 +28,7 @@ def compose(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
     match screen:
         case PlayScreen():
             frame = _surroundings(_around(screen), size_px).copy()
-            paint(frame, screen.picture)
+            _paint(frame, screen)
             if screen.mark:
                 _put(frame, draw_mark(screen, size_px))
             return frame
@@ -36,6 +38,10 @@ def compose(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
             return np.array(_text(screen, size_px))
         case PageScreen() | QuestionScreen():
             return np.array(_sheet(screen, size_px).page)
+        case KindScreen():
+            drawing = drawing_of(type(screen))
+            assert drawing is not None, f"no kind of activity says how a {type(screen).__name__} is drawn"
+            return np.array(drawing.draw(screen, size_px).page)
 
 
 def repaint(frame: NDArray[np.uint8], shown: Screen | None, screen: Screen) -> Box:
@@ -49,8 +55,8 @@ def repaint(frame: NDArray[np.uint8], shown: Screen | None, screen: Screen) -> B
     height, width = frame.shape[:2]
     if isinstance(shown, PlayScreen) and isinstance(screen, PlayScreen) and not (shown.mark or screen.mark):
         same = shown.picture.shape == screen.picture.shape and _around(shown) == _around(screen)
-        if same:
-            return paint(frame, screen.picture)
+        if same and bool(shown.steers) == bool(screen.steers):
+            return _paint(frame, screen)
     frame[:] = compose(screen, (width, height))
     return 0, 0, width, height
 
@@ -77,6 +83,12 @@ def along_spot(screen: Screen, size_px: Size, name: str, x: float) -> float:
         if spot.name == name:
             return spot.along(x * size_px[0])
     return 0.0
+
+
+def _paint(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
+    """What changes while an episode is played: the world's picture, and who steers where an agent may."""
+    box = paint(frame, screen.picture)
+    return draw_steering(frame, screen, box) if screen.steers else box
 
 
 def _put(frame: NDArray[np.uint8], layer: Image.Image) -> None:

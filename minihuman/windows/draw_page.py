@@ -7,7 +7,7 @@ from PIL import Image
 from minihuman.study.screens import PageScreen, Pointed
 from minihuman.typeset import pages as page_shape
 from minihuman.windows import theme
-from minihuman.windows.sheet import LINE, Sheet, Size
+from minihuman.windows.sheet import LINE, TIGHT, Sheet, Size
 
 
 def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
@@ -71,7 +71,10 @@ def _picture(
         sheet.draw.ellipse((x - stroke * 2, y - stroke * 2, x + stroke * 2, y + stroke * 2), fill=theme.ACCENT)
         room = (right - end if on_right else end - left) - reach * 0.4
         size_px = type_px
-        while size_px > 8 and sheet.width_px(mark.label, size_px) > room:
+        while size_px > sheet.smallest_px and sheet.width_px(mark.label, size_px) > room:
             size_px -= 1
-        place = (end + reach * 0.4 if on_right else end - reach * 0.4, y)
-        sheet.put(place, mark.label, size_px, theme.ACCENT, "l" if on_right else "r")
+        beside = end + reach * 0.4 if on_right else end - reach * 0.4
+        lines = sheet.wrap(mark.label, size_px, room)
+        for row, line in enumerate(lines):
+            place = (beside, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT)
+            sheet.put(place, line, size_px, theme.ACCENT, "l" if on_right else "r")

@@ -15,8 +15,11 @@ from minihuman.windows.keycaps import draw_cap
 from minihuman.windows.sheet import MARGIN, Sheet, Size
 
 Box = tuple[int, int, int, int]  # left, top, width, height
+_Key = tuple[str, str]  # what is printed on it, what it does
 _TOP = 0.10  # the mission's band, of the height
 _BOTTOM = 0.16  # legend and progress
+_MOST_ROWS = 3  # of the legend, in type that can be read
+_GAP = 1.4  # between a key's word and the next key, of the type size
 _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.QUIET}
 
 
@@ -89,7 +92,7 @@ def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
     draw.rectangle((left, top, left + width - 1, top + height - 1), outline=colour, width=stroke)
     reach = size_px[1] * 0.045
     type_px = round(size_px[1] / 26)
-    faces = faces_for(screen.script.language)
+    faces = faces_for(screen.script.language, fonts=screen.script.fonts)
     said = width_px(screen.said, faces, type_px) + reach * 0.6 if screen.said else 0.0
     x, y = left + width / 2 - said / 2, top + reach * 1.6  # the agent itself is often at the bottom
     box = (x - reach * 1.3, y - reach, x + reach * 1.3 + said, y + reach)
@@ -115,22 +118,45 @@ def _sign(
 
 
 def _legend(sheet: Sheet, around: Around) -> None:
-    """Keys and what they do, side by side in one centred line; smaller when there are many."""
+    """Keys and what they do, side by side in one centred line; smaller when there are many, then in several."""
     width, height = sheet.size_px
-    words = [action.replace("_", " ") for _, action in around.legend]
-    printed = {key: (cap, above) for key, cap, above in around.labels}
-    caps = [printed.get(key, (label(key), "")) for key, _ in around.legend]
-    for cap_px in range(round(height * 0.06), 8, -1):
-        type_px = round(cap_px * 0.5)
-        sizes = [cap_px if len(cap) == 1 else cap_px * 2 for cap, _ in caps]
-        lengths = [size + cap_px * 0.3 + sheet.width_px(word, type_px) for size, word in zip(sizes, words, strict=True)]
-        gap = cap_px * 0.7
-        whole = sum(lengths) + gap * (len(lengths) - 1)
-        if whole <= width - 2 * height * MARGIN:
-            break
-    x, middle = (width - whole) / 2, height * (1 - _BOTTOM + 0.065)
-    for (cap, above), word, size, length in zip(caps, words, sizes, lengths, strict=True):
-        place = (x, middle - cap_px / 2, x + size, middle + cap_px / 2)
-        draw_cap(sheet.draw, cap, above, place, language=around.script.language)
-        sheet.put((x + size + cap_px * 0.3, middle), word, type_px, theme.INK)
-        x += length + gap
+    printed = {key: f"{above} {cap}".strip() for key, cap, above in around.labels}
+    keys = [(printed.get(key, label(key)), action.replace("_", " ")) for key, action in around.legend]
+    wide = width - 2 * height * MARGIN
+    type_px = round(height * 0.03)
+    while type_px > sheet.smallest_px and _length(sheet, keys, type_px) > wide:
+        type_px -= 1
+    while len(rows := _rows(sheet, keys, type_px, wide)) > _MOST_ROWS and type_px > 8:
+        type_px -= 1
+    tall = type_px * (2.0 if len(rows) == 1 else 1.3)
+    above_px = height * 0.004 * (len(rows) - 1)  # the progress line is right below
+    for number, row in enumerate(rows):
+        x = (width - _length(sheet, row, type_px)) / 2
+        middle = height * (1 - _BOTTOM + 0.068) + (number - (len(rows) - 1) / 2) * type_px * 1.4 - above_px
+        for cap, word in row:
+            size = _cap_px(sheet, cap, type_px)
+            place = (x, middle - tall / 2, x + size, middle + tall / 2)
+            draw_cap(sheet.draw, cap, "", place, language=around.script.language, least_px=sheet.smallest_px)
+            sheet.put((x + size + type_px * 0.6, middle), word, type_px, theme.INK)
+            x += _length(sheet, [(cap, word)], type_px) + type_px * _GAP
+
+
+def _rows(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[list[_Key]]:
+    """Keys in lines that are no longer than ``wide``."""
+    rows: list[list[_Key]] = [[]]
+    for key in keys:
+        if rows[-1] and _length(sheet, [*rows[-1], key], type_px) > wide:
+            rows.append([])
+        rows[-1].append(key)
+    return rows
+
+
+def _cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
+    """How wide a key is drawn."""
+    return max(type_px * 2.0, (sheet.width_px(cap, type_px) + type_px) * 1.1)
+
+
+def _length(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
+    """How long a line of the legend is."""
+    lengths = [_cap_px(sheet, cap, type_px) + type_px * 0.6 + sheet.width_px(word, type_px) for cap, word in keys]
+    return sum(lengths) + type_px * _GAP * (len(keys) - 1)

@@ -62,7 +62,7 @@ def _room(screen: QuestionScreen) -> float:
 
 def _option_rows(sheet: Sheet, item: Choices, wide: float, high: float) -> tuple[list[list[str]], int] | None:
     """Every option's lines, and the type in which all of them fit; None if none does."""
-    for type_px in range(round(sheet.high * _TYPE), max(8, round(sheet.high / 40)) - 1, -1):
+    for type_px in range(round(sheet.high * _TYPE), sheet.smallest_px - 1, -1):
         rows = [sheet.wrap(option, type_px, wide - type_px * 4) for option in item.options]
         if sum(len(row) * type_px * 1.2 + type_px * 0.75 for row in rows) <= high:
             return rows, type_px
@@ -73,7 +73,7 @@ def _choices(sheet: Sheet, item: Choices, box: tuple[float, float, float, float]
     """Options below each other, each with its number and a circle, or a box to tick."""
     left, top, right, bottom = box
     found = _option_rows(sheet, item, right - left, bottom - top)
-    type_px = round(sheet.high / 40)
+    type_px = sheet.smallest_px
     rows, type_px = found or ([[option] for option in item.options], type_px)
     y = top
     for number, lines in enumerate(rows):
@@ -94,7 +94,8 @@ def _choices(sheet: Sheet, item: Choices, box: tuple[float, float, float, float]
             line_y += type_px * 1.2
         if number < 9:
             where = left + type_px * 0.9 if sheet.script.rtl else right - type_px * 0.9
-            sheet.put((where, y + tall / 2), str(number + 1), max(8, round(type_px * 0.75)), theme.QUIET, "m")
+            small = max(sheet.smallest_px, round(type_px * 0.75))
+            sheet.put((where, y + tall / 2), str(number + 1), small, theme.QUIET, "m")
         y += tall + type_px * 0.15
 
 
@@ -121,7 +122,7 @@ def _scale(sheet: Sheet, item: Scale, box: tuple[float, float, float, float]) ->
     reach = min(unit * 0.36, sheet.high * 0.04)
     y = top + sheet.high * 0.10
     words = all(not point.isdecimal() for point in item.points)
-    small = round(sheet.high / 40)
+    small = sheet.smallest_px
     for number, point in enumerate(item.points):
         place = count - 1 - number if sheet.script.rtl else number
         x = left + unit * (place + 0.5)
@@ -134,7 +135,7 @@ def _scale(sheet: Sheet, item: Scale, box: tuple[float, float, float, float]) ->
             width=max(2, round(sheet.high / 360)),
         )
         ink = theme.BACKGROUND if chosen else theme.INK
-        sheet.put((x, y), str(number + 1) if words else point, max(8, round(reach * 0.95)), ink, "m")
+        sheet.put((x, y), str(number + 1) if words else point, max(small, round(reach * 0.95)), ink, "m")
         bottom = y + reach * 1.4
         if words:
             lines = sheet.wrap(point, small, unit * 0.94)

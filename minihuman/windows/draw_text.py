@@ -76,4 +76,9 @@ def _keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, 
         x, y = x0 + cap.x * unit, y0 + cap.y * unit
         place = (x + gap, y + gap, x + cap.width * unit - gap, y + unit - gap)
         words, above = printed.get(cap.key, (label(cap.key), caption_word(cap.key)))
-        draw_cap(sheet.draw, words, above, place, language=screen.script.language, pressed=pressed[cap.key])
+        draw_cap(
+            *(sheet.draw, words, above, place),
+            language=screen.script.language,
+            pressed=pressed[cap.key],
+            least_px=sheet.smallest_px,
+        )

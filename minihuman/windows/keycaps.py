@@ -74,10 +74,11 @@ def draw_cap(
     *,
     language: str = "en",
     pressed: bool = False,
+    least_px: int = 6,
 ) -> None:
     """Draw a key's cap into ``box`` (left, top, right, bottom): what is printed on it, and what tells it from another.
 
-    A pressed one lights up and carries a tick.
+    A pressed one lights up and carries a tick. No type is smaller than ``least_px``.
     """
     left, top, right, bottom = box
     height = bottom - top
@@ -90,13 +91,13 @@ def draw_cap(
         width=max(1, round(height / 28)),
     )
     bold, plain = faces_for(language, bold=True), faces_for(language)
-    size_px = round(height * 0.48)
-    while size_px > 6 and width_px(words, bold, size_px) > (right - left) * 0.8:
+    size_px = max(least_px, round(height * 0.48))
+    while size_px > least_px and width_px(words, bold, size_px) > (right - left) * 0.8:
         size_px -= 1
     middle = (left + right) / 2
     if above:
-        small_px = max(6, min(round(height * 0.2), round((right - left) * 0.2)))
-        while small_px > 6 and width_px(above, plain, small_px) > (right - left) * 0.9:
+        small_px = max(least_px, min(round(height * 0.2), round((right - left) * 0.2)))
+        while small_px > least_px and width_px(above, plain, small_px) > (right - left) * 0.9:
             small_px -= 1
         draw_line(draw, (middle, top + height * 0.22), above, faces=plain, size_px=small_px, colour=ink, anchor="m")
     place = (middle, top + height * (0.6 if above else 0.5))

@@ -16,6 +16,15 @@ class Window(abc.ABC):
     def show(self, screen: Screen) -> Shown:
         """Draw a screen, flip, and say when it was submitted and when the flip returned."""
 
+    def show_after(self, screen: Screen, written: Callable[[], None]) -> Shown:
+        """Show a screen when ``written`` has returned; until then a window may draw it, but not flip.
+
+        Raises:
+            LogError: as ``written`` does; then the screen is not shown.
+        """
+        written()
+        return self.show(screen)
+
     @abc.abstractmethod
     def wait(self, until_ns: int | None) -> list[Input]:
         """Block until an input comes or the clock reaches ``until_ns`` (None: for ever); [] at the deadline.

@@ -16,6 +16,7 @@ from minihuman.windows import theme
 Size = tuple[int, int]  # width, height
 MARGIN = 0.03
 LINE = 1.45  # line height, of the type size
+TIGHT = 1.2  # where there is little room
 SMALLEST = 1 / 40
 LAST_RESORT = 1 / 60  # a text too long even so is set smaller rather than cut off; `check` complains about it
 
@@ -47,7 +48,7 @@ class Sheet:
     def __init__(self, size_px: Size, script: Script) -> None:
         self.size_px = size_px
         self.script = script
-        self.faces = faces_for(script.language)
+        self.faces = faces_for(script.language, fonts=script.fonts)
         self.page = Image.new("RGB", size_px, theme.BACKGROUND)
         self.draw = ImageDraw.Draw(self.page)
         self.spots: list[Spot] = []
@@ -57,6 +58,11 @@ class Sheet:
         """The height that lengths are shares of: a window narrower than 4:3 counts as lower than it is."""
         width, height = self.size_px
         return min(float(height), width * 3 / 4)
+
+    @property
+    def smallest_px(self) -> int:
+        """The smallest type for what must be read."""
+        return max(8, round(self.high * SMALLEST))
 
     def width_px(self, words: str, type_px: int) -> float:
         """How long a line is."""
@@ -70,10 +76,13 @@ class Sheet:
         draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
 
     def one_line(self, place: tuple[float, float], words: str, type_px: int, wide: float, colour: theme.Colour) -> None:
-        """Centre one line on a place, in smaller type if it would be too long."""
-        while type_px > 8 and self.width_px(words, type_px) > wide:
+        """Centre one line on a place, in smaller type if it would be too long; if it is even so, break it there."""
+        while type_px > self.smallest_px and self.width_px(words, type_px) > wide:
             type_px -= 1
-        self.put(place, words, type_px, colour, "m")
+        lines = [words] if self.width_px(words, type_px) <= wide else self.wrap(words, type_px, wide)
+        x, y = place
+        for row, line in enumerate(lines):
+            self.put((x, y + (row - (len(lines) - 1) / 2) * type_px * TIGHT), line, type_px, colour, "m")
 
     def column(
         self, lines: list[str], left: float, right: float, top: float, type_px: int, colour: theme.Colour = theme.INK

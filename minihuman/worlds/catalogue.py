@@ -1,7 +1,5 @@
 """The table of every world of ours, registered with Gymnasium."""
 
-import gymnasium
-
 from minihuman.worlds.entry import Entry
 from minihuman.worlds.first_person.catalogue import ENTRIES as FIRST_PERSON
 from minihuman.worlds.grid.catalogue import ENTRIES as GRID
@@ -12,6 +10,8 @@ ENTRIES: tuple[Entry, ...] = GRID + LEVELS + FIRST_PERSON
 
 def register() -> None:
     """Register every world; registering again changes nothing."""
+    import gymnasium
+
     for entry in ENTRIES:
         if entry.id not in gymnasium.registry:
             gymnasium.register(

@@ -28,8 +28,13 @@ class Bounds:
 UNKNOWN = Bounds()
 
 
+PICTURES = 2  # goes up when first-person worlds are drawn otherwise; a log says by which its pictures were
+
+
 class NativeWorld(abc.ABC):
     """A world that knows its pose, its map and its exact state. Mixed into a ``gymnasium.Env``."""
+
+    drawn: ClassVar[bool] = False  # whether observations are pictures that a later version may draw otherwise
 
     action_names: tuple[str, ...]  # one a discrete action, snake case: "left", "move_forward"
     # Where compiling takes long, calls that each compile a piece of it, so that processes can share them.

@@ -1,9 +1,13 @@
 """One 64-bit hash for states and observations, the same on every machine."""
 
 import hashlib
+import struct
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+
+_FLOAT = struct.Struct("<cd")
 
 
 def hash64(value: Any) -> int:
@@ -14,39 +18,56 @@ def hash64(value: Any) -> int:
     Raises:
         TypeError: if a value has no canonical form.
     """
-    digest = hashlib.blake2b(digest_size=8)
-    _feed(digest, value)
-    return int.from_bytes(digest.digest(), "little")
+    pieces: list[bytes] = []
+    _canonical(value, pieces.append)
+    return int.from_bytes(hashlib.blake2b(b"".join(pieces), digest_size=8).digest(), "little")
 
 
-def _feed(digest: "hashlib.blake2b", value: Any) -> None:
+def _canonical(value: Any, add: Callable[[bytes], None]) -> None:
+    """Hand over a value's canonical form; the commonest kinds first, since a state has hundreds of them."""
+    kind = type(value)
+    if kind is float:
+        add(_FLOAT.pack(b"f", value))
+    elif kind is int:
+        add(b"i%d;" % value)
+    elif kind is str:
+        encoded = value.encode()
+        add(b"s%d;" % len(encoded) + encoded)
+    elif kind is tuple or kind is list:
+        add(b"l%d;" % len(value))
+        for item in value:
+            _canonical(item, add)
+    elif kind is dict:
+        add(b"d%d;" % len(value))
+        for key in sorted(value):
+            _canonical(key, add)
+            _canonical(value[key], add)
+    else:
+        _rarer(value, add)
+
+
+def _rarer(value: Any, add: Callable[[bytes], None]) -> None:
     match value:
         case None:
-            digest.update(b"n")
+            add(b"n")
         case bool() | np.bool_():
-            digest.update(b"b1" if value else b"b0")
+            add(b"b1" if value else b"b0")
         case int() | np.integer():
-            digest.update(b"i%d;" % int(value))
+            add(b"i%d;" % int(value))
         case float() | np.floating():
-            digest.update(b"f" + np.float64(value).astype("<f8").tobytes())
+            add(_FLOAT.pack(b"f", float(value)))
         case str():
-            encoded = value.encode()
-            digest.update(b"s%d;" % len(encoded) + encoded)
+            _canonical(str.__str__(value), add)
         case bytes():
-            digest.update(b"y%d;" % len(value) + value)
+            add(b"y%d;" % len(value) + value)
         case np.ndarray() if not value.dtype.hasobject:  # whose bytes would be addresses
             array = np.ascontiguousarray(value)
             array = array.astype(array.dtype.newbyteorder("<"), copy=False)
-            digest.update(f"a{array.dtype.str}{array.shape};".encode())
-            digest.update(array.tobytes())
+            add(f"a{array.dtype.str}{array.shape};".encode())
+            add(array.tobytes())
         case dict():
-            digest.update(b"d%d;" % len(value))
-            for key in sorted(value):
-                _feed(digest, key)
-                _feed(digest, value[key])
+            _canonical(dict(value), add)
         case tuple() | list():
-            digest.update(b"l%d;" % len(value))
-            for item in value:
-                _feed(digest, item)
+            _canonical(list(value), add)
         case _:
             raise TypeError(f"{type(value).__name__} {value!r} has no canonical form to hash")

@@ -5,6 +5,7 @@ computes is the same on every machine; with NUMBA_DISABLE_JIT=1 it runs as the p
 """
 
 import hashlib
+import inspect
 import logging
 import os
 import pickle
@@ -14,19 +15,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
-import llvmlite
+import llvmlite.binding
 import numba
 import numpy as np
+from numba import float64
 from numba import int64 as int64  # for kernels whose variables' first values say too little
-from numba.core import event
+from numba.core import config, event
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
+from numba.extending import intrinsic
 from numba.misc.appdirs import AppDirs
 
+from minihuman.worlds.shipped import FOLDER, made_for
 from minihuman.worlds.sources import module_digest
 
 LOG = logging.getLogger("minihuman")
@@ -37,18 +41,22 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 # A division by zero is infinite, as in NumPy: nothing is made to raise it. C calls no kernel.
 _KERNEL: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
-_LEAN: dict[str, Any] = {"_nrt": False, "nogil": True}
+_BRIEF: dict[str, Any] = {"_nrt": False}
+_LEAN: dict[str, Any] = _BRIEF | {"nogil": True}
 
 
-def kernel(signature: str | None = None, *, lean: bool = False, **variables: Any) -> Callable[[F], F]:
+def kernel(
+    signature: str | None = None, *, lean: bool = False, brief: bool = False, **variables: Any
+) -> Callable[[F], F]:
     """Compile what Python calls; with a signature now, and for nothing else than it.
 
     Args:
         signature: Numba's words for arguments and result; without one, what it is first called with.
         lean: It makes no arrays, so it need not count who holds those it is given; other threads run meanwhile.
+        brief: The same, but so soon over that letting other threads run would take longer.
         variables: Numba's types of variables whose first value says too little.
     """
-    return _compiled(signature, _LEAN if lean else {}, variables)
+    return _compiled(signature, _LEAN if lean else _BRIEF if brief else {}, variables)
 
 
 def part(
@@ -85,6 +93,51 @@ def _compiled(signature: str | None, options: dict[str, Any], variables: dict[st
     return compiled
 
 
+class ArrayStart(NamedTuple):
+    """An array in a kernel that is being compiled: where it starts, in LLVM's words, and of what it is."""
+
+    start: Any
+    kind: str  # NumPy's name
+
+
+def instructions(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
+    """A function for kernels to call whose LLVM instructions ``write`` adds; it is ``plain`` where nothing is compiled.
+
+    Args:
+        write: takes LLVM's builder and, for each argument, its kind and value: "array" and an `ArrayStart`, or "int64"
+            or "float64" and LLVM's value. It returns LLVM's value of an int64 if it ``counts``.
+        plain: does the same, uncompiled.
+        counts: whether a whole number is returned; otherwise it is nothing.
+    """
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+        return plain
+
+    def typed(context: Any, *arguments: Any) -> Any:
+        kinds = [
+            each if isinstance(each, numba.types.Array) else int64 if isinstance(each, numba.types.Integer) else float64
+            for each in arguments
+        ]
+
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            given = []
+            for kind, value in zip(kinds, values, strict=True):
+                if isinstance(kind, numba.types.Array):
+                    start = context.make_array(kind)(context, builder, value).data
+                    given.append(("array", ArrayStart(start, str(kind.dtype))))
+                else:
+                    given.append((str(kind), value))
+            found = write(builder, given)
+            return found if counts else context.get_dummy_value()
+
+        return (int64 if counts else numba.void)(*kinds), code
+
+    # Numba asks for names of arguments, one by one
+    names = ["context", *list(inspect.signature(plain).parameters)]
+    parameters = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+    vars(typed)["__signature__"] = inspect.Signature(parameters)
+    return cast(F, intrinsic(typed))
+
+
 class Kept(_Cache):
     """One function's machine code on disk, a file for each signature, found by all that the code is made of.
 
@@ -92,6 +145,8 @@ class Kept(_Cache):
     compiled, for which types; Python, Numba, LLVM and NumPy; the processor. So neither an edit nor an upgrade nor
     another machine on the same disk ever finds what is not its own, and nothing needs to be deleted by hand. Numba's
     own cache looks at the function's file alone, and so goes on with what is compiled into it from others.
+
+    Code that came with the package is looked for first; it is found by the same, but for the processor's name.
     """
 
     def __init__(self, function: Callable[..., Any], options: str) -> None:
@@ -108,20 +163,19 @@ class Kept(_Cache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The code for a signature; None where none is kept, or the file is damaged."""
-        where = folder()
-        if where is None or self._digest is None:
+        if self._digest is None:
             return None
         target_context.refresh()  # or what the code refers to may not be there yet
-        path = where / self._file(sig, target_context.codegen())
-        try:
-            data = path.read_bytes()
-        except OSError:
-            return None
-        with suppress(OSError):  # somebody else's file, perhaps
-            os.utime(path)
-        if hashlib.sha256(data[32:]).digest() != data[:32]:
-            return None
-        return CompileResult._rebuild(target_context, *pickle.loads(data[32:]))
+        machine = target_context.codegen().magic_tuple()
+        code, where = None, folder()
+        if (shipped := _shipped(machine[0])) is not None:
+            code = _read(FOLDER / self._file(sig, shipped))
+        if code is None and where is not None:
+            path = where / self._file(sig, machine)
+            code = _read(path)
+            with suppress(OSError):  # somebody else's file, perhaps
+                os.utime(path)
+        return None if code is None else CompileResult._rebuild(target_context, *pickle.loads(code))
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep new code, unless it holds addresses of this process or the disk does not take it."""
@@ -133,7 +187,7 @@ class Kept(_Cache):
             _make_room(where)
             with tempfile.NamedTemporaryFile(dir=where, suffix=".new", delete=False) as file:
                 file.write(hashlib.sha256(code).digest() + code)
-            os.replace(file.name, where / self._file(sig, data.codegen))
+            os.replace(file.name, where / self._file(sig, data.codegen.magic_tuple()))
         except OSError as error:
             LOG.debug("compiled code of %s is not kept: %s", self._name, error)
 
@@ -146,11 +200,30 @@ class Kept(_Cache):
     def flush(self) -> None:
         """Nothing kept is ever stale."""
 
-    def _file(self, sig: Any, codegen: Any) -> str:
+    def _file(self, sig: Any, machine: tuple[str, ...]) -> str:
         arguments, result = normalize_signature(sig)
         signature = [_spelt(each) for each in (*arguments, result)]
-        made_of = f"{self._made_of} {signature} {codegen.magic_tuple()} {_versions()}"
+        made_of = f"{self._made_of} {signature} {machine} {_versions()}"
         return f"{self._name.rpartition('.')[2]}-{hashlib.sha256(made_of.encode()).hexdigest()[:24]}.code"
+
+
+def _read(path: Path) -> bytes | None:
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    return data[32:] if hashlib.sha256(data[32:]).digest() == data[:32] else None
+
+
+@cache
+def _shipped(triple: str) -> tuple[str, str, str] | None:
+    """What code that came with the package was compiled for; None where there is none that runs here.
+
+    Who tells Numba for which processor to compile gets just that.
+    """
+    if not FOLDER.is_dir() or {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & os.environ.keys():
+        return None
+    return made_for(triple, llvmlite.binding.get_host_cpu_features())
 
 
 def _spelt(numba_type: Any) -> str:
@@ -159,8 +232,12 @@ def _spelt(numba_type: Any) -> str:
     return f"{numba_type} {getattr(numba_type, 'fields', '')} {inner}" if inner else str(numba_type)
 
 
+@cache
 def _versions() -> str:
-    return f"{sys.implementation.cache_tag} {numba.__version__} {llvmlite.__version__} {np.__version__}"
+    """Of NumPy what Numba looks at; and what Numba was told of how to compile."""
+    numpy = ".".join(np.__version__.split(".")[:2])
+    told = [str(getattr(config, name)) for name in ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK")]
+    return f"{sys.implementation.cache_tag} {numba.__version__} {llvmlite.__version__} {numpy} {told}"
 
 
 @cache

@@ -61,3 +61,13 @@ def test_every_script_is_in_the_list():
 def test_every_script_is_tested():
     tests = Path(__file__).read_text() + (SCRIPTS.parent / "tests" / "learn" / "test_analysis.py").read_text()
     assert [path.name for path in SCRIPTS.glob("*.py") if path.name not in tests] == []
+
+
+def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, capsys):
+    run(monkeypatch, "ten_people.py", tmp_path, "--people", 4, "--studies", 2, "--processes", 1)
+    rows = pd.read_csv(tmp_path / "ten_people.csv")
+    assert set(rows["measure"]) == {"log_excess_steps", "reward", "success", "reward_two_parts"}
+    assert rows["power"].between(0, 1).all()
+    assert len(rows[rows["participants_a_group"] == 5]) == 4 * 4
+    assert (tmp_path / "ten_people.png").stat().st_size > 10_000
+    assert "five a group" in capsys.readouterr().out

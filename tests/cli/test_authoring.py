@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from minihuman.study.schema import json_schema
-from tests.seats.session_typist import enter_at, until
+from minihuman.worlds.catalogue import ENTRIES
+from tests.seats.session_typist import agree, enter_at, until
 from tests.xserver import Typist
 
 pytestmark = pytest.mark.program
@@ -31,7 +32,7 @@ def test_two_commands_lead_from_nothing_to_the_first_picture(tmp_path: Path, dis
     with subprocess.Popen(command, env={"DISPLAY": display}, stdout=subprocess.PIPE, text=True) as station:
         typist = Typist(display)
         typist.focus("minihuman")
-        enter_at(typist, tmp_path, "page", "consent")
+        agree(typist, tmp_path)
         until(tmp_path, "keyboard_check")
         typist.tap(*"123456789")
         enter_at(typist, tmp_path, "instructions", "page")
@@ -76,3 +77,9 @@ def test_the_schema_takes_the_shipped_protocols_and_no_misspelt_field() -> None:
 def test_it_says_its_version_and_helps_at_h() -> None:
     assert minihuman("--version").stdout.startswith("minihuman 0.")
     assert "watch" in minihuman("-h").stdout
+
+
+def test_every_world_is_listed_as_json():
+    told = json.loads(minihuman("worlds", "--json").stdout)
+    assert [one["id"] for one in told] == [entry.id for entry in ENTRIES]
+    assert all(one["summary"] for one in told)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from minihuman.cli import session
 from minihuman.errors import AllocationError, LogError, ProtocolError, ReportError
-from minihuman.lab.register import read_register
+from minihuman.lab.register_lines import read_register
 from minihuman.study.expand import enrol, expand
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import decode
@@ -22,6 +22,22 @@ pytestmark = pytest.mark.program
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 TRANSFER = PROTOCOLS / "fourrooms-transfer.toml"
+CORRIDOR = """
+[study]
+name = "corridor"
+version = "1"
+seed = 3
+participants = 9
+[[groups]]
+name = "all"
+blocks = ["walk"]
+[[blocks]]
+name = "walk"
+world = "tests.worlds.corridor:tests/Corridor-v0"
+episodes = 1
+actions = ["back", "forward", "dive"]
+max_steps = 9
+"""
 
 
 def typed(*words: object) -> Result:
@@ -124,6 +140,16 @@ def test_more_participants_than_slots_are_refused(tmp_path, grid_only):
     failed = typed("simulate", grid_only, "--participants", 2, "--data", tmp_path, "--player", "optimal").exception
     assert isinstance(failed, AllocationError)
     assert "all 1 slots" in str(failed)
+
+
+def test_what_nobody_could_read_is_refused_before_anybody_has_a_slot(tmp_path):
+    path = tmp_path / "long.toml"
+    path.write_text(CORRIDOR + 'feedback = { goal = "' + "That was well done. " * 300 + '" }')
+    failed = typed("run", path, "--data", tmp_path / "data").exception
+    assert isinstance(failed, ProtocolError)
+    assert "walk, feedback for goal: does not fit a screen in type of 1/40 of its height" in str(failed)
+    assert "shorten it" in str(failed)
+    assert not (tmp_path / "data").exists()
 
 
 def test_a_station_without_a_display_says_so_in_one_line_and_uses_up_no_slot(tmp_path, grid_only):

@@ -8,7 +8,7 @@ from minihuman.data.selection import Selection
 from minihuman.export.run import export
 
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
-STUDIES = ("plain", "mixed", "resumed", "real-time", "foreign")
+STUDIES = ("plain", "mixed", "resumed", "real-time", "foreign", "taught")
 
 
 def write(out: Path) -> None:

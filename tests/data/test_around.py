@@ -10,13 +10,17 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from minihuman.data.columns import FROM_TOPICS, TABLES
+from minihuman.data.columns import TABLES
+from minihuman.data.from_topics import FROM_TOPICS
 from minihuman.data.rows import key_in_tables
 from minihuman.data.selection import Selection
 from minihuman.data.table_schema import KEYS, OF_EPISODES
 from minihuman.export.run import export
-from minihuman.log import topics
+from minihuman.log import corrections, pairs, topics
+from minihuman.log.kinds import topics_of
 from minihuman.log.read.open_log import open_log
+from minihuman.study.activities.registry import OURS
+from tests.lab.test_bonus import study
 
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 STUDIES = ("resumed", "marked", "real-time", "no-episode", "no-step")
@@ -42,8 +46,10 @@ def log_of(studies, study):
 
 
 def test_every_topic_of_the_log_is_in_a_table_or_an_export():
-    truths = {topic.name for topic in topics.TOPICS if not topic.for_viewers}
-    assert set(FROM_TOPICS) == truths - {topics.OBSERVATION}  # which are arrays, not rows
+    truths = {topic.name for topic in (*topics.TOPICS, *topics_of(OURS)) if not topic.for_viewers}
+    seen, none = {pairs.FRAME, corrections.FRAME}, {pairs.NOTHING, corrections.NOTHING}
+    left_out = {topics.OBSERVATION} | seen | none  # arrays; when something was seen; that there was nothing to see
+    assert set(FROM_TOPICS) == truths - left_out
     assert {name for names in FROM_TOPICS.values() for name in names} <= set(TABLES)
 
 
@@ -181,3 +187,9 @@ def test_the_package_beside_the_tables_describes_every_column(studies):
         fields = resource["schema"]["fields"]
         assert [field["name"] for field in fields] == header.replace('"', "").split(",")
         assert all(field["description"] for field in fields)
+
+
+def test_what_people_sat_at_is_a_column_to_compare_by(tmp_path):
+    export("csv", study(tmp_path, bonus=""), tmp_path / "out", Selection())
+    for name in ("participants", "segments"):
+        assert set(pd.read_csv(tmp_path / "out" / f"{name}.csv")["window"]) == {"simulated"}

@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import subprocess
+import sys
 
 import duckdb
 import pytest
@@ -10,12 +12,15 @@ from typer.testing import CliRunner
 
 from minihuman.cli import see
 from minihuman.data import store as the_store
+from minihuman.data import writing
+from minihuman.data.caches import FILES
 from minihuman.data.columns import TABLES
 from minihuman.data.marks import Mark, add_mark
 from minihuman.data.selection import Selection
 from minihuman.data.store import FILE_NAME, Store
 from minihuman.data.study import Sessions
 from minihuman.errors import StoreError
+from minihuman.export.run import export
 from minihuman.log.read.open_log import open_log
 from tests.builders import session, write_log
 
@@ -131,3 +136,61 @@ def test_a_query_is_answered_in_lines_or_as_csv_and_changes_nothing(study):
         with Store(Sessions(study), with_shortest=False) as store, pytest.raises(StoreError, match="the tables are"):
             store.tables.query(wrong)
     assert rows(study) == before
+
+
+@pytest.mark.program
+def test_tables_are_made_and_written_without_pandas(study, tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from minihuman.data.selection import Selection; "
+        "from minihuman.export.run import export; study, out = map(Path, sys.argv[1:]); "
+        "export('parquet', study, out, Selection()); assert 'pandas' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code, study, tmp_path / "out"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def exported(study, out) -> dict[str, bytes]:
+    export("parquet", study, out, Selection())
+    return {path.name: path.read_bytes() for path in out.glob("*.parquet")}
+
+
+def no_writing(monkeypatch):
+    def refuse(*_):
+        raise AssertionError("a table was written again")
+
+    monkeypatch.setitem(writing._WRITERS, "parquet", refuse)
+
+
+def test_table_files_of_an_unchanged_study_are_copied(study, tmp_path, monkeypatch):
+    first = exported(study, tmp_path / "first")
+    no_writing(monkeypatch)
+    assert exported(study, tmp_path / "again") == first
+
+
+@pytest.mark.parametrize("became", ["a log that went", "a mark", "a changed file", "a file without its note"])
+def test_table_files_of_what_changed_are_written_again(study, tmp_path, monkeypatch, became):
+    first = exported(study, tmp_path / "first")
+    kept = study / FILES / "episodes.parquet"
+    match became:
+        case "a log that went":
+            shutil.rmtree(study / "sub-01")
+        case "a mark":
+            add_mark(open_log(next(study.rglob("*.mcap"))), Mark("exclude", "2026-01-06T10:00:00Z", episode=1))
+        case "a changed file":
+            changed = bytearray(kept.read_bytes())
+            changed[len(changed) // 2] ^= 1
+            kept.write_bytes(changed)
+        case "a file without its note":
+            kept.with_name("episodes.parquet.json").unlink()
+    second = exported(study, tmp_path / "second")
+    assert (second == first) == ("file" in became)
+    no_writing(monkeypatch)
+    assert exported(study, tmp_path / "third") == second
+    shutil.rmtree(study / FILES)
+    monkeypatch.undo()
+    assert exported(study, tmp_path / "anew") == second
+
+
+def test_another_selection_neither_takes_nor_leaves_table_files(study, tmp_path):
+    export("parquet", study, tmp_path / "out", Selection(participant=("sub-01",)))
+    assert not (study / FILES).exists()

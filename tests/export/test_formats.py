@@ -11,13 +11,16 @@ import pyarrow.parquet as pq
 import pytest
 from rerun.experimental import LeRobotReader
 
+from minihuman.data.chosen import Chosen
 from minihuman.errors import ExportError
 from minihuman.export import imitation, lerobot
 from minihuman.export import minari as minari_export
 from minihuman.export.resimulate import Resimulator
+from minihuman.log.read.open_log import open_log
 from minihuman.worlds.adapt.world import World
 from tests.export.played import chosen, played
 
+OLD = Path(__file__).parents[1] / "golden/v1/first-person/sub-01/ses-01/sub-01_ses-01.mcap"
 WORLDS = ["minihuman/MiniGrid-FourRooms-v0", "minihuman/MiniWorld-FourRooms-v0", "minigrid:MiniGrid-DoorKey-5x5-v0"]
 
 
@@ -172,6 +175,17 @@ def test_an_episode_that_does_not_replay_is_refused_by_name():
     item.episode.observation_hashes[4] += 1
     with pytest.raises(ExportError, match=r"episode 1 step 4: the observation differs .* minihuman 0\.1\.0"):
         Resimulator()(item)
+
+
+def test_pictures_of_an_earlier_renderer_are_drawn_anew_and_it_is_said(caplog):
+    log = open_log(OLD)
+    first_person = Chosen(log, log.episodes[0])
+    again = Resimulator()(first_person)
+    assert len(again.observations) == len(first_person.episode.actions) + 1
+    assert "its pictures are drawn by this version" in caplog.text
+    first_person.episode.state_hashes[2] += 1
+    with pytest.raises(ExportError, match=r"step 2: the observation differs"):
+        Resimulator()(first_person)
 
 
 def test_each_world_has_its_own_dataset(tmp_path):

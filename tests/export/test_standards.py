@@ -4,6 +4,7 @@ The validators are no dependency: ``.ci/run standards`` installs them and says w
 """
 
 import csv
+import gzip
 import json
 import os
 import re
@@ -11,14 +12,24 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from minihuman.data.selection import Selection
 from minihuman.errors import ExportError
 from minihuman.export.run import export
+from minihuman.lab.next_session import next_session
 from minihuman.log.read.open_log import open_log
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.players.choose import make_player
+from minihuman.seats.run import run_session
+from minihuman.seats.simulated import SimulatedWindow
+from minihuman.study.events import Answered, Sampled, Stepped
 from minihuman.study.protocol import decode
-from tests.golden.make import segment, study
+from minihuman.study.session import Session
+from minihuman.windows.scripted import VirtualClock
+from minihuman.worlds.adapt.world import World
+from tests.golden.make import STARTED_NS, segment, study
 from tests.study.test_about import ABOUT
 
 pytestmark = pytest.mark.program
@@ -28,6 +39,52 @@ needs_validators = pytest.mark.skipif(not VALIDATORS, reason=".ci/run standards 
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 FROZEN = ("resumed", "mixed", "no-episode", "recovered")
 FORMATS = ("bids", "psych-ds", "frictionless", "croissant")
+
+
+ASKED = """
+[[questions]]
+name = "about-you"
+form = "demographics"
+[[questions]]
+name = "load"
+form = "nasa-tlx"
+[[devices]]
+name = "gaze"
+source = "eye-tracker"
+channels = ["x", "y"]
+units = ["px", "px"]
+required = false
+[[devices]]
+name = "trigger-box"
+source = "trigger-box"
+required = false
+"""
+
+
+class Sampling(McapRecorder):
+    """Beside every input a look somewhere, and now and then a word."""
+
+    def begin(self, events):
+        looks = [
+            Sampled(event.t_ns, "gaze", (float(event.step), 0.5)) for event in events if isinstance(event, Stepped)
+        ]
+        words = [Sampled(look.t_ns, "trigger-box", (), "S1") for look in looks[:1]]
+        super().begin([*looks, *words, *events])
+
+
+def asked_study(folder: Path) -> None:
+    """Two people who answer questions, one set of them twice, and whom two devices look at."""
+    toml = study("mixed").toml.decode().replace('name = "mixed"', 'name = "asked"', 1)
+    toml = toml.replace(
+        'blocks = ["small", "first-person"]', 'parts = ["about-you", "small", "load", "first-person", "load"]'
+    )
+    told = decode((toml + ASKED).encode())
+    for who in ("sub-01", "sub-02"):
+        plan, clock = next_session(told, folder, participant=who, session=1), VirtualClock()
+        session = Session(plan, World, {"player": "random"}, picture_px=None)
+        recorder = Sampling(folder, plan, started_ns=STARTED_NS)
+        player = make_player("random", np.random.default_rng(5))
+        run_session(session, SimulatedWindow(player, session, clock), recorder, clock)
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +97,7 @@ def studies(tmp_path_factory):
     for who in ("sub-01", "sub-02"):
         for session in (1, 2):
             segment(folder, told, "random", participant=who, session=session)
+    asked_study(folder)
     (folder / "two-sessions/participants.csv").write_text("participant,age,hand\nsub-02,31,left\n")
     return folder
 
@@ -47,7 +105,7 @@ def studies(tmp_path_factory):
 @pytest.fixture(scope="module")
 def exported(studies, tmp_path_factory):
     out = tmp_path_factory.mktemp("exported")
-    for name in (*FROZEN, "two-sessions"):
+    for name in (*FROZEN, "two-sessions", "asked"):
         for kind in FORMATS:
             export(kind, studies / name, out / kind / name, Selection())
     return out
@@ -64,7 +122,7 @@ def validated(kind: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 @needs_validators
-@pytest.mark.parametrize("name", [*FROZEN, "two-sessions"])
+@pytest.mark.parametrize("name", [*FROZEN, "two-sessions", "asked"])
 @pytest.mark.parametrize("kind", ["bids", "frictionless", "croissant"])
 def test_the_formats_own_validator_finds_no_error(exported, kind, name):
     done = validated(kind, exported / kind / name)
@@ -225,6 +283,43 @@ def test_bids_keeps_grid_and_room_apart_with_their_units(exported):
         assert all(len(line.split("\t")) == len(rows) for line in motion.read_text().splitlines())
     assert units["grid"] == {"x": "cell", "z": "cell", "yaw": "rad", "latency": "s"}
     assert units["room"]["x"] == "m"
+
+
+def test_bids_has_a_phenotype_for_each_set_of_questions_with_every_answer(exported, studies):
+    folder = exported / "bids/asked/phenotype"
+    log = open_log(next((studies / "asked").rglob("sub-02_ses-01.mcap")))
+    answers = [event for event in log.segments[0].part_events if isinstance(event, Answered)]
+    for name, stem in (("about-you", "aboutyou"), ("load", "load")):
+        [row] = [row for row in tsv(folder / f"{stem}.tsv") if row["participant_id"] == "sub-02"]
+        theirs = [answer for answer in answers if answer.part_name == name]
+        first = min(answer.part for answer in theirs)
+        given = {
+            answer.item if answer.part == first else f"{answer.item}_2": json.loads(answer.value) for answer in theirs
+        }
+        said = {item: "n/a" if value in (None, "") else str(value) for item, value in given.items()}
+        assert row == {"participant_id": "sub-02", "session_id": "ses-01"} | said
+    assert len(theirs) == 2 * len(log.plan.parts[theirs[0].part].plan.items)
+    meaning = json.loads((folder / "load.json").read_text())
+    asked = next(item for item in log.plan.parts[theirs[0].part].plan.items if item.name == theirs[0].item)
+    assert meaning[theirs[0].item]["Description"] == asked.ask
+    assert meaning[f"{theirs[0].item}_2"]["Description"] == f"{asked.ask} (time 2 in the session)"
+
+
+def test_bids_has_a_recording_for_each_device_with_the_moment_of_every_sample(exported, studies):
+    folder = exported / "bids/asked/sub-01/ses-01/beh"
+    log = open_log(next((studies / "asked").rglob("sub-01_ses-01.mcap")))
+    stem = "sub-01_ses-01_task-asked_run-1_recording-"
+    with gzip.open(folder / f"{stem}gaze_physio.tsv.gz", "rt") as file:
+        rows = [[float(cell) for cell in line.split("\t")] for line in file]
+    looks = [sample for sample in log.segments[0].samples if sample.device == "gaze"]
+    assert len(rows) == len(looks) > 10
+    assert rows == [[pytest.approx(look.t_ns / 1e9), *look.values] for look in looks]
+    told = json.loads((folder / f"{stem}gaze_physio.json").read_text())
+    assert told["Columns"] == ["timestamp", "x", "y"]
+    assert told["x"]["Units"] == "px"
+    assert told["StartTime"] == pytest.approx(rows[0][0])
+    with gzip.open(folder / f"{stem}triggerbox_physio.tsv.gz", "rt") as file:
+        assert next(file).rstrip().split("\t")[1:] == ["S1"]
 
 
 def test_the_studys_facts_are_in_every_format(exported):

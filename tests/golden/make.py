@@ -17,6 +17,9 @@ from minihuman.log.read.open_log import open_log
 from minihuman.log.record.finish import recover
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.players.choose import make_player
+from minihuman.players.port import Press
+from minihuman.players.teacher import Teacher
+from minihuman.seats.agent_seat import agent_seat
 from minihuman.seats.run import run_session
 from minihuman.seats.simulated import SimulatedWindow
 from minihuman.study.inputs import Input, KeyDown, KeyUp, Stop
@@ -70,6 +73,28 @@ actions = ["turn_left", "turn_right", "move_forward"]
 max_steps = 40
 episodes = 2
 """
+_TAUGHT = """
+[[blocks]]
+name = "takeover"
+kind = "takeover"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+actions = ["left", "right", "forward"]
+max_steps = 12
+episodes = 3
+agent = { policy = "optimal:0.5", step_ms = 400 }
+[[blocks]]
+name = "rating"
+kind = "rating"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+actions = ["left", "right", "forward"]
+max_steps = 8
+episodes = 1
+agent = { step_ms = 400 }
+[[activities]]
+name = "compare"
+kind = "preferences"
+plan = { source = "takeover", pairs = 2, steps = 3 }
+"""
 BLOCKS = {
     "plain": _GRID,
     "resumed": _SMALL,
@@ -84,7 +109,35 @@ BLOCKS = {
     "no-step": _SMALL,
     "no-episode": _SMALL,
     "marked": _SMALL,
+    "taught": _TAUGHT,
 }
+
+
+class Teaching(Teacher):
+    """Takes over at an episode's third step, hands back two steps later, rates every state, likes the left."""
+
+    def __init__(self) -> None:
+        self._player = make_player("optimal", np.random.default_rng(5))
+
+    def begin(self, plan, pool, world) -> None:
+        self._player.begin(plan, pool, world)
+
+    def press(self, world) -> Press:
+        return self._player.press(world)
+
+    def watch(self, world, watched) -> Press | None:
+        if watched.good:
+            return Press(watched.good if watched.step % 3 else watched.bad, 150.0)
+        if watched.who == "agent":
+            return self._press(world) if watched.step == 2 else None
+        return Press(watched.hand_back, 300.0) if watched.step == 4 else self._press(world)
+
+    def _press(self, world) -> Press:
+        self._player._way = []  # an agent has played meanwhile
+        return self._player.press(world)
+
+    def prefer(self, left, right) -> tuple[str, float]:
+        return "left", 700.0
 
 
 class Hand(SimulatedWindow):
@@ -125,6 +178,8 @@ def study(name: str) -> Protocol:
     blocks = BLOCKS[name]
     names = [line.split('"')[1] for line in blocks.splitlines() if line.startswith("name = ")]
     toml = _STUDY.replace("{name}", name).replace("{blocks}", str(names).replace("'", '"')) + blocks
+    if "[[activities]]" in toml:
+        toml = toml.replace("blocks = [", "parts = [")
     return decode(toml.encode())
 
 
@@ -144,8 +199,9 @@ def segment(
     recorder = McapRecorder(data, plan, started_ns=STARTED_NS + HOUR_NS * (plan.segment - 1))
     if "part" in hand:
         hand["kill"] = partial(_keep, recorder, hand.pop("part"))
-    window = Hand(make_player(player, np.random.default_rng(5)), session, clock, **hand)
-    log = run_session(session, window, recorder, clock)
+    somebody = Teaching() if player == "teaching" else make_player(player, np.random.default_rng(5))
+    window = Hand(somebody, session, clock, **hand)
+    log = run_session(session, window, recorder, clock, agent=agent_seat(protocol, plan, data, patient=True))
     assert log is not None
     return log
 
@@ -181,6 +237,7 @@ def make(data: Path) -> None:
     segment(data, study("foreign"), "random")
     segment(data, study("no-step"), after_steps=0, key="escape")
     segment(data, study("no-episode"), after_steps=AT_ONCE)
+    segment(data, study("taught"), "teaching")
     marked = open_log(segment(data, study("marked")))
     add_mark(marked, Mark("exclude", "2026-11-22T09:00:00Z", episode=2, note="the phone rang"))
     add_mark(marked, Mark("slow", "2026-11-22T09:01:00Z", note="all of it"))

@@ -33,6 +33,7 @@ HELD = {
     "v1/plain/sub-02": ("timeout timeout", [50, 50], "complete"),
     "v1/real-time/sub-01": ("goal goal goal", [6, 6, 6], "complete"),
     "v1/recovered/sub-01": ("goal", [5], "cut_off"),
+    "v1/taught/sub-01": ("goal timeout goal goal", [5, 12, 9, 6], "complete"),
     "v1/resumed/sub-01": ("goal abandoned goal goal", [5, 2, 5, 5], "complete"),
 }
 

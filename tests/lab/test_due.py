@@ -56,6 +56,18 @@ def test_the_second_day_comes_is_there_and_passes(study: Path) -> None:
     assert f"due from {first} until {first + timedelta(days=2)}" in due(study, first - timedelta(days=1))[0].line()
 
 
+@pytest.mark.parametrize("damage", ["the time it began at", "its first bytes"])
+def test_whose_log_cannot_be_read_is_not_said_to_have_never_come(study: Path, damage: str) -> None:
+    (log,) = (study / "sub-02").rglob("*.mcap")
+    content = log.read_bytes()
+    at = content.index(b"started_at") + 15 if damage == "the time it began at" else 3
+    log.write_bytes(content[:at] + b"?" + content[at + 1 :])
+    told = {one.participant: one for one in due(study, date.today())}
+    assert (told["sub-02"].state, told["sub-02"].session) == ("unreadable", 1)
+    assert "cannot be read" in told["sub-02"].line()
+    assert told["sub-01"].state == "later"
+
+
 def test_who_never_came_and_whoever_left_is_told_apart(study: Path) -> None:
     today = date.today()
     assert [one.state for one in due(study, today)][-1] == "never came"

@@ -1,14 +1,17 @@
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
 import pytest
 
 from minihuman.errors import AllocationError
-from minihuman.lab.register import FILE_NAME, read_register, take_slot
+from minihuman.lab.register import take_slot
+from minihuman.lab.register_lines import FILE_NAME, read_register
 from minihuman.study.allocation import allocation
 from minihuman.study.protocol import decode
+from tests.counts import count
 
 PATH = Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml"
 PROTOCOL = decode(PATH.read_bytes())
@@ -20,7 +23,7 @@ from minihuman.lab.register import take_slot
 from minihuman.study.protocol import decode
 protocol = decode(Path(sys.argv[1]).read_bytes())
 sys.stdin.readline()
-for _ in range(5):
+for _ in range(int(sys.argv[3])):
     print(take_slot(protocol, Path(sys.argv[2]))[0].index, flush=True)
 """
 
@@ -35,7 +38,7 @@ def test_slots_follow_the_list(tmp_path):
 def test_many_stations_at_once_never_share_a_slot(tmp_path):
     stations = [
         subprocess.Popen(
-            [sys.executable, "-c", STATION, str(PATH), str(tmp_path)],
+            [sys.executable, "-c", STATION, str(PATH), str(tmp_path), "5"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -44,6 +47,40 @@ def test_many_stations_at_once_never_share_a_slot(tmp_path):
     ]
     indices = [int(line) for station in stations for line in station.communicate("go\n")[0].split()]
     assert sorted(indices) == list(range(30))
+
+
+@pytest.mark.program
+@pytest.mark.long
+def test_stations_that_are_killed_lose_no_slot_and_share_none(tmp_path):
+    stations, each = count(3, 8), count(8, 200)
+    protocol = tmp_path / "many.toml"
+    protocol.write_text(PATH.read_text().replace("participants = 60", "participants = 2000"))
+    told: list[list[int]] = [[] for _ in range(stations)]
+    killed = [0] * stations
+
+    def station(number: int) -> None:
+        """Take slots until there are enough, killed and started again a quarter and half of the way."""
+        while len(told[number]) < each:
+            left = each - len(told[number])
+            command = [sys.executable, "-c", STATION, str(protocol), str(tmp_path / "study"), str(left)]
+            with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+                process.stdin.write("go\n")
+                process.stdin.flush()
+                for line in process.stdout:
+                    told[number].append(int(line))
+                    if killed[number] < 2 and len(told[number]) >= each * (killed[number] + 1) // 4:
+                        killed[number] += 1
+                        process.kill()
+
+    with ThreadPoolExecutor(stations) as desks:
+        list(desks.map(station, range(stations)))
+    acknowledged = sorted(index for indices in told for index in indices)
+    taken = [line.index for line in read_register(tmp_path / "study")]
+    print(f"\n{stations} stations, {sum(killed)} kills, {len(acknowledged)} slots told of, {len(taken)} taken")
+    assert len(set(acknowledged)) == len(acknowledged)
+    assert set(acknowledged) <= set(taken)
+    assert sorted(taken) == list(range(len(taken)))
+    assert len(taken) >= stations * each
 
 
 def test_a_participant_named_by_hand_is_passed_over_by_the_list(tmp_path):

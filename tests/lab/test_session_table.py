@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from minihuman.errors import LogError
-from minihuman.lab import session_table as study_folder
-from minihuman.lab import summary
+from minihuman.lab import summarise as summing_up
 from minihuman.lab.session_table import FILE_NAME, sessions
 from minihuman.lab.status import status_lines
 from minihuman.lab.summary import Summary
@@ -104,12 +103,13 @@ def test_a_log_is_summed_up_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for number in (1, 2, 3):
         _record(tmp_path, f"sub-{number:02d}")
     read: list[Path] = []
+    really = summing_up.summarise
 
     def counting(files: list[Path]) -> Summary:
         read.extend(files)
-        return summary.summarise(files)
+        return really(files)
 
-    monkeypatch.setattr(study_folder, "summarise", counting)
+    monkeypatch.setattr(summing_up, "summarise", counting)
     assert len(list(sessions(tmp_path))) == 3
     assert len(list(sessions(tmp_path))) == 3
     assert len(read) == 3
@@ -145,7 +145,7 @@ def test_the_table_may_be_deleted_spoilt_or_unwritable(tmp_path: Path) -> None:
 
 
 def test_a_table_that_another_process_holds_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study_folder, "BUSY_S", 0.01)
+    monkeypatch.setattr("minihuman.lab.session_table.BUSY_S", 0.01)
     log = _record(tmp_path, "sub-01")
     with closing(sqlite3.connect(tmp_path / FILE_NAME)) as other:
         other.execute("BEGIN EXCLUSIVE")

@@ -4,9 +4,12 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+from minihuman.data.caches import caches_in
+from minihuman.data.selection import Selection
 from minihuman.errors import AllocationError
+from minihuman.export.run import export
 from minihuman.lab.next_session import next_session
-from minihuman.lab.register import Withdrawn, read_lines, read_register
+from minihuman.lab.register_lines import Withdrawn, read_lines, read_register
 from minihuman.lab.status import status_lines
 from minihuman.lab.withdraw import replace, withdraw
 from minihuman.log.record.mcap_recorder import McapRecorder
@@ -62,6 +65,14 @@ def test_who_withdrew_occurs_in_no_output_made_afterwards(data: Path, tmp_path: 
     assert "sub-01" in everything_in(out)
     assert "sub-02" not in everything_in(out)
     assert "1 withdrew and is left out" in outputs["status"].stdout
+
+
+def test_no_cache_remembers_who_withdrew(data: Path, tmp_path: Path) -> None:
+    list(status_lines(data / STUDY))
+    export("parquet", data / STUDY, tmp_path / "out", Selection())
+    assert len(list(caches_in(data / STUDY))) == 3
+    withdraw(data / STUDY, "sub-02", seal=None)
+    assert list(caches_in(data / STUDY)) == []
 
 
 def test_erased_data_are_gone_and_the_tombstone_stays(data: Path) -> None:

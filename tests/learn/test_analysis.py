@@ -38,3 +38,27 @@ def test_runs_of_different_studies_do_not_go_together(tmp_path):
         open_folder(study, tmp_path / name)
     with pytest.raises(LearnError, match="holds another study"):
         read_merged([tmp_path / "one", tmp_path / "other"])
+
+
+def test_the_curve_of_cloning_is_made_and_goes_on_where_it_was(tmp_path):
+    command = [sys.executable, "-W", "ignore", "analysis/imitation_curve.py", tmp_path, "--quick", "--episodes", "8"]
+    subprocess.run([*command, "--seeds", "1"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    table = pd.read_csv(tmp_path / "curve.csv")
+    assert set(table["source"]) == {"exploring expert", "human-like", "Minigrid's bot"}
+    assert list(table["demonstrations"]) == [16, 32] * 3
+    assert table["success"].between(0, 1).all()
+    assert (tmp_path / "curve.png").stat().st_size > 10_000
+    points = json.loads((tmp_path / "points.json").read_text())
+    (tmp_path / "points.json").write_text(json.dumps(points[1:]))
+    subprocess.run([*command, "--seeds", "1"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    again = json.loads((tmp_path / "points.json").read_text())
+    assert sorted(again, key=str) == sorted(points, key=str)
+
+
+def test_policies_of_either_worlds_pictures_play_both(tmp_path):
+    out = tmp_path / "found.json"
+    command = [sys.executable, "-W", "ignore", "analysis/pictures_transfer.py", out, "--episodes", "2", "--tests", "1"]
+    subprocess.run([*command, "--epochs", "1"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    found = json.loads(out.read_text())["found"]
+    sides = ("miniworld", "minihuman")
+    assert [(each["learnt_from"], each["played_by"]) for each in found] == [(a, b) for a in sides for b in sides]

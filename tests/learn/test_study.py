@@ -12,8 +12,9 @@ from minihuman.learn.transfer.engines import LocalPool, RayCluster, open_engine
 from minihuman.learn.transfer.folder import open_folder, read_results
 from minihuman.learn.transfer.job import Result
 from minihuman.learn.transfer.plan import BASELINE, SOURCE, Cell, Job, Ppo, Study
+from minihuman.learn.transfer.published import beside_of, read_published, shipped
 from minihuman.learn.transfer.run import run_study
-from minihuman.learn.transfer.summary import Run, read_published, speed, table, write_report
+from minihuman.learn.transfer.summary import Run, core_hours, speed, table, write_report
 
 pytestmark = pytest.mark.program
 
@@ -62,6 +63,29 @@ def test_published_numbers_stand_beside_ours(results, tmp_path):
     rows = table(study, made, beside=read_published(path))
     assert rows.loc["M", "published"] == 0.07
     assert pd.isna(rows.loc[BASELINE, "published"])
+    assert rows.loc["M", "beside"] == "within our interval"
+    assert rows.loc[BASELINE, "beside"] == ""
+    path.write_text("cell,improvement,sd\nM,70,0.1\n")
+    rows = table(study, made, beside=read_published(path))
+    assert rows.loc["M", "published_sd"] == 0.1
+    assert rows.loc["M", "beside"] == "outside our interval"
+
+
+def test_the_papers_numbers_stand_beside_studies_of_as_many_steps(results):
+    study, _ = results
+    assert beside_of(study, None) is None
+    assert beside_of(replace(study, steps=200_000), None).equals(shipped())
+    assert beside_of(replace(study, steps=200_000, quick=True), None) is None
+    labels = {cell.label for cell in Study().cells}
+    assert set(shipped().index) <= labels
+    assert shipped().loc["ACM-frozen", "improvement"] == -0.31
+
+
+def test_core_hours_are_the_processors_not_the_walls(results):
+    _, made = results
+    assert core_hours(made) == pytest.approx(len(made) * 8 / 3600)  # results of before have the wall's alone
+    job, result = next(iter(made.items()))
+    assert core_hours({job: replace(result, seconds=result.seconds | {"cpu": 3.6})}) == pytest.approx(0.001)
 
 
 @pytest.mark.parametrize("content", [None, "row,gain\nM,0.1\n", ""])

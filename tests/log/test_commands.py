@@ -1,16 +1,23 @@
 """info, verify and recover, as typed."""
 
+import hashlib
 import json
 import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 import typer
 from typer.testing import CliRunner
 
 from minihuman.cli import logs
+from minihuman.data.caches import FILES, TABLES
+from minihuman.data.selection import Selection
 from minihuman.errors import LogError
+from minihuman.export.run import export
+from minihuman.lab.seal import Seal, seal
+from minihuman.lab.status import status_lines
 from minihuman.log.read.open_log import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.seats.simulate import simulate
@@ -81,6 +88,39 @@ def test_a_sealed_study_says_what_was_changed_since(app: typer.Typer, tmp_path: 
     assert CliRunner().invoke(app, ["verify", str(folder), "--seal", digest]).exit_code == 1
 
 
+def test_what_looking_at_a_sealed_study_leaves_there_breaks_no_seal(app: typer.Typer, tmp_path: Path) -> None:
+    log = play(tmp_path / "data", study(episodes=1))
+    folder = log.parents[2]
+    digest = CliRunner().invoke(app, ["seal", str(folder)]).stdout.strip()
+    list(status_lines(folder))
+    export("parquet", folder, tmp_path / "out", Selection())
+    assert (folder / TABLES).exists()
+    assert (folder / FILES).exists()
+    assert CliRunner().invoke(app, ["verify", str(folder), "--seal", digest]).exit_code == 0
+
+
+@pytest.mark.parametrize("name", ["seal.json.txt", "sub-01/seal.json", "sub-01/tables.duckdb", "sessions.sqlite.mcap"])
+def test_only_the_caches_themselves_are_outside_of_a_seal(app: typer.Typer, tmp_path: Path, name: str) -> None:
+    log = play(tmp_path, study(episodes=1))
+    folder = log.parents[2]
+    digest = CliRunner().invoke(app, ["seal", str(folder)]).stdout.strip()
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / name).write_text("smuggled in")
+    result = CliRunner().invoke(app, ["verify", str(folder), "--seal", digest])
+    assert result.exit_code == 1
+    assert f"{name} was not there" in result.stdout
+
+
+def test_a_seal_that_holds_a_cache_is_believed_without_it(app: typer.Typer, tmp_path: Path) -> None:
+    folder = play(tmp_path, study(episodes=1)).parents[2]
+    files = seal(folder).files | {TABLES: "0" * 64}
+    lines = "".join(f"{of_file}  {name}\n" for name, of_file in sorted(files.items()))
+    digest = hashlib.sha256(lines.encode()).hexdigest()
+    (folder / "seal.json").write_bytes(msgspec.json.encode(Seal(digest, files)))
+    for given in (digest, str(folder / "seal.json")):
+        assert CliRunner().invoke(app, ["verify", str(folder), "--seal", given]).exit_code == 0
+
+
 def test_a_log_that_was_made_anew_is_not_the_one_in_the_register(app: typer.Typer, tmp_path: Path) -> None:
     (log,) = simulate(study(episodes=1), tmp_path, participants=1, seed=1, player="random")
     assert "sealed" in (log.parents[2] / "register.jsonl").read_text()
@@ -101,6 +141,10 @@ def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_pat
     result = CliRunner().invoke(app, ["verify", str(log)])
     assert result.exit_code == 1
     assert result.stdout.startswith(f"{log}: episode 1 step 3: state hash 0000000000000000 in the log, now ")
+    said = CliRunner().invoke(app, ["verify", "--json", str(log)])
+    told = [json.loads(line) for line in said.stdout.splitlines()]
+    assert (said.exit_code, told[0]["log"], told[0]["fine"]) == (1, str(log), False)
+    assert [f"{one['log']}: {one['said']}" for one in told] == result.stdout.splitlines()
 
 
 def test_recover_says_how_many_steps_it_kept(app: typer.Typer, tmp_path: Path) -> None:

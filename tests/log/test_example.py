@@ -12,4 +12,5 @@ def test_the_first_versions_log_is_read_and_plays_again_to_the_bit() -> None:
     session = open_log(EXAMPLE)
     assert session.facts["version_minihuman"] == "0.1.0"
     assert [episode.outcome_word for episode in session.episodes] == ["goal"] * 4
-    assert verify(session) == Verified(episodes=4, steps=231, difference="")
+    # the two first-person episodes were drawn by an earlier renderer: their pictures are not compared
+    assert verify(session) == Verified(episodes=4, steps=231, difference="", drawn_otherwise=2)

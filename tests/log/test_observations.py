@@ -19,7 +19,8 @@ from minihuman.study.events import ObservationStored
 from minihuman.study.plan import SessionPlan
 from minihuman.worlds.hashing import hash64
 from tests.log.played import played_events, record
-from tests.log.samples import OBSERVATIONS, session_plan
+from tests.log.samples import session_plan
+from tests.log.strategies import OBSERVATIONS
 
 WORLDS = ("minihuman/MiniGrid-FourRooms-v0", "minihuman/MiniWorld-FourRooms-v0")
 

@@ -10,15 +10,23 @@ from hypothesis import strategies as st
 
 from minihuman.log.decode import decode
 from minihuman.log.encode import for_viewers, truth
+from minihuman.log.kinds import rows_of
 from minihuman.log.read.open_log import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.study import events as ev
+from minihuman.study.activities.registry import OURS, kind_of
 from tests.counts import count
-from tests.log.samples import EVENTS, EVENTS_BY_TYPE, STARTED_NS, STARTS, session_events, session_plan
+from tests.log.samples import STARTED_NS, session_events, session_plan
+from tests.log.strategies import EVENTS, EVENTS_BY_TYPE, STARTS
+
+
+def of_kinds() -> set[type[ev.Event]]:
+    """The events that kinds of activity add."""
+    return {row.event for kind in OURS for row in rows_of(kind_of(kind))}
 
 
 def test_every_kind_of_event_has_a_strategy() -> None:
-    assert set(EVENTS_BY_TYPE) == set(get_args(ev.Event))
+    assert set(EVENTS_BY_TYPE) == {*get_args(ev.Event), *of_kinds()} - {ev.KindEvent}
 
 
 @pytest.mark.long

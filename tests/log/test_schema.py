@@ -8,23 +8,27 @@ import pytest
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
 
 from minihuman.log import proto
+from minihuman.log.kinds import topics_of
 from minihuman.log.topics import TOPICS, schema_bytes
+from minihuman.study.activities.registry import OURS
 
 FOLDER = Path(proto.__file__).parent
+ALL = (*TOPICS, *topics_of(OURS))
+FILES = ("minihuman_v1", "minihuman_agent_v1")
 DOCS = Path(__file__).parents[2] / "docs" / "log-format.md"
 
 
-@pytest.fixture(scope="module")
-def generated(tmp_path_factory: pytest.TempPathFactory) -> FileDescriptorProto:
+@pytest.fixture(scope="module", params=FILES)
+def generated(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FileDescriptorProto:
     protoc = pytest.importorskip("grpc_tools.protoc", reason="grpcio-tools (extra `test`) regenerates the messages")
-    out = tmp_path_factory.mktemp("proto") / "minihuman_v1.bin"
-    assert protoc.main(["protoc", f"-I{FOLDER}", f"--descriptor_set_out={out}", "minihuman_v1.proto"]) == 0
+    out = tmp_path_factory.mktemp("proto") / "messages.bin"
+    assert protoc.main(["protoc", f"-I{FOLDER}", f"--descriptor_set_out={out}", f"{request.param}.proto"]) == 0
     (file,) = FileDescriptorSet.FromString(out.read_bytes()).file
     return file
 
 
 def test_the_committed_python_is_what_the_proto_generates(generated: FileDescriptorProto) -> None:
-    code = ast.parse((FOLDER / "minihuman_v1_pb2.py").read_text())
+    code = ast.parse((FOLDER / f"{Path(generated.name).stem}_pb2.py").read_text())
     committed = [
         node.value for node in ast.walk(code) if isinstance(node, ast.Constant) and isinstance(node.value, bytes)
     ]
@@ -40,7 +44,7 @@ def _without_json_names(file: FileDescriptorProto) -> FileDescriptorProto:
 
 
 def test_the_committed_stubs_name_every_message_and_field(generated: FileDescriptorProto) -> None:
-    stubs = ast.parse((FOLDER / "minihuman_v1_pb2.pyi").read_text())
+    stubs = ast.parse((FOLDER / f"{Path(generated.name).stem}_pb2.pyi").read_text())
     named = {node.name: _annotated(node) for node in stubs.body if isinstance(node, ast.ClassDef)}
     assert named == {message.name: _fields(message) for message in generated.message_type}
 
@@ -56,7 +60,7 @@ def _fields(message: DescriptorProto) -> set[str]:
     return {field.name for field in message.field}
 
 
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", ALL, ids=lambda topic: topic.name)
 def test_a_topics_schema_holds_all_it_needs(topic: object) -> None:
     message = topic.message  # type: ignore[attr-defined]
     files = FileDescriptorSet.FromString(schema_bytes(message)).file
@@ -74,4 +78,4 @@ def test_a_topics_schema_holds_all_it_needs(topic: object) -> None:
 
 def test_the_documentation_has_a_row_for_every_topic() -> None:
     rows = dict(re.findall(r"^\| `(/\S+)` \| `(\S+)` \|", DOCS.read_text(), re.MULTILINE))
-    assert rows == {topic.name: topic.message.DESCRIPTOR.full_name for topic in TOPICS}
+    assert rows == {topic.name: topic.message.DESCRIPTOR.full_name for topic in ALL}

@@ -38,7 +38,9 @@ def test_a_protocols_power_is_told_written_and_drawn(tmp_path):
     protocol = tmp_path / "small.toml"
     protocol.write_text(PROTOCOL)
     options = ["--effect", "excess=0.5", "--groups", "3,6", "--studies", "20", "--people", "4"]
-    done = CliRunner().invoke(app, [str(protocol), *options, "--out", str(tmp_path / "out")], catch_exceptions=False)
+    done = CliRunner().invoke(
+        app, ["power", str(protocol), *options, "--out", str(tmp_path / "out")], catch_exceptions=False
+    )
     assert done.exit_code == 0
     assert "block grid" in done.output
     assert "group other, player human-like" in done.output

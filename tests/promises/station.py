@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -17,6 +17,7 @@ from minihuman.study.inputs import Input, KeyDown, Shown
 from minihuman.study.protocol import decode
 from minihuman.study.screens import PlayScreen, Screen
 from minihuman.study.session import Session
+from minihuman.windows.choose import open_window
 from minihuman.windows.port import Window
 from minihuman.worlds.adapt.world import World
 
@@ -26,8 +27,8 @@ class Told(McapRecorder):
 
     given = 0
 
-    def write(self, events: Sequence[Event]) -> None:
-        super().write(events)
+    def begin(self, events: Sequence[Event]) -> None:
+        super().begin(events)
         self.given += sum(isinstance(event, Stepped) for event in events)
 
 
@@ -59,6 +60,45 @@ class Hurried(Window):
 
     def close(self) -> None:
         pass
+
+
+class Telling(Window):
+    """A window of the package's own that tells what was shown when it was; somebody else presses the keys."""
+
+    def __init__(self, window: Window, recorder: Told, told: Connection) -> None:
+        self._window, self._recorder, self._told = window, recorder, told
+
+    def show(self, screen: Screen) -> Shown:
+        return self.show_after(screen, lambda: None)
+
+    def show_after(self, screen: Screen, written: Callable[[], None]) -> Shown:
+        shown = self._window.show_after(screen, written)
+        self._told.send((self._recorder.given, self._recorder.durable_steps))
+        return shown
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        return self._window.wait(until_ns)
+
+    def facts(self) -> dict[str, str]:
+        return self._window.facts()
+
+    @property
+    def picture_px(self) -> tuple[int, int] | None:
+        return self._window.picture_px
+
+    def close(self) -> None:
+        self._window.close()
+
+
+def play_in_window(toml: bytes, data: Path, told: Connection, display: str) -> None:
+    """Sit down at a window on a display, and play until somebody ends it."""
+    os.environ["DISPLAY"] = display
+    plan = next_session(decode(toml), data, participant="sub-01")
+    clock = SessionClock()
+    recorder = Told(data, plan, started_ns=clock.started_unix_ns)
+    window = Telling(open_window("auto", clock, size_px=(320, 240)), recorder, told)
+    session = Session(plan, World, window.facts(), picture_px=window.picture_px)
+    run_session(session, window, recorder, clock)
 
 
 def play(toml: bytes, data: Path, told: Connection, key_s: float, fsync_s: float) -> None:

@@ -2,28 +2,39 @@
 
 import os
 import random
+import shutil
 import stat
 import zlib
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 import zstandard
 from mcap.opcode import Opcode
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
+from typer.main import get_command
 
-from minihuman.cli import main
+from minihuman.cli import app, main
+from minihuman.data.selection import Selection
+from minihuman.data.store import Store
+from minihuman.data.study import Sessions
 from minihuman.errors import LogError, MinihumanError, ProtocolError, WorldError
+from minihuman.export.run import export
+from minihuman.figures.gallery import draw_all
 from minihuman.lab.describe import as_json, as_lines
 from minihuman.lab.proofs import proofs
 from minihuman.lab.session_table import sessions
 from minihuman.lab.shipped import shipped_protocol
 from minihuman.lab.status import status_lines
-from minihuman.lab.summary import summarise
+from minihuman.lab.summarise import summarise
 from minihuman.log.read.frames import LARGEST_BYTES
 from minihuman.log.read.open_log import open_log, read_events
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.finish import recover, repair
+from minihuman.report.build import build
 from minihuman.study.expand import enrol, expand
 from minihuman.study.protocol import decode
 from minihuman.worlds.adapt.world import World
@@ -97,6 +108,16 @@ def _mutated(text: str, rng: random.Random) -> bytes:
 
 @pytest.mark.long
 def test_any_log_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
+    assert _refused(_READERS, tmp_path, count(200, 20_000)) > 0
+
+
+@pytest.mark.long
+def test_any_log_in_a_study_is_counted_written_and_drawn_or_left_out_in_one_line(tmp_path: Path) -> None:
+    assert _refused(_CONSUMERS, tmp_path, count(30, 3_000)) > 0
+
+
+def _refused(operations: Sequence[Callable[[Path], object]], tmp_path: Path, most: int) -> int:
+    """Do something with changed logs so many times; how often it was refused. Anything else that is raised stays so."""
     log = play(tmp_path / "data", study(episodes=2, steps=8, more="record_observations = true\n"), sync=lambda _: None)
     records: list[Record] = list(Scan(log))
     topics = dict.fromkeys(record.channel.topic for record in records if hasattr(record, "channel"))
@@ -107,21 +128,22 @@ def test_any_log_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "changed" / "promised" / "sub-01" / "ses-01"
     folder.mkdir(parents=True)
     target = folder / log.name
-    while done < count(200, 20_000):
+    while done < most:
         some = rng.sample(changes, rng.randint(1, 4))
         try:
             rewritten(log, target, lambda found, some=some: [change(found) for change in some], chained=True)
         except (StopIteration, IndexError, AttributeError):
             continue  # what one change took away is missing to another
-        for operation in _OPERATIONS:
+        for operation in operations:
             done += 1
             try:
                 operation(target)
             except MinihumanError:
                 refused += 1
-        for left in folder.iterdir():
-            left.unlink()
-    assert refused > 0
+        for left in (*folder.iterdir(), *folder.parents[1].glob("*.*")):
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+    print(f"\n{done} reads, {refused} of them refused")
+    return refused
 
 
 def _recovered(log: Path) -> None:
@@ -131,7 +153,36 @@ def _recovered(log: Path) -> None:
     recover(part)
 
 
-_OPERATIONS: tuple[Callable[[Path], object], ...] = (
+def _written(log: Path, format_name: str, *, stored_frames: bool = False) -> None:
+    with TemporaryDirectory() as out:
+        export(format_name, log.parents[2], Path(out), Selection(), stored_frames=stored_frames)
+
+
+def _asked(log: Path) -> None:
+    with Store(Sessions(log.parents[2]), with_shortest=True) as store:
+        store.tables.query("SELECT * FROM episodes")
+
+
+def _reported(log: Path) -> None:
+    with TemporaryDirectory() as out:
+        list(build(Sessions(log.parents[2]), Path(out)))
+
+
+def _drawn(log: Path) -> None:
+    with TemporaryDirectory() as out:
+        list(draw_all(Sessions(log.parents[2]), Path(out)))
+
+
+_CONSUMERS: tuple[Callable[[Path], object], ...] = (
+    lambda log: _written(log, "csv"),
+    lambda log: _written(log, "bids"),
+    lambda log: _written(log, "imitation"),
+    lambda log: _written(log, "imitation", stored_frames=True),
+    _asked,
+    _reported,
+    _drawn,
+)
+_READERS: tuple[Callable[[Path], object], ...] = (
     open_log,
     lambda log: as_lines(open_log(log)),
     lambda log: as_json(open_log(log)),
@@ -181,38 +232,26 @@ def test_any_arguments_are_understood_or_refused_in_one_line(
 ) -> None:
     rng = random.Random(4)
     monkeypatch.chdir(tmp_path)
+    log = play(tmp_path, study(episodes=1, steps=5), sync=lambda _: None)
     (tmp_path / "notes.mcap").write_text("dear diary")
     (tmp_path / "bad.toml").write_text("x = [")
+    (tmp_path / "good.toml").write_text(TOML.format(episodes=1, steps=5))
     (tmp_path / "folder").mkdir()
-    commands = ["info", "verify", "recover", "status", "check", "seal", "plot", "report", "export", "worlds", "mark"]
-    words = [
-        "notes.mcap",
-        "bad.toml",
-        "folder",
-        "nothing",
-        "/dev/null",
-        "",
-        "--json",
-        "--seal",
-        "x",
-        "-1",
-        "--participant",
-    ]
-    words += [
-        "\x1b[31m",
-        "é",
-        "--group",
-        "csv",
-        "sub-00",
-        "--out",
-        "folder/x",
-        "--session",
-        "0",
-        "--trust",
-        "99999999999",
-    ]
-    for _ in range(count(30, 1_000)):
-        line = [rng.choice(commands), *rng.choices(words, k=rng.randint(0, 4))]
+    values = [
+        "notes.mcap", "bad.toml", "good.toml", "folder", "promised", str(log), "nothing", "/dev/null", "", "x", "-1",
+        "\x1b[31m", "é", "csv", "sub-00", "sub-01", "0", "1", "99999999999", "select * from episodes", "{}", "1e400",
+    ]  # fmt: skip
+    options = ["--json", "--seal", "--participant", "--group", "--out", "--session", "--trust"]
+    command_line = get_command(app())
+    assert isinstance(command_line, TyperGroup)
+    commands = {name: command_line.commands[name] for name in _LINES}
+    codes = Counter[int]()
+    for done in range(count(30, 1_000)):
+        name = rng.choice(_LINES)
+        if rng.random() < 0.5:
+            line = [name, *rng.choices([*values, *options], k=rng.randint(0, 4))]
+        else:
+            line = [name, *_fitting(commands[name], values, rng)]
         monkeypatch.setattr("sys.argv", ["minihuman", *line])
         try:
             main()
@@ -223,6 +262,27 @@ def test_any_arguments_are_understood_or_refused_in_one_line(
         assert code in (0, 1, 2, None), (line, code)
         assert "Traceback" not in said.err + said.out, line
         assert "\x1b[31m" not in said.err + said.out, line
+        codes[code or 0] += 1
+        if done % 50 == 49:
+            with capsys.disabled():
+                print(f"{done + 1} argument lines, by exit code: {dict(codes)}", flush=True)
+
+
+_LINES = (  # all that neither opens a window nor serves until it is stopped
+    "new", "schema", "simulate", "check", "status", "worlds", "plugins", "info", "verify", "recover", "seal", "plot",
+    "mark", "report", "query", "withdraw", "replace", "bonus", "gather", "export",
+)  # fmt: skip
+
+
+def _fitting(command: TyperCommand, values: Sequence[str], rng: random.Random) -> list[str]:
+    """A line of a command's own arguments, most of them there, and some of its options."""
+    words = []
+    for parameter in command.params:
+        if isinstance(parameter, TyperArgument):
+            words += [rng.choice(values)] if rng.random() < 0.95 else []
+        elif isinstance(parameter, TyperOption) and rng.random() < 0.15:
+            words += [parameter.opts[0], *([] if parameter.is_flag else [rng.choice(values)])]
+    return words
 
 
 def test_a_pipe_that_is_named_like_a_log_holds_nobody_up(tmp_path: Path) -> None:

@@ -1,7 +1,10 @@
 """What was shown survives a kill, whatever the disk does; a recovery that is killed loses nothing either."""
 
 import time
+from contextlib import closing
+from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +18,11 @@ from tests.counts import count
 from tests.lab.station import stations
 from tests.promises import station
 from tests.promises.sessions import TOML
+from tests.xserver import Typist
 
 pytestmark = [pytest.mark.long, pytest.mark.program]
 
+PATIENCE_S = 240.0
 LONG_PLAY = TOML.format(episodes=200, steps=100).replace("[keys]", "[keys]\ncheck = false").encode()
 
 
@@ -51,6 +56,47 @@ def test_kill_9_loses_no_shown_step(tmp_path: Path, kills: int, key_s: float, fs
     assert seen > 0
 
 
+def test_kill_9_loses_no_step_that_a_window_showed(tmp_path: Path, display: str) -> None:
+    context = stations()
+    context.set_forkserver_preload(["tests.lab.station", station.__name__])
+    rng = np.random.default_rng(4)
+    kills = count(2, 60)
+    seen = kept = durable = 0
+    with closing(Typist(display)) as typist:
+        for trial in range(kills):
+            data = tmp_path / str(trial)
+            told, tell = context.Pipe(duplex=False)
+            process = context.Process(target=station.play_in_window, args=(LONG_PLAY, data, tell, display))
+            process.start()
+            tell.close()
+            told.recv()  # the first screen
+            last = _typed(typist, told, rng)
+            shown, acknowledged = _ended(process, told, last)
+            for part in leftovers(data):
+                recover(part)
+            (log,) = data.rglob("*.mcap")
+            steps = sum(isinstance(event, Stepped) for event in read_events(log))
+            assert steps >= shown >= acknowledged
+            assert [line for line, fine in proofs(log) if not fine] == []
+            seen, kept, durable = seen + shown, kept + steps, durable + acknowledged
+    print(f"\n{kills} kills through a window: 0 of {seen} shown steps lost, 0 of {durable} acknowledged; {kept} kept")
+    assert seen > 0
+
+
+def _typed(typist: Typist, told: Connection, rng: np.random.Generator) -> tuple[int, int]:
+    """Roll over every key until a step was shown, and some time longer; what was told by then."""
+    last, until_s, patient_s = (0, 0), None, time.monotonic() + PATIENCE_S
+    while until_s is None or time.monotonic() < until_s:
+        assert time.monotonic() < patient_s, "nothing that was typed made a step"
+        typist.tap("enter", *rng.permutation(["1", "2", "3", "4", "q"]).tolist())
+        time.sleep(0.03)  # a station that is slower than its keyboard only falls behind
+        while told.poll():
+            last = told.recv()
+        if until_s is None and last[0]:
+            until_s = time.monotonic() + float(rng.uniform(0, 0.9))
+    return last
+
+
 def _killed(context: ForkServerContext, data: Path, key_s: float, fsync_s: float, after_s: float) -> tuple[int, int]:
     """Let somebody play for a while, then kill; how many steps were shown by then, and acknowledged."""
     told, tell = context.Pipe(duplex=False)
@@ -63,6 +109,11 @@ def _killed(context: ForkServerContext, data: Path, key_s: float, fsync_s: float
     until_s = time.monotonic() + after_s
     while (left_s := until_s - time.monotonic()) > 0 and told.poll(left_s):
         last = told.recv()
+    return _ended(process, told, last)
+
+
+def _ended(process: BaseProcess, told: Connection, last: tuple[int, int]) -> tuple[int, int]:
+    """Kill a station; the last that it told."""
     process.kill()
     process.join()
     try:

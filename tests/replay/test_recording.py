@@ -1,5 +1,7 @@
 """What a replay's file holds, read back with rerun's own reader."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import rerun as rr
@@ -156,6 +158,15 @@ def test_several_sessions_share_a_timeline_on_which_their_episodes_begin_togethe
 def test_one_session_twice_is_refused(log, tmp_path):
     with pytest.raises(LogError, match="different sessions"):
         save_recording([log, log], tmp_path / "x.rrd")
+
+
+def test_the_return_stays_level_and_changes_at_once(log, saved):
+    found = rows(saved, "sub-01_ses-01/return")
+    points = [(row[SESSION_TIME].value, row["Scalars:scalars"][0]) for row in found]
+    assert all(time == later or value == after for (time, value), (later, after) in pairwise(points))
+    told = dict(points)  # the last of each time
+    assert [told[int(episode.t_ns[0])] for episode in log.episodes] == [0.0] * len(log.episodes)
+    assert [told[int(episode.t_ns[-1])] for episode in log.episodes] == [episode.return_ for episode in log.episodes]
 
 
 def test_a_world_without_poses_still_shows_its_keys_and_rewards(tmp_path):

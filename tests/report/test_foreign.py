@@ -117,6 +117,7 @@ def test_a_foreign_study_has_every_block_in_its_report_and_no_line_of_another(na
     for other in ("Published", "Chevalier", "FourRooms", "Transfer", "transfer"):
         assert other not in text
     assert "Played by: random" in text
+    assert "Time-outs" not in text, "an episode may end without the goal in other ways"
     assert f"Protocol of study {name}: version 2, SHA-256 {protocol.sha256}" in text
     assert not any(word in text for word in (">nan<", "None<", "<td></td>"))
 
@@ -129,5 +130,7 @@ def test_a_study_of_questions_only_has_its_answers_in_the_report(tmp_path: Path)
     text = where.read_text()
     for words in ("<h2>Answers</h2>", "mood", "how", "age", "3 participants took part"):
         assert words in text
-    for other in ("Block", "Published", "Transfer", "FourRooms", ">nan<"):
+    for other in ("Block", "Paths", "Published", "Transfer", "FourRooms", ">nan<", "pooled", "no episode counts"):
         assert other not in text
+    assert "3 participants and 0 episodes count" in text
+    assert "Protocol version 1" in text

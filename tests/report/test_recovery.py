@@ -112,7 +112,7 @@ max_steps = 100
 @pytest.mark.long
 def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in(tmp_path):
     """Ex-Gaussian reaction times with mean 300 + 100 ms, no practice: their mean over all steps is 400 ms."""
-    player = "human-like:mu_ms=300,sigma_ms=40,tau_ms=100,practice=0"
+    player = "human-like:mu_ms=300,sigma_ms=40,tau_ms=100,practice=0,repeat=1,orient_ms=0,post_error_ms=0,fatigue=0"
     people = count(2, 12)
     paths = list(simulate(decode(PROTOCOL), tmp_path, participants=people, seed=3, player=player))
     sessions = list(Sessions(tmp_path, processes=1).rows(with_shortest=True))

@@ -49,11 +49,13 @@ def played(people, seed=1):
     rows = pd.DataFrame(
         {"group": group, "participant": name, "session": 1, "block": "grid", "episodes": 3, "reward_sd": 0.1}
         | dict.fromkeys(MEASURES, np.nan)
+        | {"keys_to_find": 3}
         | {"log_excess_steps_mean": rng.normal(3, 0.1), "reward_mean": rng.normal(0.8, 0.1), "success": rng.random()}
         for group, name in who
     )
     episodes = pd.DataFrame(
         {"group": group, "participant": name, "world": "w", "episode_in_block": at, "reward": rng.random()}
+        | {"session": 1, "playing_s": 10.0, "steps": 40, "success": at > 1}
         for group, name in who
         for at in (1, 2, 3)
     )
@@ -105,3 +107,19 @@ def test_an_analysis_that_cannot_be_made_is_refused(analysis, field, words):
 def test_a_sound_analysis_has_no_complaints():
     sound = Analysis(primary="success", secondary=("reward_mean",), equivalence=0.1, block="grid")
     assert judged.complaints(sound, ("grid",)) == []
+
+
+def test_who_never_found_every_key_is_waited_for_to_the_last_step():
+    rows, episodes = played(12)
+    rows.loc[:11, "found_all_s"] = 5.0  # group a; nobody of b ever did
+    (found,) = block_results("grid", rows, episodes, ["a", "b"], Analysis()).waits.compared
+    a, b, compared = found
+    assert (a, b) == ("a", "b")
+    assert compared.never == (0, 12)
+    assert compared.difference == pytest.approx(5.0 - 30.0)
+    assert compared.p < 0.001
+
+
+def test_waiting_for_the_goal_counts_time_outs_as_still_waiting():
+    waits = block_results("grid", *played(4), ["a", "b"], Analysis()).waits
+    assert waits.goal["a"].came.mean() == pytest.approx(2 / 3)

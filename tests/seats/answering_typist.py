@@ -21,11 +21,13 @@ from minihuman.study.activities.pages import PagePlan
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.activities.questions import QuestionsPlan
 from minihuman.study.events import Answered, EpisodeEnded, Event, Noted, PageShown, PartEnded, PartStarted, Stepped
+from minihuman.study.parts import asks_for_consent_first
 from minihuman.study.plan import EpisodePlan, Part, SessionPlan
 from minihuman.study.words import Words
 from minihuman.windows.blocking import TITLE
 from minihuman.windows.compose import spot_at
 from minihuman.worlds.adapt.world import World
+from tests.seats.session_typist import agree
 from tests.xserver import Typist
 
 PATIENCE_S = 120.0
@@ -41,10 +43,17 @@ class Participant:
     part_file: Path
     size_px: tuple[int, int]
     given: list[tuple[str, str, str]] = field(default_factory=list)
+    _read: tuple[int, list[Event]] = (0, [])  # the log's size when it was read last, and what was in it
 
     def take_part(self) -> None:
         """Do every part, to the end."""
-        for number, part in enumerate(self.plan.parts):
+        agreed = 0
+        if asks_for_consent_first(self.plan):
+            agree(self.typist, self.part_file.parent)
+            agreed = 1 + next(
+                n for n, part in enumerate(self.plan.parts) if isinstance(part.plan, PagePlan) and part.plan.agree
+            )
+        for number, part in list(enumerate(self.plan.parts))[agreed:]:
             self._until(lambda events, n=number: any(isinstance(e, PartStarted) and e.part == n for e in events))
             self._do(number, part)
 
@@ -75,10 +84,10 @@ class Participant:
                 self.typist.tap("home", *["right"] * steps)
                 value: object = int(question.minimum + steps * question.step)
             case "slider":
-                along = 0.1 + 0.13 * place
-                self._click(asked, place, "slider", along)
                 total = round((question.maximum - question.minimum) / question.step)
-                value = int(question.minimum + round(along * total) * question.step)
+                steps = round((0.1 + 0.13 * place) * total)
+                self._click(asked, place, "slider", steps / total)  # a whole step: a pixel more is the same answer
+                value = int(question.minimum + steps * question.step)
             case "number":
                 value = int(question.minimum) + 5
                 self.typist.tap(*str(value))
@@ -143,7 +152,12 @@ class Participant:
         raise AssertionError(f"the log stopped at {self._events()[-3:]}")
 
     def _events(self) -> list[Event]:
-        return list(read_events(self.part_file)) if self.part_file.exists() else []
+        if not self.part_file.exists():
+            return []
+        size = self.part_file.stat().st_size
+        if size != self._read[0]:
+            self._read = size, list(read_events(self.part_file))
+        return self._read[1]
 
 
 def _page_is_open(part: int, page: int) -> Callable[[list[Event]], bool]:

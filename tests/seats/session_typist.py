@@ -52,6 +52,18 @@ def enter_at(typist: Typist, data: Path, *phases: str) -> None:
     typist.tap("enter")
 
 
+def agree(typist: Typist, data: Path) -> None:
+    """Read a consent to its end and agree: before that there is no log to look anything up in."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not any(data.rglob("*.part")):
+        assert time.monotonic() < deadline_s, "nobody could agree"
+        typist.tap("enter")
+        for _ in range(20):
+            time.sleep(0.05)
+            if any(data.rglob("*.part")):
+                return
+
+
 def until(data: Path, *phases: str) -> None:
     """Wait until the live log says that the session is in one of these phases."""
     deadline_s = time.monotonic() + PATIENCE_S

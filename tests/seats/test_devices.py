@@ -1,6 +1,7 @@
 """Devices of a protocol: what they give is in the log and in a table, and a session goes on or stops as it says."""
 
 import math
+import threading
 import time
 
 import numpy as np
@@ -39,7 +40,7 @@ source = "trigger-box"
 
 
 class EyeTracker(Device):
-    """A gaze on a circle, as many samples as are asked for; the second is lost."""
+    """A gaze on a circle, as many samples as are asked for; the second of the session is lost."""
 
     def __init__(self, fails_after: int = 10**9) -> None:
         self._given, self._fails_after = 0, fails_after
@@ -49,11 +50,12 @@ class EyeTracker(Device):
         return {"model": "circle"}
 
     def read(self):
-        self._given += 1
+        t_ns = self._clock.asked() - 5_000_000
+        self._given += t_ns >= 0  # what comes before is left out of the log, however often it is asked for
         if self._given > self._fails_after:
             raise OSError("the cable is out")
         values = (math.nan, math.nan) if self._given == 2 else (self._given, -self._given)
-        return [Sample(self._clock() - 5_000_000, values)]
+        return [Sample(t_ns, values)]
 
     def close(self):
         self.closed = True
@@ -63,21 +65,32 @@ class TriggerBox(EyeTracker):
     """A word now and then."""
 
     def read(self):
-        return [Sample(self._clock(), text="S1")]
+        return [Sample(self._clock.asked(), text="S1")]
 
 
 class OnTheClock:
-    """A simulated participant's virtual clock that takes a little real time as well, so that devices can be asked."""
+    """A simulated participant's virtual clock that goes on once devices were asked, however busy the machine is."""
 
     def __init__(self):
         self.now_ns = 0
+        self._asked = threading.Semaphore(0)
+        self._waits = 20  # enough samples; the rest of the session need not wait
 
     def __call__(self):
         return self.now_ns
 
+    def asked(self):
+        """The time, for a device."""
+        self._asked.release()
+        return self.now_ns
+
     def advance_to(self, t_ns):
-        time.sleep(0.004)
         self.now_ns = max(self.now_ns, t_ns)
+        if self._waits > 0:
+            self._waits -= 1
+            while self._asked.acquire(blocking=False):
+                pass
+            self._asked.acquire(timeout=2)  # nobody asks any more where a device has failed
 
 
 def sat(data, devices, clock):

@@ -137,6 +137,27 @@ def test_a_full_disk_stops_the_session_visibly_and_keeps_what_was_written():
     assert "no space left" in window.screens[-1].body
 
 
+class FullBehind(MemoryRecorder):
+    """Takes what it is given, and says only when it is waited for that there was no room."""
+
+    def begin(self, events: Sequence[Event]) -> None:
+        super().write(events)
+
+    def settle(self) -> None:
+        if self.durable_steps > 3:
+            raise LogError("recording stopped: no space left on device")
+
+
+def test_the_picture_of_a_step_that_could_not_be_written_is_not_shown():
+    plan = corridor_plan(episodes=1, max_steps=50)
+    clock = VirtualClock()
+    window = ScriptedWindow(taps("enter", *[key_of(plan, "back")] * 9), clock)
+    with pytest.raises(LogError, match="no space left"):
+        run_session(Session(plan, World, {}), window, FullBehind(), clock)
+    assert max(screen.step for screen in window.screens if isinstance(screen, PlayScreen)) == 3
+    assert "no space left" in window.screens[-1].body
+
+
 def test_a_world_that_breaks_is_said_on_the_screen_until_a_key_is_pressed():
     plan = corridor_plan(episodes=1)
     window, events = run(taps("enter", key_of(plan, "crash"), "enter", "q"), plan)

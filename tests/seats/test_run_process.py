@@ -16,6 +16,7 @@ from minihuman.study.session import Session
 from minihuman.windows.scripted import ScriptedWindow, VirtualClock
 from minihuman.worlds.adapt.world import World
 from tests.study.sessions import MS, corridor_plan, key_of
+from tests.worlds import corridor  # noqa: F401  # a log's word imports nothing; this process knows the world
 
 pytestmark = pytest.mark.program
 

@@ -1,5 +1,6 @@
 """check --pictures: every screen of a study as a participant will see it, without a window."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,14 @@ from PIL import Image
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.seats.screens import save_screens, screens_of
 from minihuman.study.expand import enrol, expand
+from minihuman.study.screens import PlayScreen, TextScreen
 
 pytestmark = pytest.mark.program
-DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
+PROTOCOLS = Path(__file__).parents[2] / "protocols"
 
 
 def test_every_screen_is_drawn_once_and_all_are_on_one_sheet(tmp_path: Path) -> None:
-    demo = read_protocol(DEMO)
+    demo = read_protocol(PROTOCOLS / "demo.toml")
     plan = expand(demo, enrol(demo, 0))
     names = [name for name, _ in screens_of(plan, (640, 360))]
     for phase in ("keyboard_check", "instructions", "ready", "grid-playing", "grid-hold", "first-person-playing"):
@@ -30,3 +32,15 @@ def test_every_screen_is_drawn_once_and_all_are_on_one_sheet(tmp_path: Path) -> 
     assert sheet.name == "contact-sheet.png"
     with Image.open(sheet) as whole:
         assert whole.size[0] == 5 * 328
+
+
+def test_a_study_with_a_quiz_and_practice_is_seen_to_its_end_and_so_is_what_those_are_told_who_err() -> None:
+    study = read_protocol(PROTOCOLS / "two-days.toml")
+    screens = screens_of(expand(study, enrol(study, 0)), (640, 360))
+    names = [name for name, _ in screens]
+    for phase in ("practice-playing", "rooms-hold", "crossing-playing", "open-playing", "lava-hold", "closing"):
+        assert phase in names, f"{phase} is behind a quiz and practice"
+    assert {screen.mark for _, screen in screens if isinstance(screen, PlayScreen)} >= {"good", "bad"}
+    told = [screen.body for name, screen in screens if name == "feedback" and isinstance(screen, TextScreen)]
+    assert len(told) == len({re.sub(r"[\d.]+", "", words) for words in told}), "only what was earned differs"
+    assert any(isinstance(screen, TextScreen) and screen.title == "还不完全正确" for _, screen in screens)

@@ -3,13 +3,14 @@
 import os
 import subprocess
 import sys
+import time
 from itertools import groupby
 
 import pytest
 from msgspec.structs import replace
 
 from minihuman.errors import ProtocolError
-from minihuman.seats.warm_up import warm_up
+from minihuman.seats.warm_up import shared, warm_up
 from minihuman.study.protocol import Protocol, decode
 
 TOML = """
@@ -65,6 +66,32 @@ def test_where_something_is_compiled_a_second_process_takes_what_is_not_begun_fr
 
     assert elsewhere() == ["farthest", "far"]
     assert elsewhere() == []  # all is compiled in this process now
+
+
+@pytest.mark.program
+@pytest.mark.skipif(os.cpu_count() == 1, reason="there is no core for a second process")
+def test_what_is_needed_later_and_ways_are_compiled_behind_while_the_first_world_is_played(tmp_path):
+    notes = tmp_path / "notes.txt"
+    notes.touch()
+    alone = protocol("tests.worlds.compiled_corridor:tests/CompiledCorridor-v0", "forward")
+    now, later = (
+        replace(alone.blocks[0], options={"notes": str(notes), "name": name, "after": None})
+        for name in ("now", "later")
+    )
+    with shared([now], [later], plans=True) as companion:
+        companion.start()
+        warm_up(replace(alone, blocks=(now,)), companion=companion)
+        deadline = time.monotonic() + 120
+        # each world is laid out six times for a step, and once more for a way
+        while (lines := notes.read_text().splitlines()) and (
+            [line.split()[0] for line in lines if str(os.getpid()) not in line].count("later") < 7
+            and time.monotonic() < deadline
+        ):
+            time.sleep(0.05)
+        assert {line.split()[0] for line in lines if str(os.getpid()) in line} == {"now"}
+        warm_up(replace(alone, blocks=(later,)), companion=companion)  # it only plays it, as ever
+        companion.compile_plan(later)
+    assert time.monotonic() < deadline
 
 
 @pytest.mark.program

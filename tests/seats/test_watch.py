@@ -43,7 +43,7 @@ class Page:
         self.url = self.process.stdout.readline().split()[1]
 
     def get(self, path: str) -> bytes:
-        with urllib.request.urlopen(self.url + path, timeout=10) as answer:
+        with urllib.request.urlopen(self.url + path, timeout=PATIENCE_S) as answer:
             return answer.read()
 
     def state(self) -> dict[str, Any]:
@@ -56,20 +56,23 @@ class Page:
     def ask(self, what: str, text: str = "") -> None:
         name, _ = self.session()
         body = json.dumps({"what": what, "text": text}).encode()
-        urllib.request.urlopen(f"{self.url}ask?session={name}", data=body, timeout=10).close()
+        urllib.request.urlopen(f"{self.url}ask?session={name}", data=body, timeout=PATIENCE_S).close()
 
     def until(self, is_so: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
         deadline_s = time.monotonic() + PATIENCE_S
         while True:
             state = self.state()["sessions"]
-            if state and is_so(next(iter(state.values()))):
-                return next(iter(state.values()))
+            one = next(iter(state.values()), {})
+            if "phase" in one and is_so(one):  # else its log has no plan yet
+                return one
             assert time.monotonic() < deadline_s, f"the page still says {state}"
             time.sleep(0.2)
 
     def kill(self) -> None:
         self.process.send_signal(signal.SIGKILL)
         self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
 
 
 @pytest.fixture

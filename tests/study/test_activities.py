@@ -53,7 +53,7 @@ text = "Well."
 
 @pytest.fixture
 def bell(monkeypatch):
-    monkeypatch.setitem(registry._OURS, "bell", Kind("bell", BellPlan, Bell))
+    monkeypatch.setitem(registry.OURS, "bell", Kind("bell", BellPlan, Bell))
     registry.kind_of.cache_clear()
     yield
     registry.kind_of.cache_clear()

@@ -144,6 +144,9 @@ MISTAKES = {
     "[[groups]]\nname='a'\n[[sessions]]\nname='s'\nparts=['p']\ndays_after=[1,2]\n[[pages]]\nname='p'": "first session",
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.for_group.b]\ntext='x'": "is for no group",
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.for_group.a]\ntxt='x'": "txt",
+    "[[groups]]\nname='a'\nparts=['c']\n[[activities]]\nname='c'\nkind='preferences'\nplan={source='nix'}": (
+        r"activities\[0\]\.plan\.source .*is 'nix', which is no block; blocks: none"
+    ),
 }
 
 

@@ -159,6 +159,10 @@ def test_the_study_over_two_days_can_be_read():
         (("Los geht es.", "Los geht es \U0010fff0."), r"grid, instruction 1: no face .*U\+10FFF0"),
         (('rest = "Ruhen', f'rest = "{"Ruhen Sie sich aus. " * 90}'), "grid, rest: does not fit a screen"),
         (("Was ist richtig?", "Was ist richtig? " * 200), "question 'a': does not fit"),
+        (
+            ('language = "de"', 'language = "de"\nfonts = ["Fraktur.ttf"]'),
+            "fonts names 'Fraktur.ttf'",
+        ),
         (("FourRooms-v0", "KeyCorridorS3R1-v0"), "the world says .* no words in 'de'"),
     ],
 )

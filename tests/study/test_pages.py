@@ -125,7 +125,7 @@ def test_the_buttons_are_where_they_are_drawn():
     desk = consent(LONG)
     desk.press("enter")
     found = {spot_at(desk.session.screen, (1280, 720), x / 200, y / 200)[0] for x in range(200) for y in range(200)}
-    assert found == {"", "go_on", "back"}
+    assert found == {"", "go_on", "back", "decline"}
 
 
 def test_the_log_says_when_each_page_was_on_the_display():

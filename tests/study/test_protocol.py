@@ -5,6 +5,8 @@ import msgspec
 import pytest
 
 from minihuman.errors import ProtocolError
+from minihuman.study.activities.agent_plan import AgentPlan
+from minihuman.study.online import Online
 from minihuman.study.protocol import Block, Exclusion, Group, Keys, Protocol, Study, decode
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
@@ -100,7 +102,7 @@ def documented() -> dict[str, dict[str, str]]:
     sections: dict[str, dict[str, str]] = {}
     current: dict[str, str] = {}
     for line in (PROTOCOLS / "README.md").read_text().splitlines():
-        if heading := re.fullmatch(r"## `\[+(\w+)\]+`", line):
+        if heading := re.fullmatch(r"##+ `\[+([\w.]+)\]+`", line):
             current = sections.setdefault(heading[1], {})
         elif row := re.match(r"\| `(\w+)` \| .*? \| (.*?) \| ", line):
             current[row[1]] = row[2]
@@ -109,7 +111,15 @@ def documented() -> dict[str, dict[str, str]]:
 
 @pytest.mark.parametrize(
     ("section", "struct"),
-    [("study", Study), ("keys", Keys), ("groups", Group), ("blocks", Block), ("exclusions", Exclusion)],
+    [
+        ("study", Study),
+        ("keys", Keys),
+        ("groups", Group),
+        ("blocks", Block),
+        ("blocks.agent", AgentPlan),
+        ("exclusions", Exclusion),
+        ("web", Online),
+    ],
 )
 def test_the_readme_documents_every_field_and_its_default(section, struct):
     rows = documented()[section]
@@ -120,4 +130,23 @@ def test_the_readme_documents_every_field_and_its_default(section, struct):
 
 
 def test_the_readme_has_a_section_for_every_table_of_the_file():
-    assert {*documented()} == {*Protocol.__struct_fields__} - {"toml", "files"}
+    tables = {name for name in documented() if "." not in name}
+    assert tables == {*Protocol.__struct_fields__} - {"toml", "files"}
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("picture_px = [0, 480]", r"\$\.web\.picture_px is \[0, 480\]; use 16 to 4096 px a side"),
+        ("grace_s = -1", r"\$\.web\.grace_s is -1; use 0 to 86400"),
+        ('browsers = ["lynx"]', r"\$\.web\.browsers\[0\]"),
+        ('codes = { complete = "a b" }', r"\$\.web\.codes\.complete is 'a b'"),
+        ('codes = { complete = "C1", declined = "C1" }', r"\$\.web\.codes\.complete is another end's code"),
+        ('redirect = "http://example.org"', r"\$\.web\.redirect is .* starts with https://"),
+        ('redirect = "https://example.org/{name}"', r"\$\.web\.redirect has a bad placeholder"),
+    ],
+)
+def test_a_mistake_in_the_table_of_the_web_is_said(line, complaint):
+    toml = (PROTOCOLS / "demo.toml").read_bytes() + f"\n[web]\n{line}\n".encode()
+    with pytest.raises(ProtocolError, match=complaint):
+        decode(toml)

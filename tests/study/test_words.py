@@ -5,7 +5,7 @@ import string
 
 import pytest
 
-from minihuman.study import words
+from minihuman.study import texts, words
 from minihuman.study.forms import FORMS, form
 from minihuman.study.words import LANGUAGES, Words
 from minihuman.typeset.faces import faces_for
@@ -74,3 +74,15 @@ def test_a_worlds_english_is_shown_in_english_studies_only():
     assert Words("en").mission("go to the red ball") == "go to the red ball"
     assert Words("de").mission("go to the red ball") == ""
     assert Words("de").mission("reach the goal") == "Erreichen Sie das Ziel"
+
+
+def test_a_sign_stays_before_its_number_also_from_right_to_left():
+    """Without the mark, Unicode's rules (UAX 9: a separator beside one number alone) show "0.3-" there."""
+    assert texts.score(Words("ar"), -0.3) == "\u200e-0.3 نقطة"
+    assert texts.score(Words("ar"), 2) == "\u200e+2 نقطة"
+    assert texts.score(Words("en"), -0.3) == "-0.3 points"
+
+
+def test_less_than_a_tenth_of_a_point_is_none():
+    assert texts.number(-0.04) == "0"
+    assert texts.number(-0.06) == "-0.1"

@@ -16,6 +16,7 @@ from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.families import FAMILIES
+from minihuman.worlds.grid.levels.table import LEVELS
 from minihuman.worlds.grid.transfer import GoToObj
 
 LIMIT_S = 60.0  # for one case, on a machine that others use too
@@ -55,8 +56,21 @@ EDGES: tuple[Any, ...] = (
     *({"forward_step": 1e-9}, {"forward_step": 1e9}, {"turn_step": math.nan}, {"cam_fov_y": 0}, {"cam_fov_y": 180.0}),
     *({"sky_color": [0.1, 0.2, 0.3]}, {"sky_color": 0.5}, {"bot_radius": -1}, {"cam_pitch": 90.0}, {"nothing": 1}),
 )
+LEVEL_EDGES: tuple[Any, ...] = (  # where words are chosen from
+    *(
+        "goto",
+        "loc",
+        "color",
+        "go to the red ball",
+        "go to the red ball, then open a door",
+        ["goto"],
+        ["pickup", "open"],
+    ),
+    *(["putnext"], ["goto", "nothing"], ["action"], ["and", "seq"], ["seq", 3], [["goto"]], 0.25, 1.5, -0.1),
+)
 NOT_OPTIONS = {"family", "layout", "render_mode", "self", "options", "mission", "kinds"}
-GENERAL = "minihuman/MiniGrid-Empty-5x5-v0", "minihuman/MiniWorld-OneRoom-v0"  # where what all worlds take is tried
+# where what all worlds of a kind take is tried
+GENERAL = "minihuman/MiniGrid-Empty-5x5-v0", "minihuman/MiniWorld-OneRoom-v0", "minihuman/BabyAI-GoToSeq-v0"
 Case = tuple[str, dict[str, Any]]
 
 
@@ -64,6 +78,9 @@ def options_of(world_id: str, *, general: bool = True) -> list[str]:
     """Every option that a world takes; without those that all take."""
     (entry,) = (each for each in ENTRIES if each.id == world_id)
     grid = "MiniGrid" in world_id
+    if level := LEVELS.get(entry.kwargs.get("family")):
+        free = level.sizes.keys() - set(level.fixed) | _names(level.trace)
+        return sorted(free - {"house"} | (_names(type(level).__call__) | {"mission"} if general else set()))
     if "layout" in entry.kwargs:
         own: list[Any] = list(_class(entry.kwargs["layout"]).__mro__)
         own = own[: own.index(FirstPersonEnv)]
@@ -82,19 +99,18 @@ def _names(*makers: Any) -> set[str]:
 
 
 def one_world_a_kind() -> list[str]:
-    """One id for each family and each class of 3D world; levels are tried by their own tests."""
+    """One id for each family, each level and each class of 3D world."""
     found: dict[str, str] = {}
     for entry in ENTRIES:
-        kind = str(entry.kwargs.get("family", entry.kwargs.get("layout", entry.id)))
-        if not kind.startswith("level:"):
-            found.setdefault(kind, entry.id)
+        found.setdefault(str(entry.kwargs.get("family", entry.kwargs.get("layout", entry.id))), entry.id)
     return list(found.values())
 
 
 def edge_cases() -> list[Case]:
-    """Every option of every kind of world, alone, at every edge; what all take in one grid and one 3D world."""
+    """Every option of every kind of world, alone, at every edge; what all of a kind take in one of them."""
     tried = [(world, name) for world in one_world_a_kind() for name in options_of(world, general=world in GENERAL)]
-    return [(world, {name: value}) for world, name in tried for value in EDGES]
+    edges = {True: EDGES + LEVEL_EDGES, False: EDGES}
+    return [(world, {name: value}) for world, name in tried for value in edges["BabyAI" in world]]
 
 
 class Trials:

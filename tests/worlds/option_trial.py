@@ -39,7 +39,7 @@ actions = [{action!r}]
 
 
 def outcome(world_id: str, options: dict[str, object]) -> str:
-    action = "left" if "MiniGrid" in world_id else "turn_left"
+    action = "turn_left" if "MiniWorld" in world_id else "left"
     protocol = decode(TOML.format(world=world_id, action=action).encode())
     protocol = replace(protocol, blocks=(replace(protocol.blocks[0], options=options),))
     try:

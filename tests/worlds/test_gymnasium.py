@@ -18,8 +18,6 @@ from Xlib.display import Display
 import minihuman  # noqa: F401  # registers the worlds
 from minihuman.errors import WorldError
 from minihuman.worlds.catalogue import ENTRIES
-from minihuman.worlds.grid.tokens import Tokens
-from minihuman.worlds.sentences import words_in
 
 IDS = tuple(entry.id for entry in ENTRIES)
 GRID = "minihuman/MiniGrid-GoToObject-6x6-N2-v0"  # a mission with choices
@@ -338,68 +336,3 @@ def test_an_action_that_is_no_whole_number_in_range_is_refused(world, options, a
 def test_max_steps_that_are_no_whole_number_in_range_are_refused(world, options, max_steps):
     with pytest.raises(WorldError, match="max_steps is"):
         gymnasium.make(world, max_steps=max_steps, **options)
-
-
-# Libraries that know no text.
-
-
-@pytest.mark.parametrize("world", [id_of(world) for world in IDS if "MiniWorld" not in world])
-def test_a_grid_in_tokens_observes_numbers_alone(world):
-    env = Tokens(gymnasium.make(world))
-    observation, _ = env.reset(seed=3)
-    assert observation in env.observation_space
-    numbers = gymnasium.spaces.Box | gymnasium.spaces.Discrete
-    assert all(isinstance(space, numbers) for space in env.observation_space.values())
-    said = [env.words[number - 1] for number in observation["mission"] if number]
-    assert said == words_in(env.unwrapped.mission)
-
-
-@pytest.fixture
-def one_thread():
-    """Networks as small as these are slower on several threads, which wait for each other."""
-    torch = pytest.importorskip("torch", reason="the learn extra is not installed")
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
-@pytest.mark.program
-def test_stable_baselines_learns_on_a_grid_by_its_id(one_thread):
-    pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.env_util import make_vec_env
-    from stable_baselines3.common.evaluation import evaluate_policy
-
-    envs = make_vec_env("minihuman/MiniGrid-Empty-5x5-v0", n_envs=8, wrapper_class=Tokens, seed=0)
-    settings = {"n_steps": 128, "batch_size": 256, "n_epochs": 6, "learning_rate": 1e-3}
-    agent = PPO("MultiInputPolicy", envs, seed=0, device="cpu", **settings)
-    before, _ = evaluate_policy(agent, envs, 20, deterministic=False)
-    agent.learn(8192)
-    after, _ = evaluate_policy(agent, envs, 20, deterministic=False)
-    assert before < 0.5
-    assert after > 0.8  # 0.955 is the most there is
-    envs.close()
-
-
-@pytest.mark.program
-@pytest.mark.filterwarnings("ignore:It seems that your observation space image")  # numbers of cells, no pixels
-@pytest.mark.filterwarnings("ignore:The minimal resolution for an image")
-def test_stable_baselines_plays_a_grid_with_missions(one_thread):
-    pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.env_checker import check_env as check_env_of_theirs
-
-    env = Tokens(gymnasium.make(GRID))
-    check_env_of_theirs(env)
-    assert PPO("MultiInputPolicy", env, n_steps=32, batch_size=32, device="cpu").learn(32).num_timesteps == 32
-
-
-@pytest.mark.program
-def test_stable_baselines_learns_on_rooms_as_they_come(one_thread):
-    pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
-    from stable_baselines3 import PPO
-
-    agent = PPO("CnnPolicy", ROOMS, n_steps=32, batch_size=32, n_epochs=1, seed=0, device="cpu")
-    agent.learn(32)
-    assert agent.num_timesteps == 32

@@ -28,8 +28,8 @@ for action in (2, 2, 1, 2, 2):
 print(reward, hash64(pictures), env.state_hash())
 """
 # by an edit in this one file, that the kernels of others are compiled from, a step down is two cells
-EDITED = "minihuman/worlds/grid/core/tasks.py"
-BEFORE, AFTER = "+ (2 - direction) * (direction % 2)", "+ 2 * (2 - direction) * (direction % 2)"
+EDITED = "minihuman/worlds/grid/core/directions.py"
+BEFORE, AFTER = "y + (2 - direction) * (direction % 2)", "y + 2 * (2 - direction) * (direction % 2)"
 REWARDS = "0.955", "0.964"  # for the fifth and for the fourth step of 100
 
 
@@ -139,3 +139,69 @@ def test_a_digest_follows_whatever_a_module_imports_and_nothing_else(tmp_path: P
     assert digest() == first
     (lab / "numbers.py").write_text("STEP = 2\n")
     assert digest() != first
+
+
+SHIPPED = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
+ANOTHER = "import llvmlite.binding as machine; machine.get_host_cpu_name = lambda: 'some-other-cpu'; "
+OLD = (
+    "features = machine.get_host_cpu_features(); features['avx2'] = False; "
+    "machine.get_host_cpu_features = lambda: features; "
+)
+NEWER = "import numba; numba.__version__ += '.1'; "
+
+
+@pytest.fixture(scope="module")
+def with_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of minihuman with the code of what CODE runs beside it, as a platform's wheel has it."""
+    folder = tmp_path_factory.mktemp("shipped")
+    checkout, cache = copied(folder / "checkout"), folder / "cache"
+    cache.mkdir()
+    made = subprocess.run(
+        [sys.executable, "-c", CODE],
+        env=os.environ | SHIPPED | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(checkout)},
+        cwd=cache,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert LINE in made.stderr
+    shutil.copytree(cache / "minihuman" / "kernels", checkout / "minihuman" / "worlds" / "compiled")
+    return checkout
+
+
+def runs_v3() -> bool:
+    from llvmlite import binding
+
+    from minihuman.worlds.shipped import made_for
+
+    return made_for(binding.get_process_triple(), binding.get_host_cpu_features()) is not None
+
+
+@compiles
+@pytest.mark.program
+@pytest.mark.skipif(not runs_v3(), reason="code is shipped for x86-64-v3")
+@pytest.mark.parametrize(
+    ("before", "found"), [("", True), (ANOTHER, True), (ANOTHER + OLD, False), (NEWER, False)], ids=str
+)
+def test_shipped_code_is_found_on_any_processor_that_runs_it_and_by_its_own_versions_alone(
+    tmp_path: Path, with_code: Path, before: str, found: bool
+) -> None:
+    assert (LINE not in run(before + CODE, tmp_path, path=with_code)[1]) == found
+
+
+@compiles
+@pytest.mark.program
+@pytest.mark.skipif(not runs_v3(), reason="code is shipped for x86-64-v3")
+def test_shipped_code_is_refused_after_one_changed_line_and_where_another_processor_is_asked_for(
+    tmp_path: Path, with_code: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
+    assert LINE in run(CODE, tmp_path, path=with_code)[1]
+    monkeypatch.delenv("NUMBA_CPU_NAME")
+    edited = tmp_path / "edited"
+    shutil.copytree(with_code, edited)
+    source = edited / "minihuman/worlds/grid/core/cells.py"
+    source.write_text(source.read_text().replace("\n\n\n", "\n\n\n# one line more\n", 1))
+    (cache := tmp_path / "empty").mkdir()
+    assert LINE not in run(CODE, cache, path=with_code)[1]
+    assert LINE in run(CODE, cache, path=edited)[1]

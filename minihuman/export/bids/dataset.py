@@ -11,7 +11,7 @@ from minihuman.study.about import About
 
 BIDS_VERSION = "1.11.0"
 HED_VERSION = "8.3.0"
-GENERATED_BY = {"Name": "minihuman", "Version": __version__, "CodeURL": "https://pypi.org/project/minihuman"}
+GENERATED_BY = {"Name": "minihuman", "Version": __version__}
 
 
 def describe(out: Path, about: About, study: str) -> Path:

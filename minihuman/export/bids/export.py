@@ -14,11 +14,13 @@ from minihuman.data.store import Store
 from minihuman.data.study import Sessions
 from minihuman.data.writing import write_tables
 from minihuman.errors import ExportError
-from minihuman.export.asked import about_of_plan
+from minihuman.export.asked import about_of_plan, devices_of_plan
 from minihuman.export.bids.dataset import describe, describe_derivatives, task_facts, write_participants
 from minihuman.export.bids.events import COLUMNS, events_of, sidecar
 from minihuman.export.bids.files import label, subject, write_json, write_tsv
 from minihuman.export.bids.motion import write_motion
+from minihuman.export.bids.phenotype import Phenotype
+from minihuman.export.bids.physio import write_physio
 from minihuman.export.port import Written
 from minihuman.figures.files import save_png
 from minihuman.figures.paths import session_paths
@@ -61,6 +63,7 @@ class _Dataset:
         self._labels: dict[str, str] = {}
         self._people: dict[str, dict[str, Any]] = {}
         self._sessions: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
+        self._phenotype = Phenotype()
         self._station = first.log.facts
 
     def add(self, counted: Counted) -> None:
@@ -73,6 +76,7 @@ class _Dataset:
         stem, folder = f"{who}_{session}_task-{self._task}", out / who / session
         counting = frozenset((episode.number, episode.attempt) for episode in counted.episodes)
         asked = [episode for episode, is_asked in zip(log.episodes, counted.asked, strict=True) if is_asked]
+        devices = devices_of_plan(log.plan)
         scans: list[dict[str, str]] = []
         for segment in log.segments:
             theirs = [episode for episode in asked if episode.segment == segment.number]
@@ -80,11 +84,13 @@ class _Dataset:
             events = folder / "beh" / f"{stem}_run-{segment.number}_events.tsv"
             written = [write_tsv(events, list(COLUMNS), rows)]
             written += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, theirs)
+            written += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
             at = segment.started_at.removesuffix("Z")[:26]  # microseconds are the finest that BIDS has
             scans += [{"filename": str(path.relative_to(folder)), "acq_time": at} for path in written]
         write_tsv(folder / f"{who}_{session}_scans.tsv", ["filename", "acq_time"], scans)
         self._keep_log(counted, Path("sourcedata") / who / session)
         self._draw(counted, f"{who}_{session}")
+        self._phenotype.add(log, who, session)
         self._sessions[who].append({"session_id": session, "acq_time": log.started_at.removesuffix("Z")[:26]})
         self._people.setdefault(
             who,
@@ -115,7 +121,8 @@ class _Dataset:
         people = write_participants(out, source, self._about, list(self._people.values()))
         described = describe(out, self._about, self._study)
         describe_derivatives(out / _DERIVATIVES, self._about, self._study)
-        return (described, people, *(out / who for who in self._people), out / "sourcedata")
+        answered = self._phenotype.write(out)
+        return (described, people, *answered, *(out / who for who in self._people), out / "sourcedata")
 
     def _keep_log(self, counted: Counted, folder: Path) -> None:
         """Copy the log itself, and the marks beside it, as they are."""

@@ -18,7 +18,7 @@ Thoughts = tuple[torch.Tensor, torch.Tensor]  # logits float32[actions], value f
 def thinker(policy: Policy) -> Callable[[Observation], Thoughts]:
     """What the policy makes of one observation, on the CPU, by its weights at this moment: ask again after an update.
 
-    Eyes with padded convolutions are gone through layer by layer.
+    Eyes with padded convolutions, or with none, are gone through layer by layer.
     """
     features = policy.features_extractor
     assert isinstance(features, MissionAndImage)
@@ -43,9 +43,9 @@ def thinker(policy: Policy) -> Callable[[Observation], Thoughts]:
 def _image_features(eyes: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
     """From uint8[channels, height, width] to the image's features."""
     convolutions = [layer for layer in eyes.modules() if isinstance(layer, nn.Conv2d)]
-    (last,) = (layer for layer in eyes.modules() if isinstance(layer, nn.Linear))
-    if any(layer.padding != (0, 0) for layer in convolutions):
+    if not convolutions or any(layer.padding != (0, 0) for layer in convolutions):
         return lambda image: eyes(image[None].float() / 255)[0]
+    (last,) = (layer for layer in eyes.modules() if isinstance(layer, nn.Linear))
     # (rows x columns x channels, out), as patches lie in a picture of channels last; then side, stride and bias
     kernels = [
         (

@@ -60,12 +60,13 @@ def evaluate(
     env: Any = gymnasium.make(world_id, disable_env_checker=True, **options)  # with its own step limit
     world = env.unwrapped
     first_action = int(env.action_space.start)
+    looker = eyesight.looker()
     returns, steps, successes = [], [], 0
     for episode in range(episodes):
         raw, _ = env.reset(seed=held_out_seed(seed, episode))
         total, length, ended, terminated, reward = 0.0, 0, False, False, 0.0
         while not ended:
-            raw, reward, terminated, truncated, _ = env.step(first_action + choose(eyesight.see(world, raw)))
+            raw, reward, terminated, truncated, _ = env.step(first_action + choose(looker.see(world, raw)))
             total, length = total + float(reward), length + 1
             ended = terminated or truncated or length == most_steps
         returns.append(total)

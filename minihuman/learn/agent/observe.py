@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 from minihuman.errors import LearnError
 from minihuman.worlds.go_to_obj import COLOURS, KINDS
 from minihuman.worlds.grid.core.cells import colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.state import CARRYING, STEP
 from minihuman.worlds.grid.engine import GridEngine
 
 Observation = dict[str, NDArray[Any]]
 Scaling = Literal["spread", "raw"]
-Sight = Literal["view", "whole"]
+Sight = Literal["view", "whole", "remembered"]
+REACH = 6  # cells that are remembered on each side of the agent
 
 # The largest object, colour and state codes of a grid cell are 10, 5 and 2: spread over 0 to 255 they are as far apart
 # as a picture's colours. "raw" leaves them in the darkest 4 %, where the published agent saw them.
-_SPREAD = np.array([25, 51, 127], dtype=np.uint8)
+SPREAD = (25, 51, 127)
 _QUARTER_TURNS = (3, 2, 1, 0)  # that bring what is ahead to the top, by direction
 
 
@@ -40,11 +42,13 @@ def mission_numbers(mission: str) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True)
 class Eyesight:
-    """How a world's observations become an agent's. Nothing is remembered between steps."""
+    """How a world's observations become an agent's."""
 
     missions: bool  # whether the mission differs between episodes and is observed
     scaling: Scaling = "spread"  # what becomes of grid codes; pictures are left as they are
-    sight: Sight = "view"  # the world's own observation, or the whole grid from above, turned the agent's way up
+    # The world's own observation; or the whole grid from above, turned the agent's way up; or, of that, what was in
+    # view at any step of the episode so far and is near
+    sight: Sight = "view"
 
     def space(self, world: Any) -> spaces.Dict:
         """The agent's observation space in a world.
@@ -57,22 +61,38 @@ class Eyesight:
             return spaces.Dict({"image": image})
         return spaces.Dict({"image": image, "mission": spaces.Box(0, 1, (len(COLOURS) + len(KINDS),), np.float32)})
 
-    def see(self, world: Any, raw: Any) -> Observation:
-        """One observation, ready for the network; ``raw`` is the world's own, ``world`` the world it comes from."""
+    def looker(self) -> "Looker":
+        """An agent's eyes that see so."""
+        return Looker(self)
+
+    def see(self, world: Any, raw: Any, remembered: NDArray[np.bool_] | None = None) -> Observation:
+        """One observation, ready for the network; ask a `looker` for it where something is remembered.
+
+        Args:
+            world: The world.
+            raw: Its own observation.
+            remembered: Cells that were in view before, by x * height + y; where the sight is "remembered" alone.
+        """
         codes = isinstance(raw, dict)  # a grid's cells, not a picture
-        image = whole_grid(world) if self.sight == "whole" else raw["image"] if codes else raw
+        if self.sight == "remembered":
+            assert remembered is not None, "a looker remembers"
+            image = remembered_grid(world, remembered)
+        else:
+            image = whole_grid(world) if self.sight == "whole" else raw["image"] if codes else raw
         if codes and self.scaling == "spread":
-            image = image * _SPREAD
+            image = image * np.array(SPREAD, np.uint8)
         seen: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
         if self.missions:
             seen["mission"] = mission_numbers(world.mission)
         return seen
 
     def _image_shape(self, world: Any) -> tuple[int, int, int]:
-        if self.sight == "whole":
+        if self.sight != "view":
             if not isinstance(world, GridEngine):
-                raise LearnError(f"{world} is no grid of ours; only a grid can be seen whole")
-            side = 2 * max(world.state.width, world.state.height) - 1
+                how = "seen whole" if self.sight == "whole" else "remembered"
+                raise LearnError(f"{world} is no grid of ours; only a grid can be {how}")
+            whole = 2 * max(world.state.width, world.state.height) - 1
+            side = whole if self.sight == "whole" else min(whole, 2 * REACH + 1)
             return 3, side, side
         inner = world.observation_space
         picture = inner["image"] if isinstance(inner, spaces.Dict) and "image" in inner.spaces else inner
@@ -88,16 +108,66 @@ def image_shape(space: spaces.Dict) -> tuple[int, int, int]:
     return shape[0], shape[1], shape[2]
 
 
+class Looker:
+    """One agent's eyes: they see one episode after the other, and remember what their eyesight says they do.
+
+    To be asked once at each step. An episode has begun where its world has made no step yet.
+    """
+
+    def __init__(self, eyesight: Eyesight) -> None:
+        self._eyesight = eyesight
+        self._memory: Any = None
+
+    def see(self, world: Any, raw: Any) -> Observation:
+        """What is seen now; ``raw`` is the world's own observation.
+
+        Raises:
+            LearnError: if the mission has to be seen and its words are none of ours.
+        """
+        if self._eyesight.sight != "remembered":
+            return self._eyesight.see(world, raw)
+        row = world.state.row
+        if self._memory is None or row[STEP] == 0:
+            from minihuman.worlds.grid.instructions.memory import Memory  # compiled: only where it is used
+
+            self._memory = Memory(row, world.image_shape[0])
+        self._memory.look(row)
+        return self._eyesight.see(world, raw, self._memory.seen)
+
+    def save(self) -> NDArray[np.bool_] | None:
+        """What is remembered now; None where nothing is."""
+        return None if self._memory is None else self._memory.seen.copy()
+
+    def restore(self, saved: NDArray[np.bool_] | None) -> None:
+        """Remember what was saved in the same episode."""
+        if saved is not None:
+            self._memory.seen[:] = saved
+
+
 def whole_grid(world: GridEngine) -> NDArray[np.uint8]:
     """Codes of the whole grid, uint8[2 n - 1, 2 n - 1, 3], the agent in the middle, what is ahead of it upwards.
 
     n is the longer side of the grid; outside it everything is 0 (unseen). Indexed [x, y] like Minigrid's views.
     """
+    return _around(world, max(world.state.width, world.state.height) - 1, _codes(world.state.cells))
+
+
+def remembered_grid(world: GridEngine, seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The same of the cells that were seen, at most ``REACH`` to each side; the agent's cell shows what it carries."""
     state = world.state
-    reach = max(state.width, state.height) - 1
+    codes = _codes(state.cells) * seen.reshape(state.width, state.height, 1)
+    codes[state.position] = _codes(state.row[CARRYING])
+    return _around(world, min(REACH, max(state.width, state.height) - 1), codes)
+
+
+def _codes(cells: Any) -> NDArray[np.uint8]:
+    """Kind, colour and state of cells, uint8[..., 3]: the packed numbers' readers take arrays too."""
+    return np.stack((kind_of(cells), colour_of(cells), state_of(cells)), axis=-1).astype(np.uint8)
+
+
+def _around(world: GridEngine, reach: int, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    state = world.state
     canvas = np.zeros((state.width + 2 * reach, state.height + 2 * reach, 3), np.uint8)
-    cells: Any = state.cells  # the packed numbers' readers take arrays too
-    inside = canvas[reach : reach + state.width, reach : reach + state.height]
-    inside[...] = np.stack((kind_of(cells), colour_of(cells), state_of(cells)), axis=-1)
+    canvas[reach : reach + state.width, reach : reach + state.height] = codes
     x, y = state.position
     return np.rot90(canvas[x : x + 2 * reach + 1, y : y + 2 * reach + 1], _QUARTER_TURNS[state.direction])

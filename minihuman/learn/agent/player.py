@@ -29,6 +29,7 @@ class PolicyPlayer(Player):
         torch.set_num_threads(1)  # one observation at a time: more threads only wait for each other
         self._policy, self._card = load_policy(self._path)
         self._rng = rng
+        self._looker = self._card.eyesight.looker()
         self._keys: list[tuple[int, str]] = []  # action of the policy, key
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
@@ -55,7 +56,7 @@ class PolicyPlayer(Player):
 
     def press(self, world: World) -> Press:
         """The key of an action, drawn from the policy."""
-        seen = self._card.eyesight.see(world.unwrapped, world.observation)
+        seen = self._looker.see(world.unwrapped, world.observation)
         wanted = self._policy.probabilities(seen).double().numpy()[[action for action, _ in self._keys]]
         _, key = self._keys[self._rng.choice(len(self._keys), p=wanted / wanted.sum())]
         return Press(key, DELAY_MS)

@@ -4,7 +4,7 @@ import platform
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,7 +29,7 @@ class PolicyCard:
     image_shape: tuple[int, int, int]  # channels, height, width
     eyesight: Eyesight
     eyes: Eyes
-    trained_by: Literal["ppo", "cloning", "cloning, then ppo"]
+    trained_by: str  # "ppo", "cloning, then ppo", or a learner's name
     steps: int  # of training in the world; 0 for a pure clone
     seed: int
     notes: dict[str, Any] = field(default_factory=dict)

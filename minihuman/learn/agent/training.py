@@ -42,6 +42,7 @@ class History:
     world_s: float = 0.0  # the world's steps and pictures
     acting_s: float = 0.0  # choosing actions
     learning_s: float = 0.0  # the updates
+    cpu_s: float = 0.0  # of the processor, for all of it: what it took where other work waits too
 
 
 def new_ppo(world: TrainingWorld, *, settings: Ppo, eyes: Eyes, seed: int, device: str) -> LeanPpo:
@@ -100,7 +101,7 @@ class _Ledger(BaseCallback):
         self._history = history
         self._checkpoint = checkpoint
         self._told = told
-        self._mark = time.perf_counter()
+        self._mark, self._cpu_mark = time.perf_counter(), time.process_time()
         self._learning = False
 
     def _on_step(self) -> bool:
@@ -108,7 +109,7 @@ class _Ledger(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self._finish_update()
-        self._mark = time.perf_counter()
+        self._mark, self._cpu_mark = time.perf_counter(), time.process_time()
         self._world.step_s = 0.0
 
     def _on_rollout_end(self) -> None:
@@ -132,6 +133,7 @@ class _Ledger(BaseCallback):
             return
         self._learning = False
         self._history.learning_s += time.perf_counter() - self._mark
+        self._history.cpu_s += time.process_time() - self._cpu_mark
         assert isinstance(self.model, PPO)
         if self._checkpoint is not None:
             save_atomically(_snapshot(self.model, self._world, self._history), self._checkpoint)

@@ -37,6 +37,7 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         """
         self.world = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
         self.eyesight = eyesight
+        self._looker = eyesight.looker()
         self.observation_space = eyesight.space(self.world)
         self.image_shape = image_shape(self.observation_space)
         assert isinstance(self.world.action_space, spaces.Discrete)
@@ -61,7 +62,7 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         self._episode += 1
         self._return, self._actions = 0.0, []
         raw, info = self.world.reset(seed=episode_seed(self._seed, self._episode))
-        seen = self.eyesight.see(self.world, raw)
+        seen = self._looker.see(self.world, raw)
         self.step_s += time.perf_counter() - started
         return seen, info
 
@@ -74,7 +75,7 @@ class TrainingWorld(gymnasium.Env[Any, Any]):
         if terminated or truncated:
             info["episode"] = {"r": self._return, "l": len(self._actions)}
             info["is_success"] = terminated and float(reward) > 0
-        seen = self.eyesight.see(self.world, raw)
+        seen = self._looker.see(self.world, raw)
         self.step_s += time.perf_counter() - started
         return seen, float(reward), terminated, truncated, info
 

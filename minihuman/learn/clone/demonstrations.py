@@ -90,12 +90,13 @@ def read_demonstrations(source: Path, world: str, eyesight: Eyesight, selection:
 
 
 def _replay(found: Sequence[Chosen], world: World, eyesight: Eyesight) -> Iterator[Demonstration]:
+    looker = eyesight.looker()
     for item in found:
         episode = item.episode
         hashes = [world.reset(episode.plan.seed).observation_hash]
         seen = []
         for action in episode.actions:
-            seen.append(eyesight.see(world.unwrapped, world.observation))
+            seen.append(looker.see(world.unwrapped, world.observation))
             hashes.append(world.step(int(action)).observation_hash)
         if not np.array_equal(np.array(hashes, dtype=np.uint64), episode.observation_hashes):
             raise LearnError(f"{item.log.path}: {episode.name} does not replay; see `minihuman verify` for where")

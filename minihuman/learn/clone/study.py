@@ -18,6 +18,8 @@ from minihuman.learn.clone.demonstrations import Demonstrations, read_demonstrat
 from minihuman.learn.clone.finetune import Start, compare_starts
 from minihuman.learn.transfer.job import write_atomically
 
+_EYES: dict[Sight, Eyes] = {"whole": "map", "remembered": "near"}
+
 
 @dataclass(frozen=True, slots=True)
 class CloneStudy:
@@ -59,7 +61,7 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     demonstrations = read_demonstrations(
         source, study.world, Eyesight(study.missions, sight=study.sight), study.selection
     )
-    eyes: Eyes = "map" if study.sight == "whole" else "grid" if _is_small(demonstrations) else "atari"
+    eyes: Eyes = _EYES.get(study.sight, "grid" if _is_small(demonstrations) else "atari")
     training, validation = split(demonstrations, share=study.cloning.validation_share, seed=study.cloning.seed)
     rows, policy = [], None
     sizes = sorted({*(size for size in study.sizes if size < len(training.episodes)), len(training.episodes)})
@@ -193,5 +195,9 @@ def _is_small(demonstrations: Demonstrations) -> bool:
 
 
 def _sight(study: CloneStudy) -> str:
-    seen = "the whole grid, turned its way up" if study.sight == "whole" else "the world's own observation"
-    return seen + (" and the mission" if study.missions else "")
+    seen = {
+        "view": "the world's own observation",
+        "whole": "the whole grid, turned its way up",
+        "remembered": "the cells near it that were in view so far, turned its way up",
+    }
+    return seen[study.sight] + (" and the mission" if study.missions else "")

@@ -38,7 +38,7 @@ class Result:
     config: dict[str, Any]
     config_hash: str
     points: tuple[Point, ...]
-    seconds: dict[str, float]  # world, acting, learning, and all (start-up included)
+    seconds: dict[str, float]  # world, acting, learning, cpu of all three, and last_sitting (start-up included)
     device: str
     versions: dict[str, str]
 
@@ -52,6 +52,16 @@ class Result:
     def steps(self) -> int:
         """How many steps it trained."""
         return self.points[-1].steps
+
+    @property
+    def busy_s(self) -> float:
+        """How long it trained, by the clock on the wall."""
+        return sum(self.seconds[part] for part in ("world", "acting", "learning"))
+
+    @property
+    def core_s(self) -> float:
+        """Seconds of one core; by the wall in results that do not have them."""
+        return self.seconds.get("cpu", self.busy_s)
 
 
 def run_job(job: Job, out: Path, device: str = "auto") -> Result:
@@ -182,8 +192,14 @@ def _card(job: Job, world: TrainingWorld) -> PolicyCard:
 
 
 def _seconds(history: History, sitting_s: float) -> dict[str, float]:
-    busy = {"world": history.world_s, "acting": history.acting_s, "learning": history.learning_s}
-    return {name: round(value, 2) for name, value in busy.items()} | {"last_sitting": round(sitting_s, 2)}
+    busy = {
+        "world": history.world_s,
+        "acting": history.acting_s,
+        "learning": history.learning_s,
+        "cpu": history.cpu_s,
+        "last_sitting": sitting_s,
+    }
+    return {name: round(value, 2) for name, value in busy.items()}
 
 
 def write_atomically(text: str, path: Path) -> None:

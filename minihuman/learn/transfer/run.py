@@ -103,9 +103,8 @@ class _Display:
         if job in self._bars:
             self._progress.remove_task(self._bars.pop(job))
         done = sum(read_result(other, self._out) is not None for other in self._jobs)
-        seconds = sum(value for name, value in result.seconds.items() if name != "last_sitting")
         self._progress.console.print(
             f"{done} of {len(self._jobs)} jobs done: {job.name}, {result.steps:,} steps, "
-            f"{result.steps / seconds:,.0f} steps/s, mean reward {result.points[-1].reward:.3f}",
+            f"{result.steps / result.busy_s:,.0f} steps/s, mean reward {result.points[-1].reward:.3f}",
             highlight=False,
         )

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from minihuman.errors import LearnError
 from minihuman.learn.agent.policy_file import versions
 from minihuman.learn.transfer.curves import improvement, interquartile_mean
 from minihuman.learn.transfer.job import Result, write_atomically
@@ -19,6 +18,7 @@ COLUMNS = (
     *("runs", "area", "iqm", "final_reward", "runs_solved", "steps_to_solve"),
     *("improvement", "sd", "low", "high", "p", "p_holm", "better"),
 )
+PUBLISHED = ("published", "published_sd")
 SIGNIFICANT = 0.05
 SOLVED = 0.9  # a world counts as solved from this mean reward of the last 100 episodes
 
@@ -34,12 +34,12 @@ class Run:
     wall_s: float  # of this sitting
 
 
-def table(study: Study, results: Results, *, beside: pd.Series | None = None) -> pd.DataFrame:
+def table(study: Study, results: Results, *, beside: pd.DataFrame | None = None) -> pd.DataFrame:
     """One row a cell that has finished runs: its areas, how it ended, and the improvement over the baseline.
 
-    ``beside`` holds published improvements by row label; they become the column "published". Improvements are
-    fractions, not percent; "p_holm" is corrected for the number of cells that were compared, and "verdict" says what
-    it comes to.
+    ``beside`` holds published improvements and their SD by row label; they become the columns "published" and
+    "published_sd", and "beside" says whether ours can be told from them. Improvements are fractions, not percent;
+    "p_holm" is corrected for the number of cells that were compared, and "verdict" says what it comes to.
     """
     baseline = _areas(results, BASELINE)
     rows = []
@@ -63,15 +63,17 @@ def table(study: Study, results: Results, *, beside: pd.Series | None = None) ->
             row |= {name: getattr(gain, name) for name in ("sd", "low", "high", "p", "better")}
             row["improvement"] = gain.mean
         if beside is not None:
-            row["published"] = beside.get(cell.label, np.nan)
+            row |= {"published": beside["improvement"].get(cell.label, np.nan)}
+            row |= {"published_sd": beside["sd"].get(cell.label, np.nan)}
         rows.append(row)
     if not rows:
         return pd.DataFrame()
-    cells = (
-        pd.DataFrame(rows).set_index("cell").reindex(columns=[*COLUMNS, *(["published"] if beside is not None else [])])
-    )
+    cells = pd.DataFrame(rows).set_index("cell")
+    cells = cells.reindex(columns=[*COLUMNS, *(PUBLISHED if beside is not None else ())])
     cells["p_holm"] = holm(list(cells["p"]))
     cells["verdict"] = [_verdict(row) for _, row in cells.iterrows()]
+    if beside is not None:
+        cells["beside"] = [_beside(row) for _, row in cells.iterrows()]
     return cells
 
 
@@ -86,6 +88,15 @@ def _verdict(row: pd.Series) -> str:
     return "better" if row["improvement"] > 0 else "worse"
 
 
+def _beside(row: pd.Series) -> str:
+    """Whether the published mean lies in the interval of ours; its own spread is not in that."""
+    if np.isnan(row["published"]):
+        return ""
+    if np.isnan(row["low"]):
+        return "too few runs to tell"
+    return "within our interval" if row["low"] <= row["published"] <= row["high"] else "outside our interval"
+
+
 def curves(results: Results) -> pd.DataFrame:
     """Every point of every curve: cell, run, seed, steps, reward, length."""
     return pd.DataFrame(
@@ -96,21 +107,6 @@ def curves(results: Results) -> pd.DataFrame:
         ],
         columns=["cell", "run", "seed", "steps", "reward", "length"],
     )
-
-
-def read_published(path: Path) -> pd.Series:
-    """Published improvements from a CSV with columns cell and improvement (fractions).
-
-    Raises:
-        LearnError: if the file is missing or lacks a column.
-    """
-    try:
-        found = pd.read_csv(path).set_index("cell")["improvement"]
-    except FileNotFoundError:
-        raise LearnError(f"{path} is not there; --beside takes a CSV with columns cell and improvement") from None
-    except (KeyError, ValueError) as error:
-        raise LearnError(f"{path}: {error}; --beside takes a CSV with columns cell and improvement") from None
-    return found
 
 
 def speed(results: Results) -> pd.DataFrame:
@@ -129,7 +125,7 @@ def speed(results: Results) -> pd.DataFrame:
     return pd.DataFrame(rows).set_index("where") if rows else pd.DataFrame()
 
 
-def write_report(study: Study, results: Results, out: Path, run: Run, *, beside: pd.Series | None = None) -> str:
+def write_report(study: Study, results: Results, out: Path, run: Run, *, beside: pd.DataFrame | None = None) -> str:
     """Write table.csv, curves.csv, speed.csv, run.json, report.md and curves.png; return the report's text."""
     from minihuman.learn.transfer.figure import curves_figure
 
@@ -223,7 +219,7 @@ def _cell(value: Any) -> str:
 
 def core_hours(results: Results) -> float:
     """What the results took in all, in hours of one core."""
-    return sum(result.seconds[part] for result in results.values() for part in ("world", "acting", "learning")) / 3600
+    return sum(result.core_s for result in results.values()) / 3600
 
 
 def _areas(results: Results, cell: str) -> np.ndarray[Any, np.dtype[np.float64]]:

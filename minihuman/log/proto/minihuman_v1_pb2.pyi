@@ -6,14 +6,18 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class Participant(_message.Message):
-    __slots__ = ("id", "index", "group")
+    __slots__ = ("id", "index", "group", "stratum", "slot")
     ID_FIELD_NUMBER: _ClassVar[int]
     INDEX_FIELD_NUMBER: _ClassVar[int]
     GROUP_FIELD_NUMBER: _ClassVar[int]
+    STRATUM_FIELD_NUMBER: _ClassVar[int]
+    SLOT_FIELD_NUMBER: _ClassVar[int]
     id: str
     index: int
     group: str
-    def __init__(self, id: _Optional[str] = ..., index: _Optional[int] = ..., group: _Optional[str] = ...) -> None: ...
+    stratum: str
+    slot: int
+    def __init__(self, id: _Optional[str] = ..., index: _Optional[int] = ..., group: _Optional[str] = ..., stratum: _Optional[str] = ..., slot: _Optional[int] = ...) -> None: ...
 
 class Binding(_message.Message):
     __slots__ = ("key", "action")
@@ -98,7 +102,7 @@ class Fact(_message.Message):
     def __init__(self, name: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
 
 class SessionPlan(_message.Message):
-    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts", "parts", "words_json", "language", "standing_json", "bonus_json")
+    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts", "parts", "words_json", "language", "standing_json", "bonus_json", "fonts")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     STUDY_FIELD_NUMBER: _ClassVar[int]
     STUDY_VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -124,6 +128,7 @@ class SessionPlan(_message.Message):
     LANGUAGE_FIELD_NUMBER: _ClassVar[int]
     STANDING_JSON_FIELD_NUMBER: _ClassVar[int]
     BONUS_JSON_FIELD_NUMBER: _ClassVar[int]
+    FONTS_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     study: str
     study_version: str
@@ -149,7 +154,8 @@ class SessionPlan(_message.Message):
     language: str
     standing_json: str
     bonus_json: str
-    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: bool = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: bool = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ..., parts: _Optional[_Iterable[_Union[Part, _Mapping]]] = ..., words_json: _Optional[str] = ..., language: _Optional[str] = ..., standing_json: _Optional[str] = ..., bonus_json: _Optional[str] = ...) -> None: ...
+    fonts: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: bool = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: bool = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ..., parts: _Optional[_Iterable[_Union[Part, _Mapping]]] = ..., words_json: _Optional[str] = ..., language: _Optional[str] = ..., standing_json: _Optional[str] = ..., bonus_json: _Optional[str] = ..., fonts: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class Part(_message.Message):
     __slots__ = ("kind", "name", "plan_json")
@@ -524,3 +530,19 @@ class Answered(_message.Message):
     changes: int
     right: bool
     def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., part_name: _Optional[str] = ..., item: _Optional[str] = ..., kind: _Optional[str] = ..., attempt: _Optional[int] = ..., value: _Optional[str] = ..., words: _Optional[str] = ..., shown_ns: _Optional[int] = ..., first_ns: _Optional[int] = ..., changes: _Optional[int] = ..., right: bool = ...) -> None: ...
+
+class Linked(_message.Message):
+    __slots__ = ("t_ns", "offset_ns", "error_ns", "rtt_ns", "least_rtt_ns", "drift_ppm")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    OFFSET_NS_FIELD_NUMBER: _ClassVar[int]
+    ERROR_NS_FIELD_NUMBER: _ClassVar[int]
+    RTT_NS_FIELD_NUMBER: _ClassVar[int]
+    LEAST_RTT_NS_FIELD_NUMBER: _ClassVar[int]
+    DRIFT_PPM_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    offset_ns: int
+    error_ns: int
+    rtt_ns: int
+    least_rtt_ns: int
+    drift_ppm: float
+    def __init__(self, t_ns: _Optional[int] = ..., offset_ns: _Optional[int] = ..., error_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., least_rtt_ns: _Optional[int] = ..., drift_ppm: _Optional[float] = ...) -> None: ...

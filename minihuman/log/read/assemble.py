@@ -8,7 +8,6 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import Any, get_args
 
 import numpy as np
 from google.protobuf.message import Message
@@ -16,26 +15,27 @@ from numpy.typing import NDArray
 
 from minihuman.errors import LogError
 from minihuman.log import topics
+from minihuman.log.kinds import TRUTHS
 from minihuman.log.observations import Observations
-from minihuman.log.plan_messages import one_of
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.chunk import OfTopic
+from minihuman.log.read.columns import by_step, check_steps, frames_of, moments_of, presses_of
 from minihuman.log.read.file import Reading
 from minihuman.log.read.wire import Column, Columns, read_columns
 from minihuman.log.samples import Samples
-from minihuman.recorded.columns import NO_ACTION, EventColumns
-from minihuman.recorded.episode import CUT_OFF, Episode, pose_row
+from minihuman.recorded.columns import EventColumns
+from minihuman.recorded.episode import CUT_OFF, Episode
 from minihuman.recorded.segment import Note, PartEvent, Pauses, Segment, in_session, parts_in_session
+from minihuman.recorded.taught import Taught, taught
 from minihuman.study import events as ev
+from minihuman.study.activities.agent_events import PolicyGiven
+from minihuman.study.events import PartStarted
 
 _BREAK = ""  # the topic that stands for messages that are missing
-_AXES = ("x", "y", "z", "yaw_rad")
 _THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
 _TIMES = frozenset(
     {"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"}
 )  # columns that are times, whatever the message
-_VERDICTS = get_args(ev.Verdict)
-_TRUTHS = frozenset(topic.name for topic in topics.TOPICS if not topic.for_viewers)
 
 
 @dataclass(slots=True)
@@ -59,6 +59,8 @@ class _Span:
     begin: int
     end: int | None = None  # None: the log broke off first
     outcome: ev.Outcome | None = None
+    policy: str = ""  # of an agent, in force when it began
+    events: list[ev.KindEvent] = field(default_factory=list)  # that kinds of activity said of it
 
 
 class _Rows:
@@ -107,6 +109,7 @@ class Gathering:
         self._observed: tuple[list[int], list[bytes]] = ([], [])  # places and messages, not looked at yet
         self._sampled: tuple[list[int], list[bytes]] = ([], [])
         self._spans: list[_Span] = []
+        self._policy = ""  # of an agent, in force
         self._count = 0  # of messages, so far
         self._size = 0  # of those chunks, so far
 
@@ -119,7 +122,7 @@ class Gathering:
         for chunk in reading.chunks():
             others: list[tuple[int, str, bytes]] = []
             size = self._size
-            for topic, places, begins, ends in chunk.by_topic(among=_TRUTHS):
+            for topic, places, begins, ends in chunk.by_topic(among=TRUTHS):
                 if topic in _THOUSANDS:
                     self._found[topic].append(OfTopic(topic, places + self._count, begins + size, ends + size))
                     self._size = size + len(chunk.data)
@@ -185,8 +188,8 @@ class Gathering:
 
             return column
 
-        of_downs = _presses(on_one_clock(downs), len(downs.places))
-        shown = _frames(on_one_clock(pictures), len(pictures.places))
+        of_downs = presses_of(on_one_clock(downs), len(downs.places))
+        shown = frames_of(on_one_clock(pictures), len(pictures.places))
         segments = [
             replace(segment, keys=of_downs[downs.between(*between)], samples=self._samples(segment, *between))
             for segment, between in placed
@@ -196,8 +199,8 @@ class Gathering:
                 span.start = replace(span.start, t_ns=span.start.t_ns + start_ns)
         column = on_one_clock(steps)
         of_steps = [steps.within(span) for span in self._spans]
-        moments = _moments([span.start for span in self._spans], [its.start for its in of_steps], column)
-        by_step = _by_step(column)
+        moments = moments_of([span.start for span in self._spans], [its.start for its in of_steps], column)
+        stepwise = by_step(column)
         numbers = [column(name).values for name in ("episode", "step")]
         step_keys = column("key").values
         pauses = [segment.pauses for segment in segments]
@@ -205,14 +208,14 @@ class Gathering:
         episodes = []
         nexts: list[int | None] = [*(span.begin for span in self._spans[1:]), None][: len(self._spans)]
         for number, (span, its, until) in enumerate(zip(self._spans, of_steps, nexts, strict=True)):
-            _check(span.start.plan.episode, *(column[its] for column in numbers))
+            check_steps(span.start.plan.episode, *(column[its] for column in numbers))
             attempts[span.start.plan.episode] += 1
             with_reset = slice(its.start + number, its.stop + number + 1)  # every episode before has a reset too
             episodes.append(
                 Episode(
                     start=span.start,
                     **{name: column[with_reset] for name, column in moments.items()},
-                    **{name: column[its] for name, column in by_step.items()},
+                    **{name: column[its] for name, column in stepwise.items()},
                     step_keys=step_keys[its],
                     keys=of_downs[downs.within(span)],
                     frames=shown[pictures.between(span.begin, until)],  # the last picture stays when it is over
@@ -221,6 +224,7 @@ class Gathering:
                     segment=segments[span.segment].number,
                     attempt=attempts[span.start.plan.episode],
                     pauses=_within(pauses[span.segment], moments["t_ns"][with_reset]),
+                    taught=_taught(span, its.stop - its.start, segments[span.segment].start_ns),
                 )
             )
         return tuple(segments), tuple(episodes)
@@ -286,15 +290,28 @@ class Gathering:
                 self._parts[-1].ended = event
             case ev.EpisodeStarted():
                 self._close(place)
-                self._spans.append(_Span(event, len(self._parts) - 1, begin=place))
+                self._spans.append(_Span(event, len(self._parts) - 1, begin=place, policy=self._policy))
             case ev.EpisodeEnded():
                 self._close(place, event.outcome)
             case ev.Noted() | ev.Paused() | ev.Resumed():
                 self._parts[-1].notes.append(event)
             case _ if isinstance(event, PartEvent):
                 self._parts[-1].part_events.append(event)
+                self._of_a_kind(event)
         if event is not None:
             self._parts[-1].last_ns = max(self._parts[-1].last_ns, event.t_ns)
+
+    def _of_a_kind(self, event: PartEvent) -> None:
+        """Give an episode what a kind of activity says of it: also what comes when it has just ended."""
+        match event:
+            case PolicyGiven():
+                self._policy = event.policy
+            case PartStarted():
+                self._policy = ""
+            case ev.KindEvent() if (
+                self._spans and getattr(event, "episode", None) == self._spans[-1].start.plan.episode
+            ):
+                self._spans[-1].events.append(event)
 
     def _close(self, place: int, outcome: ev.Outcome | None = None) -> None:
         """End the last episode, if it has not ended."""
@@ -302,70 +319,15 @@ class Gathering:
             self._spans[-1].end, self._spans[-1].outcome = place, outcome
 
 
+def _taught(span: _Span, steps: int, start_ns: int) -> Taught | None:
+    """Who steered an episode, told in session time."""
+    if not span.events:
+        return None
+    events = [event for event in parts_in_session(span.events, start_ns) if isinstance(event, ev.KindEvent)]
+    return taught(events, steps=steps, actions=len(span.start.action_names), policy=span.policy)
+
+
 def _within(pauses: Pauses, t_ns: NDArray[np.int64]) -> Pauses:
     """The pauses, or what of them lies between an episode's reset and its last step."""
     first, last = int(t_ns[0]), int(t_ns[-1])
     return tuple((max(begin, first), min(end, last)) for begin, end in pauses if begin < last and end > first)
-
-
-def _check(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
-    """Refuse an episode in which a step is missing, or another's is."""
-    wrong = np.flatnonzero((episodes != episode) | (steps != np.arange(1, len(steps) + 1)))
-    if wrong.size:
-        first = wrong[0]
-        raise LogError(
-            f"episode {episodes[first] + 1} step {steps[first]} follows episode {episode + 1} step {first}; "
-            "something between them is missing"
-        )
-
-
-def _by_step(column: Callable[[str], Column]) -> dict[str, NDArray[Any]]:
-    """The columns of ``Episode`` that have a row for each step."""
-    rt_ms = column("rt_ms")
-    return {
-        "actions": column("action").values,
-        "key_t_ns": column("key_t_ns").values,
-        "rewards": column("reward").values,
-        "terminated": column("terminated").values,
-        "truncated": column("truncated").values,
-        "rt_ms": np.where(rt_ms.there, rt_ms.values, np.nan),
-    }
-
-
-def _moments(
-    starts: Sequence[ev.EpisodeStarted], resets: Sequence[int], column: Callable[[str], Column]
-) -> dict[str, NDArray[Any]]:
-    """The columns of ``Episode`` that have a row for its reset and one for each step, put before its first."""
-    pose = column("pose")
-    after = np.stack([np.where(pose.there, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
-    first = np.array([pose_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
-    moments: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
-    for of_episode, name, dtype in (
-        ("t_ns", "t_ns", np.int64),
-        ("state_hashes", "state_hash", np.uint64),
-        ("observation_hashes", "observation_hash", np.uint64),
-    ):
-        first = np.array([getattr(start, name) for start in starts], dtype)
-        moments[of_episode] = np.insert(column(name).values, resets, first)
-    return moments
-
-
-def _presses(column: Callable[[str], Column], count: int) -> EventColumns[ev.KeyPressed]:
-    """Key presses and releases from the columns of their messages.
-
-    Raises:
-        LogError: if a verdict is outside its vocabulary.
-    """
-    for word in column("verdict").values.words:
-        one_of(_VERDICTS, word)
-
-    def values(name: str) -> Any:
-        found = column(name)
-        return np.where(found.there, found.values, NO_ACTION) if name == "action" else found.values
-
-    return EventColumns(ev.KeyPressed, cache(values), range(count))
-
-
-def _frames(column: Callable[[str], Column], count: int) -> EventColumns[ev.FrameShown]:
-    """Pictures shown from the columns of their messages."""
-    return EventColumns(ev.FrameShown, lambda name: column(name).values, range(count))

@@ -1,6 +1,6 @@
 """One log file as the events in it: its version checked, its damage said, its segments' facts gathered on the way."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from mcap.records import Metadata
@@ -58,7 +58,7 @@ class Reading:
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
                     start = record.metadata
-                case Metadata() if record.name == END_METADATA:
+                case Metadata() if record.name == END_METADATA and "segment" in record.metadata:  # else it is damaged
                     self.ends.append(record.metadata)
         self.damage, self.missing = scan.damage, scan.missing
         holed = {str(gap.segment) for gap in scan.declared}
@@ -90,11 +90,6 @@ class Reading:
         except Exception as error:  # a foreign or newer message can make protobuf raise anything
             where = f"{self.path}: in the chunk at byte {self._at}"
             raise LogError(f"{where} a message on {topic} cannot be read: {error}") from error
-
-
-def all_clean(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
-    """Say whether every segment that started also ended by itself."""
-    return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
 
 
 def segment_starts(path: Path) -> dict[int, str]:

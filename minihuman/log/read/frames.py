@@ -21,6 +21,10 @@ TRIES = 256  # candidates whose checksum is wrong, before a damaged file's rest 
 _HEAD_OF_RECORD = re.compile(rb"[\x06\x09\x0c\x0f]....\x00\x00\x00\x00", re.DOTALL)  # shorter than 4 GiB
 _DATA_END = struct.Struct("<BQI")
 _TIMES = struct.Struct("<QQ")
+_LENGTH = struct.Struct("<I")
+_INDEX = struct.Struct("<HI")  # channel, bytes of entries
+_CHUNK_BYTES = 40  # of a chunk without its records and the name of their compression
+_ATTACHMENT_BYTES = 36  # of an attachment without its texts and data
 _ZSTD = "zstd"
 
 
@@ -28,9 +32,12 @@ def chunk_of(content: bytes) -> bytes:
     """The records in a chunk's content.
 
     Raises:
-        ValueError: if its checksum is wrong, or it is or says it is larger than any chunk may be.
+        ValueError: if its checksum is wrong, there is more in it than it says, or it is or says it is larger than any
+            chunk may be.
     """
     chunk: Chunk = Chunk.read(stream(content))
+    if _CHUNK_BYTES + len(chunk.compression.encode()) + len(chunk.data) != len(content):
+        raise ValueError("a chunk is of another size than it says")
     size, data = chunk.uncompressed_size, chunk.data
     if size > LARGEST_BYTES:
         raise ValueError(f"a chunk of {size} bytes; {LARGEST_BYTES} are the most")
@@ -112,13 +119,33 @@ def attachment_of(content: bytes) -> Attachment:
     """The attachment in a record's content.
 
     Raises:
-        ValueError: if its checksum is wrong.
+        ValueError: if its checksum is wrong, or there is more in it than it says.
     """
     (crc,) = struct.unpack("<I", content[-4:])
     if crc not in (0, zlib.crc32(content[:-4])):
         raise ValueError("an attachment's checksum is wrong")
     attachment: Attachment = Attachment.read(stream(content))
+    texts = len(attachment.name.encode()) + len(attachment.media_type.encode())
+    if _ATTACHMENT_BYTES + texts + len(attachment.data) != len(content):
+        raise ValueError("an attachment is of another size than it says")
     return attachment
+
+
+def check_size(opcode: int, content: bytes) -> None:
+    """Check the size of a file's header, or of a chunk's index: they have no checksum, and are passed over by it.
+
+    Raises:
+        ValueError: if there is more or less in it than it says.
+    """
+    if opcode == Opcode.MESSAGE_INDEX:
+        _, length = _INDEX.unpack_from(content)
+        said = _INDEX.size + length
+    else:  # a header: two texts
+        (profile,) = _LENGTH.unpack_from(content)
+        (library,) = _LENGTH.unpack_from(content, _LENGTH.size + profile)
+        said = 2 * _LENGTH.size + profile + library
+    if said != len(content):
+        raise ValueError("a record is of another size than it says")
 
 
 def metadata_of(content: bytes) -> Metadata:

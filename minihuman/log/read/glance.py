@@ -1,38 +1,55 @@
-"""A log at a glance: whose it is and what is in it, from its first kilobytes and its summary; no message is read."""
+"""A log at a glance: whose it is and what is in it, from its first and its last kilobytes; no message is read.
 
+The summary at a finished log's end is believed only with its checksum. What lies between is not looked at: whoever
+reads messages checks theirs, and ``verify`` proves the whole.
+"""
+
+import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from minihuman.errors import LogError
+from minihuman.log.names import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
+from minihuman.log.paths import MAGIC
 from minihuman.log.regular import open_regular
-from minihuman.log.topics import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
 
 _HEAD = struct.Struct("<BQ")  # of a record: its kind, how many bytes follow
 _FOOTER = struct.Struct("<QQI")  # where the summary begins, where its offsets do, its checksum
 _CRC = struct.Struct("<I")
 _LENGTH = struct.Struct("<I")
+_length = _LENGTH.unpack_from
 _CHANNEL = struct.Struct("<HHI")  # its number, its schema's, how long its topic is
 _PLACE = struct.Struct("<QQ")  # of a record that an index names: where it begins, how many bytes it has
 _COUNT = struct.Struct("<HQ")  # a channel, its messages
 _STATISTICS_BYTES = 46  # before the counts
 _FIRST_BYTES = 4096
+_LAST_BYTES = 48 * 1024  # a summary is most often shorter: it repeats the schemas
+_WANTED = (SEGMENT_METADATA, FACTS_METADATA, END_METADATA)
+_METADATA = frozenset({int(Opcode.METADATA)})
+_LOOKED_AT = frozenset(map(int, (Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA_INDEX)))  # in a summary
+_NAMES = {_LENGTH.pack(len(name)) + name.encode(): name for name in _WANTED}  # as an index states them
 
 
 @dataclass(frozen=True, slots=True)
 class Glance:
-    """What a finished log's summary says, its checksums having been looked at; nothing is checked by the messages."""
+    """What a finished log's summary says, by its checksum, and the metadata that it names; no message is looked at."""
 
     starts: tuple[dict[str, str], ...]  # one a segment, in order
     facts: tuple[dict[str, str], ...]  # of the station, one a segment
     ends: tuple[dict[str, str], ...]  # how each finished segment ended
     counts: Counter[str]  # messages a topic
+
+
+def all_clean(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
+    """Say whether every segment that started also ended by itself."""
+    return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
 
 
 def first_facts(path: Path) -> dict[str, str]:
@@ -43,8 +60,8 @@ def first_facts(path: Path) -> dict[str, str]:
     except (OSError, LogError):
         return {}
     if start.startswith(MAGIC):
-        for kind, content in _records(start[len(MAGIC) :]):
-            if kind == Opcode.METADATA:
+        with suppress(struct.error, ValueError):  # damaged: metadata has no checksum
+            for _, content in _records(start, len(MAGIC), among=_METADATA):
                 name, facts = _metadata(content)
                 if name == SEGMENT_METADATA:
                     return facts
@@ -52,78 +69,89 @@ def first_facts(path: Path) -> dict[str, str]:
 
 
 def glance(path: Path) -> Glance | None:
-    """Read a finished log's summary; None where it has none, or a checksum says that the file is not as it was."""
+    """Read a finished log's summary; None where it has none, or its checksum says that it is not as it was."""
     try:
         with open_regular(path) as file:
-            data = file.read()
-        begin = _checked_summary(data)
-        return None if begin is None else _glance(data, begin)
-    except (OSError, struct.error, ValueError):
+            fd = file.fileno()
+            size = os.fstat(fd).st_size
+            data = os.pread(fd, _LAST_BYTES, max(0, size - _LAST_BYTES))
+            begin = _summary_begin(data, size)
+            if begin is None:
+                return None
+            ahead = _HEAD.size + _CRC.size  # of the record that ends the data
+            if (needed := size - begin + ahead) > len(data):
+                data = os.pread(fd, needed, begin - ahead)
+            return _glance(fd, data[len(data) - (size - begin) - ahead :])
+    except (OSError, LogError, struct.error, ValueError):
         return None
 
 
-def _checked_summary(data: bytes) -> int | None:
-    """Where the summary begins; None unless the checksums of data and summary are there and hold."""
+def _summary_begin(data: bytes, size: int) -> int | None:
+    """The byte of the file at which its summary begins, by its last bytes; None if it does not end in a footer."""
     at = len(data) - len(MAGIC) - _FOOTER.size - _HEAD.size
     if not data.endswith(MAGIC) or at < 0 or _HEAD.unpack_from(data, at) != (Opcode.FOOTER, _FOOTER.size):
         return None
-    begin, _, of_summary = _FOOTER.unpack_from(data, at + _HEAD.size)
-    ends = begin - _HEAD.size - _CRC.size
-    if ends < len(MAGIC) or _HEAD.unpack_from(data, ends) != (Opcode.DATA_END, _CRC.size):
+    begin: int = _FOOTER.unpack_from(data, at + _HEAD.size)[0]
+    return begin if len(MAGIC) + _HEAD.size + _CRC.size <= begin <= size - (len(data) - at) else None
+
+
+def _glance(fd: int, data: bytes) -> Glance | None:
+    """What the summary says; ``data`` begins with the record that ends the data, and goes on to the file's end."""
+    if _HEAD.unpack_from(data) != (Opcode.DATA_END, _CRC.size):
         return None
-    (of_data,) = _CRC.unpack_from(data, begin - _CRC.size)
-    view = memoryview(data)
-    whole = of_data and zlib.crc32(view[:ends]) == of_data
     last = len(data) - len(MAGIC) - _CRC.size
-    return begin if whole and zlib.crc32(view[begin:last]) == of_summary else None
-
-
-def _glance(data: bytes, begin: int) -> Glance:
+    if zlib.crc32(memoryview(data)[_HEAD.size + _CRC.size : last]) != _CRC.unpack_from(data, last)[0]:
+        return None
     topics: dict[int, str] = {}
-    found: dict[str, list[dict[str, str]]] = {SEGMENT_METADATA: [], FACTS_METADATA: [], END_METADATA: []}
+    found: dict[str, list[dict[str, str]]] = {name: [] for name in _WANTED}
     counts = Counter[str]()
-    for kind, content in _records(data[begin:]):
+    for kind, content in _records(data, _HEAD.size + _CRC.size, among=_LOOKED_AT):
         if kind == Opcode.CHANNEL:
             number, _, length = _CHANNEL.unpack_from(content)
             topics[number] = content[_CHANNEL.size : _CHANNEL.size + length].decode()
         elif kind == Opcode.STATISTICS:
             for number, count in _COUNT.iter_unpack(content[_STATISTICS_BYTES:]):
                 counts[topics.get(number, "")] += count
-        elif kind == Opcode.METADATA_INDEX:
+        elif kind == Opcode.METADATA_INDEX and (name := _NAMES.get(content[_PLACE.size :])) is not None:
             offset, length = _PLACE.unpack_from(content)
-            name, said = _metadata(data[offset + _HEAD.size : offset + length])
-            if name in found:
-                found[name].append(said)
-    starts, facts, ends = (tuple(found[name]) for name in (SEGMENT_METADATA, FACTS_METADATA, END_METADATA))
-    return Glance(starts, facts, ends, counts)
+            record = os.pread(fd, length, offset)
+            if _HEAD.unpack_from(record) != (Opcode.METADATA, length - _HEAD.size):
+                return None
+            said, facts = _metadata(record[_HEAD.size :])
+            if said != name:
+                return None
+            found[name].append(facts)
+    starts, facts_of, ends = (tuple(found[name]) for name in _WANTED)
+    return Glance(starts, facts_of, ends, counts)
 
 
 def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
     """A metadata record's name and facts, field by field: the library's own reader takes ten times as long."""
     name, at = _text(content, 0)
-    (length,) = _LENGTH.unpack_from(content, at)
     at += _LENGTH.size
-    end, facts = at + length, {}
-    while at < end:
-        key, at = _text(content, at)
-        facts[key], at = _text(content, at)
-    return name, facts
+    end, texts = at + _length(content, at - _LENGTH.size)[0], list[str]()
+    while at < end:  # a key and its value in turn, as ``_text`` reads them
+        begin = at + 4
+        at = begin + _length(content, at)[0]
+        texts.append(content[begin:at].decode())
+    return name, dict(zip(texts[::2], texts[1::2], strict=True))
 
 
 def _text(content: bytes, at: int) -> tuple[str, int]:
     """The text at a place, and the place behind it."""
-    begin = at + _LENGTH.size
-    end = begin + _LENGTH.unpack_from(content, at)[0]
+    begin = at + 4
+    end = begin + _length(content, at)[0]
     return content[begin:end].decode(), end
 
 
-def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Every whole record's kind and content."""
-    at = 0
-    while at + _HEAD.size <= len(data):
-        kind, length = _HEAD.unpack_from(data, at)
+def _records(data: bytes, at: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
+    """Every whole record's kind and content from a byte on, of these kinds."""
+    head, end = _HEAD.unpack_from, len(data)
+    while at + _HEAD.size <= end:
+        kind, length = head(data, at)
         at += _HEAD.size
-        if at + length > len(data):
+        if at + length > end:
             return
-        yield kind, data[at : at + length]
+        if kind in among:
+            yield kind, data[at : at + length]
         at += length

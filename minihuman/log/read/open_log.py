@@ -6,7 +6,8 @@ from pathlib import Path
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX, sessions_in
 from minihuman.log.read.assemble import Gathering
-from minihuman.log.read.file import Reading, all_clean
+from minihuman.log.read.file import Reading
+from minihuman.log.read.glance import all_clean
 from minihuman.log.read.guard import guarded
 from minihuman.recorded.episode import SessionLog
 from minihuman.study import events as ev

@@ -25,11 +25,21 @@ from numpy.typing import NDArray
 
 from minihuman.errors import LogError
 from minihuman.log import segment_head
+from minihuman.log.kinds import known
 from minihuman.log.read.chunk import HEAD, LogMessage, Messages, Records, cut
-from minihuman.log.read.frames import LARGEST_BYTES, attachment_of, chunk_of, metadata_of, next_whole, stream, times_of
+from minihuman.log.read.frames import (
+    LARGEST_BYTES,
+    attachment_of,
+    check_size,
+    chunk_of,
+    metadata_of,
+    next_whole,
+    stream,
+    times_of,
+)
 from minihuman.log.regular import open_regular
 from minihuman.log.segment_head import SegmentHead
-from minihuman.log.topics import BY_NAME, END_METADATA, MISSING_METADATA, PLAN, SEGMENT_METADATA
+from minihuman.log.topics import END_METADATA, MISSING_METADATA, PLAN, SEGMENT_METADATA
 
 _CRC = struct.Struct("<I")
 _FOOTER = struct.Struct("<QQI")  # where the summary starts, where its offsets start, its checksum
@@ -196,7 +206,7 @@ class Scan:
         content = file.read(length)
         if opcode == Opcode.DATA_END:
             self._end(content, file)
-            return None, end
+            return None, size
         self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
         if opcode == Opcode.CHUNK:
             index, end = self._index(file, end, size)
@@ -217,6 +227,7 @@ class Scan:
             return attachment_of(content), end
         if opcode not in _NOT_NEEDED:
             raise ValueError(f"no record starts with {opcode}")
+        check_size(opcode, content)
         return None, end
 
     def _end(self, content: bytes, file: BinaryIO) -> None:
@@ -245,7 +256,12 @@ class Scan:
             opcode, length = HEAD.unpack(head)
             if opcode != Opcode.MESSAGE_INDEX or at + HEAD.size + length > size or length > LARGEST_BYTES:
                 break
-            found.append(file.read(length))
+            content = file.read(length)
+            try:
+                check_size(opcode, content)
+            except (ValueError, struct.error):
+                break  # read once more as a record of its own, and found wanting there
+            found.append(content)
             self.crc = zlib.crc32(found[-1], zlib.crc32(head, self.crc))
             at += HEAD.size + length
         file.seek(at)
@@ -264,7 +280,7 @@ class Scan:
     def _counted(self, records: Records) -> NDArray[np.uint32]:
         """The numbers of our messages, and of a newer version's topics where they lie between ours."""
         sequences: NDArray[np.uint32] = records.heads["sequence"]
-        unknown = [number for number, channel in self.channels.items() if channel.topic not in BY_NAME]
+        unknown = [number for number, channel in self.channels.items() if known(channel.topic) is None]
         guests = np.isin(records.heads["channel"], unknown)
         if not guests.any() and not self._between:
             return sequences

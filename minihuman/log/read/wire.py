@@ -3,6 +3,9 @@
 A session has thousands of steps, key presses and pictures. Field by field, numpy reads them several times sooner than
 a parser makes one object after the other. What is read is what protobuf's own parser reads, but for two things that
 no writer of ours does: groups are refused, and of a nested message that comes twice the last one counts.
+
+ptars 0.0.25 makes Arrow columns of the same bytes in half the time, 0.6 ms less of the 8 ms that a session takes; but a
+length that is too large makes it panic, which no guard around reading catches and which it prints on the terminal.
 """
 
 from collections.abc import Iterator, Mapping

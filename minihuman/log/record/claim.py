@@ -11,7 +11,6 @@ from pathlib import Path
 
 from minihuman.errors import LogError, naming
 from minihuman.log.paths import SegmentPath
-from minihuman.log.read.file import segment_starts
 
 
 def create(where: SegmentPath) -> int:
@@ -25,10 +24,7 @@ def create(where: SegmentPath) -> int:
             where.part.parent.mkdir(parents=True, exist_ok=True)
             fd = os.open(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, 0o644)
         except FileExistsError:
-            raise LogError(
-                f"{where.part} already exists: that session runs elsewhere or was cut off; "
-                f"end it, or run: minihuman recover {where.part}"
-            ) from None
+            raise _runs_elsewhere(where) from None
         except OSError as error:
             raise LogError(f"{where.part} cannot be made: {error.strerror}; choose another --data") from error
         try:
@@ -40,15 +36,41 @@ def create(where: SegmentPath) -> int:
         if is_at(fd, where.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
-    if where.log.exists() and where.segment in (1, *segment_starts(where.log)):
+    if (refusal := _is_there(where)) is not None:
         where.part.unlink()
         os.close(fd)
-        raise LogError(
-            f"{where.log} already exists and holds segment {where.segment}; choose another --session or move it"
-        )
+        raise refusal
     for folder in where.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
         sync_folder(folder)
     return fd
+
+
+def refuse_taken(where: SegmentPath) -> None:
+    """Make sure that nobody has recorded a segment or does so now, without beginning to.
+
+    Raises:
+        LogError: if somebody has.
+    """
+    refusal = _runs_elsewhere(where) if where.part.exists() else _is_there(where)
+    if refusal is not None:
+        raise refusal
+
+
+def _runs_elsewhere(where: SegmentPath) -> LogError:
+    return LogError(
+        f"{where.part} already exists: that session runs elsewhere or was cut off; "
+        f"end it, or run: minihuman recover {where.part}"
+    )
+
+
+def _is_there(where: SegmentPath) -> LogError | None:
+    from minihuman.log.read.file import segment_starts  # all that reads messages: whoever only locks does without
+
+    if not where.log.exists() or where.segment not in (1, *segment_starts(where.log)):
+        return None
+    return LogError(
+        f"{where.log} already exists and holds segment {where.segment}; choose another --session or move it"
+    )
 
 
 @contextlib.contextmanager

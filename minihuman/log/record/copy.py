@@ -12,6 +12,7 @@ from minihuman.log import segment_head, topics
 from minihuman.log.chain import HEAD, Chain
 from minihuman.log.decode import decode
 from minihuman.log.encode import for_viewers
+from minihuman.log.kinds import TRUTHS
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.scan import Missing, Scan
 from minihuman.study.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
@@ -111,7 +112,7 @@ class Copy:
             return
         if topic == topics.PLAN:
             self._start(message, schema)
-        if topic in topics.BY_NAME and topic not in _FOR_VIEWERS:
+        if topic in TRUTHS:
             self.last_sequence = message.sequence
         self._write_head()
         self._for_viewers(message)

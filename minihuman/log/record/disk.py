@@ -1,4 +1,4 @@
-"""Bytes on their way to the disk: with the operating system before ``write`` returns, on the disk soon after.
+"""Bytes on their way to the disk: with the operating system when ``settle`` returns, on the disk soon after.
 
 Two threads stand between a session and a file. One writes: what it has written survives the process, however that
 ends. One fsyncs behind it: what it has done survives the power. Neither can hold a picture up for longer than a bound:
@@ -31,6 +31,7 @@ class _Job:
     pieces: Sequence[Piece]
     steps: int  # of the segment, with these
     done: threading.Lock = field(default_factory=threading.Lock)  # held until it is written or given up
+    over: bool = False  # it was written, or given up
     whole: bool = False  # it was written to its last byte
 
 
@@ -40,8 +41,10 @@ class Disk:
     Args:
         sync: makes a file descriptor's writes durable.
         put: writes to a file descriptor, and says how many bytes it took.
-        bound_s: how long ``write`` waits.
+        bound_s: how long ``settle`` waits; None: it does not, since whoever writes tells nobody before it is durable.
         backlog: how many writes may wait before it gives up.
+        crc: of what the file holds already.
+        at_sync: called, by a thread of this, whenever more has become durable.
     """
 
     def __init__(
@@ -51,12 +54,15 @@ class Disk:
         *,
         sync: Callable[[int], None] = os.fsync,
         put: Callable[[int, memoryview], int] = os.write,
-        bound_s: float = WRITE_BOUND_S,
+        bound_s: float | None = WRITE_BOUND_S,
         backlog: int = BACKLOG,
+        crc: int = 0,
+        at_sync: Callable[[], None] = lambda: None,
     ) -> None:
         self.failure: Exception | None = None
-        self.crc = 0  # of all that was written
+        self.crc = crc  # of all that was written
         self.durable_steps = 0  # how many are fsynced
+        self.durable_writes = 0  # likewise
         self.late = 0  # writes that a picture did not wait for to their end
         self.longest_wait_s = 0.0
         self.rescued = 0  # how often the file was gone and was written again
@@ -65,7 +71,10 @@ class Disk:
         self._sync = sync
         self._put = put
         self._bound_s = bound_s
+        self._at_sync = at_sync
         self._backlog = backlog
+        self._last: _Job | None = None  # begun and not waited for
+        self._stuck: _Job | None = None  # the last that was waited for in vain
         self._given = 0  # jobs
         self._written = 0
         self._settled = 0  # jobs that are durable, or never will be
@@ -81,8 +90,8 @@ class Disk:
         for thread in self._threads:
             thread.start()
 
-    def write(self, pieces: Sequence[Piece], *, steps: int) -> None:
-        """Append pieces; when this returns they are written, have had ``bound_s`` to be, or ``failure`` says why not.
+    def begin(self, pieces: Sequence[Piece], *, steps: int) -> None:
+        """Have pieces appended, behind all that were begun before; ``failure`` may say why they are not.
 
         ``steps`` is how many the file holds with these.
         """
@@ -93,12 +102,20 @@ class Disk:
         job = _Job(pieces, steps)
         job.done.acquire()
         self._given += 1
+        self._last = job
         self._jobs.put(job)
-        if behind:  # the disk stalls, and a picture has waited for it already
+
+    def settle(self) -> None:
+        """Wait for what was begun: it is written then, has had ``bound_s`` to be, or ``failure`` says why not."""
+        job, self._last = self._last, None
+        if job is None or self._bound_s is None:
+            return
+        if self._stuck is not None and not self._stuck.over:  # a picture has waited for the disk already
             self.late += 1
             return
         began_s = time.monotonic()
-        self.late += not job.done.acquire(timeout=self._bound_s)
+        self._stuck = None if job.done.acquire(timeout=self._bound_s) else job
+        self.late += self._stuck is not None
         self.longest_wait_s = max(self.longest_wait_s, time.monotonic() - began_s)
 
     def drain(self) -> None:
@@ -122,6 +139,7 @@ class Disk:
                 except Exception as error:  # handed to the session at this write or the next
                     self.failure = error
             self._written += 1
+            job.over = True
             job.done.release()
             self._unsynced.put(job)
         self._unsynced.put(None)
@@ -149,11 +167,15 @@ class Disk:
                     self._sync(self._fd)
                     self._stay_there()
                     self.durable_steps = max([self.durable_steps, *(job.steps for job in written if job.whole)])
+                    if all(job.whole for job in written):
+                        self.durable_writes += len(written)
                 except Exception as error:
                     broken, self.failure = True, self.failure or error
             with self._rest:
                 self._settled += len(written)
                 self._rest.notify_all()
+            if written:
+                self._at_sync()
 
     def _stay_there(self) -> None:
         """Where somebody took the file away or moved it, write it again from the open handle."""

@@ -16,6 +16,7 @@ from mcap.writer import Writer
 
 from minihuman.errors import LogError
 from minihuman.log import topics
+from minihuman.log.kinds import TRUTHS
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_guest
 from minihuman.log.read.file import segment_starts
 from minihuman.log.read.guard import guarded
@@ -121,7 +122,8 @@ def repair(log: Path) -> Finished:
         LogError: if it cannot be opened, is no session log, holds no plan, is whole, or the disk is full; it stays.
     """
     try:
-        segment_starts(log)
+        with guarded(log):
+            segment_starts(log)
     except LogError:
         pass
     else:
@@ -140,7 +142,7 @@ def _repaired(log: Path) -> Finished:
             if not segments:
                 raise LogError(f"{log} is {scan.damage or 'empty'}: no session plan is left in it; it stays as it is")
             copy.missing(gap for gap in scan.missing if gap not in scan.declared)
-            for segment in sorted(segments - {int(facts["segment"]) for facts in copy.ends}):
+            for segment in sorted(segments - {int(facts["segment"]) for facts in copy.ends if "segment" in facts}):
                 copy.end({"segment": segment, "reason": CUT_OFF, "clean": False, "stopped": scan.damage})
             copy.metadata(topics.REPAIRED_METADATA, {"damage": scan.damage})
         aside = _put_aside(log, "as-found", linked=True)
@@ -166,7 +168,7 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, p
         part = Scan(where.part)
         copy.all_of(part, draw=True)
         end_reason = copy.end_reason or CUT_OFF
-        messages = sum(copy.counts[topic.name] for topic in topics.TOPICS if not topic.for_viewers)
+        messages = sum(count for topic, count in copy.counts.items() if topic in TRUTHS)
         damage = part.damage
         if promised is not None and not damage and (messages, part.crc) != (promised.messages, promised.crc):
             damage = "not what was written"

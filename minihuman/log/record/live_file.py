@@ -16,13 +16,14 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, IndexType, Writer
 import minihuman
 from minihuman.log import segment_head
 from minihuman.log.encode import caused_ns, truth
+from minihuman.log.kinds import known, topics_of
 from minihuman.log.topics import (
-    BY_NAME,
     FACTS_METADATA,
     PROFILE,
     SCHEMA_VERSION,
     SEGMENT_METADATA,
     TOPICS,
+    Topic,
     schema_bytes,
 )
 from minihuman.study.again import RULES
@@ -60,6 +61,25 @@ class LiveLog:
             use_statistics=False,
         )
         self._channels: dict[str, int] = {}
+        self._schemas: dict[str, Schema] = {}
+
+    @classmethod
+    def going_on(cls, plan: SessionPlan, *, started_ns: int, messages: int, steps: int) -> "LiveLog":
+        """For a file that a killed program left: what is encoded is to be appended to it.
+
+        ``messages`` and ``steps`` are how many it holds.
+        """
+        live = cls(started_ns=started_ns)
+        live._writer.start(profile=PROFILE, library=LIBRARY)
+        live._number(plan)
+        live._bytes.take()  # the file has its beginning
+        live.messages, live.steps = messages, steps
+        return live
+
+    @property
+    def channels(self) -> dict[str, int]:
+        """The number of each topic's channel; none before the first event."""
+        return dict(self._channels)
 
     def encode(self, events: Sequence[Event]) -> list[Piece]:
         """Give the bytes of some events; a piece of its own for every episode's start and what follows it."""
@@ -79,6 +99,8 @@ class LiveLog:
 
     def _flushed(self) -> bytes:
         self._writer.flush()
+        # The library keeps an index entry for every write, for a summary that a live file never has: megabytes an hour.
+        getattr(self._writer, "_Writer__chunk_indices", []).clear()
         return self._bytes.take()
 
     def _start(self, event: SessionStarted) -> bytes:
@@ -94,26 +116,34 @@ class LiveLog:
         begin = self._flushed()
         for name, media_type, content in attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
-        schemas: dict[str, Schema] = {}
-        channels: list[Channel] = []
-        for topic in TOPICS:
-            if topic.for_viewers:
-                continue
-            kind, data = topic.message.DESCRIPTOR.full_name, schema_bytes(topic.message)
-            if kind not in schemas:
-                schemas[kind] = Schema(writer.register_schema(kind, "protobuf", data), data, "protobuf", kind)
-            self._channels[topic.name] = writer.register_channel(topic.name, "protobuf", schemas[kind].id)
-            channels.append(Channel(self._channels[topic.name], topic.name, "protobuf", {}, schemas[kind].id))
+        channels = self._number(event.plan)
         plan = self._add(event)
         rest = self._flushed()
         builder = RecordBuilder()
-        copied = segment_head.packed(head, list(schemas.values()), channels, plan)
+        copied = segment_head.packed(head, list(self._schemas.values()), channels, plan)
         Attachment(started_ns, started_ns, segment_head.NAME, segment_head.MEDIA_TYPE, copied).write(builder)
         return begin + bytes(builder.end()) + rest
 
+    def _number(self, plan: SessionPlan) -> list[Channel]:
+        """Number the topics' types and channels, always in the same order."""
+        topics = (*TOPICS, *topics_of(part.kind for part in plan.parts))
+        return [self._channel(topic) for topic in topics if not topic.for_viewers]
+
+    def _channel(self, topic: Topic) -> Channel:
+        kind, data = topic.message.DESCRIPTOR.full_name, schema_bytes(topic.message)
+        if kind not in self._schemas:
+            number = self._writer.register_schema(kind, "protobuf", data)
+            self._schemas[kind] = Schema(number, data, "protobuf", kind)
+        schema = self._schemas[kind].id
+        self._channels[topic.name] = self._writer.register_channel(topic.name, "protobuf", schema)
+        return Channel(self._channels[topic.name], topic.name, "protobuf", {}, schema)
+
     def _add(self, event: Event) -> Message:
         topic, message = truth(event)
-        assert isinstance(message, BY_NAME[topic].message)
+        if topic not in self._channels:  # of a kind of activity that the plan has no part of
+            found = known(topic)
+            assert found is not None
+            self._channel(found)
         self.messages += 1
         self.steps += isinstance(event, Stepped)
         added = Message(

@@ -1,6 +1,7 @@
 """The recorder on disk: every event in an MCAP file before its picture is shown, every step fsynced soon after.
 
 ``write`` encodes and hands the bytes to the operating system: from then on a killed process cannot take them back.
+``begin`` and ``settle`` are its two halves, so that the picture is drawn in between.
 What makes them last through a power cut, fsync, takes 4 ms at the median and 25 ms at worst, so it has no place between
 a key and its picture, and follows on a thread of its own.
 """
@@ -14,6 +15,7 @@ from minihuman.log.paths import SegmentPath
 from minihuman.log.record.claim import create
 from minihuman.log.record.disk import BACKLOG, WRITE_BOUND_S, Disk
 from minihuman.log.record.finish import Finished, Promised, finish
+from minihuman.log.record.left import Left
 from minihuman.log.record.live_file import LiveLog
 from minihuman.log.record.recorder import Recorder
 from minihuman.study.events import Event, SessionEnded
@@ -29,8 +31,10 @@ class McapRecorder(Recorder):
         started_ns: the wall clock at the session's time 0, ns since 1970.
         sync: makes a file descriptor's writes durable.
         put: writes to a file descriptor, and says how many bytes it took.
-        bound_s: how long a write that the disk does not take may hold its picture up.
+        bound_s: how long a write that the disk does not take may hold its picture up; None: not at all.
         backlog: how many writes may wait for the disk before the recorder gives up.
+        at_sync: called, by another thread, whenever more has become durable.
+        left: a live file of this segment that a killed program left, to go on with; it was locked for this.
 
     Raises:
         LogError: if the session's log exists already or is being written, or the folder cannot be written.
@@ -44,13 +48,28 @@ class McapRecorder(Recorder):
         started_ns: int,
         sync: Callable[[int], None] = os.fsync,
         put: Callable[[int, memoryview], int] = os.write,
-        bound_s: float = WRITE_BOUND_S,
+        bound_s: float | None = WRITE_BOUND_S,
         backlog: int = BACKLOG,
+        at_sync: Callable[[], None] = lambda: None,
+        left: Left | None = None,
     ) -> None:
         self.where = SegmentPath.of_plan(data, plan)
-        self._fd = create(self.where)
-        self._live = LiveLog(started_ns=started_ns)
-        self._disk = Disk(self._fd, self.where.part, sync=sync, put=put, bound_s=bound_s, backlog=backlog)
+        if left is None:
+            self._fd = create(self.where)
+            self._live = LiveLog(started_ns=started_ns)
+        else:
+            self._fd = left.fd
+            self._live = LiveLog.going_on(plan, started_ns=started_ns, messages=left.messages, steps=left.steps)
+        self._disk = Disk(
+            self._fd,
+            self.where.part,
+            sync=sync,
+            put=put,
+            bound_s=bound_s,
+            backlog=backlog,
+            crc=0 if left is None else left.crc,
+            at_sync=at_sync,
+        )
         self._ended = False
         self._closed = False
 
@@ -59,6 +78,15 @@ class McapRecorder(Recorder):
 
         Raises:
             LogError: if this or an earlier write failed, the disk is a whole backlog behind, or the recorder is closed.
+        """
+        self.begin(events)
+        self.settle()
+
+    def begin(self, events: Sequence[Event]) -> None:
+        """Hand over the events of one input to be written: whoever shows what came of them calls ``settle`` first.
+
+        Raises:
+            LogError: if an earlier write failed, the disk is a whole backlog behind, or the recorder is closed.
         """
         self._refuse_after_failure()
         if self._closed:
@@ -71,13 +99,27 @@ class McapRecorder(Recorder):
         except Exception as error:  # a bug of ours, or a world's: the log must not go on with a hole in it
             self._disk.failure = error
         else:
-            self._disk.write(pieces, steps=self._live.steps)
+            self._disk.begin(pieces, steps=self._live.steps)
+        self._refuse_after_failure()
+
+    def settle(self) -> None:
+        """Wait until what was begun outlives the process, or the disk stalls.
+
+        Raises:
+            LogError: if it could not be written.
+        """
+        self._disk.settle()
         self._refuse_after_failure()
 
     @property
     def durable_steps(self) -> int:
         """How many steps of this segment are fsynced."""
         return self._disk.durable_steps
+
+    @property
+    def durable_writes(self) -> int:
+        """How many of this recorder's writes that had events are fsynced."""
+        return self._disk.durable_writes
 
     @property
     def late_writes(self) -> int:
@@ -92,6 +134,16 @@ class McapRecorder(Recorder):
         """
         self._disk.drain()
         self._refuse_after_failure()
+
+    def leave(self) -> None:
+        """Make durable what was written, and let go of the live file as it is, for another program to go on with it.
+
+        A second call, or one after ``close``, does nothing.
+        """
+        if not self._closed:
+            self._closed = True
+            self._disk.close()
+            os.close(self._fd)
 
     def close(self) -> Path | None:
         """Write what is left, finish the log and return it. A second call only says where it is.

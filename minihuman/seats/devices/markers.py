@@ -73,6 +73,11 @@ class MarkingRecorder(Recorder):
         """As the recorder says."""
         return self._recorder.durable_steps
 
+    @property
+    def durable_writes(self) -> int:
+        """How many writes are fsynced."""
+        return self._recorder.durable_writes
+
     def close(self) -> Path | None:
         """Mark what is left, and finish the log."""
         self._queue.put(None)

@@ -52,11 +52,13 @@ class SamplingRecorder(Recorder):
     Args:
         recorder: the log; closed with this one.
         devices: open ones, by their names in the protocol.
+        from_ns: what they gave before that is left out.
     """
 
-    def __init__(self, recorder: Recorder, devices: Mapping[str, Device]) -> None:
+    def __init__(self, recorder: Recorder, devices: Mapping[str, Device], *, from_ns: int = 0) -> None:
         self._recorder = recorder
         self._devices = devices
+        self._from_ns = from_ns
         self._lock = threading.Lock()  # of the recorder and of what waits: the session's thread and the devices' write
         self._waiting: list[Sampled] = []
         self._since_s = 0.0  # when the first of those came
@@ -89,6 +91,11 @@ class SamplingRecorder(Recorder):
         """As the recorder says."""
         return self._recorder.durable_steps
 
+    @property
+    def durable_writes(self) -> int:
+        """How many writes are fsynced."""
+        return self._recorder.durable_writes
+
     def close(self) -> Path | None:
         """Stop asking the devices, and finish the log."""
         self._stopped.set()
@@ -116,7 +123,7 @@ class SamplingRecorder(Recorder):
     def _fresh(self, name: str) -> Iterator[Sampled]:
         for sample in self._devices[name].read():
             last_ns = self._last_ns.get(name, 0)
-            if sample.t_ns < 0:
-                continue  # before the session
+            if sample.t_ns < self._from_ns:
+                continue  # before the session, or before its consent
             self._last_ns[name] = max(last_ns, sample.t_ns)  # a device's time never goes back
             yield Sampled(self._last_ns[name], name, tuple(map(float, sample.values)), sample.text)

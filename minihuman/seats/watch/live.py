@@ -8,16 +8,20 @@ from minihuman.study.events import (
     EpisodeStarted,
     Event,
     KeyPressed,
+    Linked,
     Noted,
     Paused,
+    PointerUsed,
     Resumed,
     SessionEnded,
     SessionStarted,
     Stepped,
+    TextTyped,
 )
 from minihuman.study.plan import SessionPlan
 
 NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
 _KEYS, _TIMES, _NOTES = 12, 60, 200
 
 
@@ -35,6 +39,9 @@ class Live:
     return_: float = 0.0
     completed: int = 0
     presses: int = 0
+    acted_ns: int = 0  # when the participant last did something
+    link: Linked | None = None  # the line to a participant in a browser, when it was last measured
+    window: str = ""  # what they sit at
     keys: deque[KeyPressed] = field(default_factory=lambda: deque(maxlen=_KEYS))
     times_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_TIMES))
     notes: deque[tuple[int, str, str]] = field(default_factory=lambda: deque(maxlen=_NOTES))  # t_ns, kind, text
@@ -46,6 +53,7 @@ class Live:
         match event:
             case SessionStarted():
                 self.plan = event.plan
+                self.window = event.facts.get("window", "")
             case EpisodeStarted():
                 self.episode, self.actions, self.outcome, self.return_ = event, [], "", 0.0
             case Stepped():
@@ -56,7 +64,12 @@ class Live:
             case EpisodeEnded():
                 self.outcome = event.outcome
                 self.completed += event.outcome != "abandoned"
+            case Linked():
+                self.link = event
+            case PointerUsed() | TextTyped():
+                self.acted_ns = event.t_ns
             case KeyPressed(down=True):
+                self.acted_ns = event.t_ns
                 self.presses += event.verdict != "repeat"
                 self.keys.append(event)
             case Paused():
@@ -70,8 +83,8 @@ class Live:
             case SessionEnded():
                 self.ended = f"{event.reason}: {event.detail}" if event.detail else event.reason
 
-    def facts(self) -> dict[str, object]:
-        """For the page: plain values, times in seconds or ms."""
+    def facts(self, silent_s: float = 0.0) -> dict[str, object]:
+        """For the page: plain values, times in seconds or ms; ``silent_s`` is how long ago the latest event was."""
         plan, started = self.plan, self.episode
         if plan is None:
             return {}
@@ -84,6 +97,11 @@ class Live:
             "phase": self.phase.replace("_", " "),
             "paused": self.paused.replace("_", " "),
             "elapsed_s": self.t_ns // NS_PER_S,
+            "idle_s": round((self.t_ns - self.acted_ns) / NS_PER_S + silent_s),
+            "silent_s": round(silent_s),
+            "window": self.window,
+            "rtt_ms": None if self.link is None else round(self.link.rtt_ns / NS_PER_MS),
+            "least_rtt_ms": None if self.link is None else round(self.link.least_rtt_ns / NS_PER_MS),
             "block": started.plan.block_name if started else "",
             "block_number": started.plan.block + 1 if started else 0,
             "blocks": texts,

@@ -14,12 +14,25 @@ from urllib.parse import parse_qs, urlsplit
 import msgspec
 
 from minihuman.errors import LogError
+from minihuman.lab.recruits import Recruits
 from minihuman.lab.status import status_lines
 from minihuman.seats.desk import Request, ask
+from minihuman.seats.watch.seldom import Seldom
 from minihuman.seats.watch.sessions import RunningSessions
 
 ADDRESS = "127.0.0.1"
 _LONGEST = 10_000  # bytes of a request
+_KINDS = {"": "text/html", "css": "text/css", "js": "text/javascript"}
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Content-Security-Policy": "default-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'",
+}
+
+
+class _Recruit(msgspec.Struct, frozen=True):
+    open: bool
 
 
 class WatchServer:
@@ -36,6 +49,8 @@ class WatchServer:
     def __init__(self, study_dir: Path, port: int = 0) -> None:
         self._study_dir = study_dir
         self._sessions = RunningSessions(study_dir)
+        self._recruits = Recruits(study_dir)
+        self._status = Seldom(self._lines)
         self._one_at_a_time = Lock()
         word = secrets.token_urlsafe(16)
         try:
@@ -58,8 +73,9 @@ class WatchServer:
         name = query.get("session", [""])[0]
         with self._one_at_a_time:
             match path, body:
-                case "", None:
-                    return "text/html; charset=utf-8", (files(__package__) / "page.html").read_bytes()
+                case "" | "page.css" | "page.js" as asked, None:
+                    kind = _KINDS[asked.rpartition(".")[2]]
+                    return f"{kind}; charset=utf-8", (files(__package__) / (asked or "page.html")).read_bytes()
                 case "state", None:
                     return "application/json", json.dumps(self._state()).encode()
                 case "picture", None:
@@ -71,14 +87,33 @@ class WatchServer:
                     at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
                     ask(log, msgspec.structs.replace(msgspec.json.decode(body, type=Request), at=at))
                     return "application/json", b"{}"
+                case "recruit", bytes():
+                    self._recruits.recruit(msgspec.json.decode(body, type=_Recruit).open)
+                    return "application/json", b"{}"
         return None
 
-    def _state(self) -> dict[str, object]:
+    def _lines(self) -> list[str]:
         try:
-            lines = list(status_lines(self._study_dir))
+            return list(status_lines(self._study_dir))
         except LogError as error:
-            lines = [str(error)]
-        return {"study": self._study_dir.name, "sessions": self._sessions.look(), "status": lines}
+            return [str(error)]
+
+    def _state(self) -> dict[str, object]:
+        return {
+            "study": self._study_dir.name,
+            "sessions": self._sessions.look(),
+            "status": self._status(),
+            "recruiting": self._recruiting(),
+        }
+
+    def _recruiting(self) -> dict[str, object] | None:
+        """Whether new people may come, and how many did; None for a study that offers no links."""
+        if not self._recruits.begun:
+            return None
+        standing = self._recruits.standing()
+        came = set(standing.came.values())
+        unread = sum(not (self._study_dir / code).exists() for code in came)
+        return {"open": standing.recruiting, "links": len(standing.issued), "came": len(came), "reading": unread}
 
 
 Answer = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, bytes] | None]
@@ -112,8 +147,8 @@ def _handler(prefix: str, answer: Answer) -> type[BaseHTTPRequestHandler]:
             self.send_response(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(content)))
-            self.send_header("Cache-Control", "no-store")
-            self.send_header("Referrer-Policy", "no-referrer")
+            for header in _HEADERS.items():
+                self.send_header(*header)
             self.end_headers()
             self.wfile.write(content)
 

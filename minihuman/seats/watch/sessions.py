@@ -10,8 +10,9 @@ from minihuman.log.read.open_log import read_events
 from minihuman.log.record.claim import is_live
 from minihuman.seats.watch.live import Live
 from minihuman.seats.watch.picture import Picture
+from minihuman.seats.watch.seldom import Seldom
 
-_SHARE = 0.05  # of a core, that reading may take
+_SHARE = 0.05  # of a core, that reading all of them may take
 
 
 @dataclass(slots=True)
@@ -19,6 +20,7 @@ class _Watched:
     live: Live = field(default_factory=Live)
     picture: Picture = field(default_factory=Picture)
     size: int = -1
+    written_s: float = 0.0  # the wall clock when it was written last
     again_s: float = 0.0
     problem: str = ""
 
@@ -26,7 +28,8 @@ class _Watched:
 class RunningSessions:
     """All sessions below a folder that a process is writing now.
 
-    A log is read from its beginning, and the seldomer the longer that takes: never for over a twentieth of the time.
+    A log is read from its beginning, and the seldomer the longer that takes: never for over a twentieth of the time,
+    however many there are.
     """
 
     def __init__(self, study_dir: Path) -> None:
@@ -34,14 +37,11 @@ class RunningSessions:
             raise LogError(f"{study_dir} is not a folder; name a study's folder")
         self._study_dir = study_dir
         self._watched: dict[str, _Watched] = {}
+        self._parts = Seldom(lambda: sorted(study_dir.rglob(f"*{PART_SUFFIX}")))
 
     def look(self) -> dict[str, dict[str, object]]:
         """Facts of each running session, by the name of its live log relative to the folder."""
-        names = {
-            str(part.relative_to(self._study_dir)): part
-            for part in sorted(self._study_dir.rglob(f"*{PART_SUFFIX}"))
-            if is_live(part)
-        }
+        names = {str(part.relative_to(self._study_dir)): part for part in self._parts() if is_live(part)}
         for gone in self._watched.keys() - names.keys():
             self._watched.pop(gone).picture.close()
         return {name: self._facts(name, part) for name, part in names.items()}
@@ -60,13 +60,15 @@ class RunningSessions:
         now_s = time.monotonic()
         if now_s >= watched.again_s:
             self._read(watched, part)
-            watched.again_s = now_s + (time.monotonic() - now_s) / _SHARE
-        return {**watched.live.facts(), "problem": watched.problem}
+            watched.again_s = now_s + (time.monotonic() - now_s) / _SHARE * len(self._watched)
+        silent_s = max(0.0, time.time() - watched.written_s)
+        return {**watched.live.facts(silent_s), "problem": watched.problem}
 
     @staticmethod
     def _read(watched: _Watched, part: Path) -> None:
         try:
-            size = part.stat().st_size
+            found = part.stat()
+            size, watched.written_s = found.st_size, found.st_mtime
             if size == watched.size:
                 return
             live = Live()

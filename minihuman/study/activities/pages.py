@@ -95,6 +95,8 @@ class Pages(Activity):
                 self._note_agreement()
             case PointerPressed(target="back"):
                 self._moved(-1, by_enter=False)
+            case PointerPressed(target="decline") if self.part.plan.agree:
+                self.ended = Ended("failed", reason="declined", detail="the participant did not agree")
 
     def _moved(self, by: int, *, by_enter: bool) -> bool:
         """Whether it led anywhere. The last page is left by Enter or its button only, never by an arrow too many."""
@@ -126,6 +128,7 @@ class Pages(Activity):
         return texts.page(
             words,
             title=plan.title,
+            declining=words["consent.decline"] if plan.agree else "",
             body=texts.with_score(self.stage, plan.pages[reader.page] if plan.pages else ""),
             page=reader.page,
             pages=reader.pages,

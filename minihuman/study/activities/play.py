@@ -1,12 +1,12 @@
 """Play: the episodes of one block, with what is read before, between and after them."""
 
-from enum import StrEnum
-
-from minihuman.study import texts
 from minihuman.study.activities.pages import BACK, FORWARD, Reader, page_shown
 from minihuman.study.activities.play_limits import Limits
 from minihuman.study.activities.play_moves import MOVES, SHOWN_IF
 from minihuman.study.activities.play_plan import PlayPlan
+from minihuman.study.activities.play_tally import Tally
+from minihuman.study.activities.play_timer import Timer
+from minihuman.study.activities.play_view import View
 from minihuman.study.activities.port import Activity, Ended, Kind
 from minihuman.study.events import (
     EndCause,
@@ -17,19 +17,15 @@ from minihuman.study.events import (
     PauseReason,
     Resumed,
     Scored,
-    SkipReason,
     Stepped,
 )
 from minihuman.study.inputs import Input, KeyDown, PointerPressed, Shown
 from minihuman.study.phases import Cause, Phase
 from minihuman.study.plan import Part
 from minihuman.study.play import Play
-from minihuman.study.screens import BlankScreen, PlayScreen, Screen
+from minihuman.study.screens import PlayScreen, Screen
 from minihuman.study.stage import ENTER, Stage
 
-NS_PER_MS = 1_000_000
-NS_PER_S = 1_000_000_000
-_TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD)
 _READ = (Phase.READY, Phase.FEEDBACK)
 
 
@@ -38,19 +34,19 @@ class Playing(Activity):
 
     plan: PlayPlan
     play: Play | None = None
+    learning_s = 0.0  # how long the next episode may wait for an agent that learns
 
     def __init__(self, number: int, part: Part, stage: Stage) -> None:
         super().__init__(number, part, stage)
         self.plan = part.plan
         self.phase = Phase.START
-        self.outcomes: list[str] = []  # of this block's episodes, in order
-        self.skip: SkipReason | None = None  # why no other episode is played
         self.wants_ready: bool = True
         self._play: Play | None = None  # from the ready screen to the end of the feedback
-        self._until_ns: int | None = None  # interval, fixation, hold and rest last until then
+        self._timer = Timer(self.plan, lambda: self.learning_s)
         self._limits = Limits(self.plan.max_s, self.plan.block_max_s)
         self._reader = Reader(len(self.plan.instruction))
-        self._scored = 0.0
+        self._tally = Tally(self.plan)
+        self._view = View(self.plan, stage)
         self._flip_ns: int | None = None  # when the present text reached the display
         self._drawn: tuple[object, Screen] | None = None  # a world's picture is drawn once
 
@@ -59,7 +55,7 @@ class Playing(Activity):
     @property
     def another_episode(self) -> bool:
         """Whether the block goes on."""
-        return self.skip is None and self.stage.next_episode < self.plan.first + self.plan.count
+        return self._tally.another(self.stage.next_episode)
 
     @property
     def world_takes_a_moment(self) -> bool:
@@ -77,7 +73,7 @@ class Playing(Activity):
     def begin(self) -> None:
         """Begin the block, or go on with it."""
         if self.number == self.stage.plan.standing.part and self.stage.next_episode == self.stage.plan.first_episode:
-            self.outcomes = list(self.stage.plan.standing.outcomes)
+            self._tally.go_on_from(self.stage.plan.standing.outcomes)
         self._decide()
         if not self.another_episode:
             self._end()
@@ -107,7 +103,7 @@ class Playing(Activity):
 
     def suspend(self, reason: PauseReason) -> None:
         """Stop the clocks."""
-        self._until_ns = None if self.phase in _TIMED else self._until_ns
+        self._timer.suspend(self.phase)
         if self.phase is Phase.PLAYING:
             self._current.suspend()
             self._limits.stop(self.stage.now_ns)
@@ -119,8 +115,8 @@ class Playing(Activity):
         if self.phase is Phase.PLAYING:
             self._limits.run(self.stage.now_ns)
             self.stage.say(Resumed(self.stage.now_ns))
-        elif self.phase in _TIMED:
-            self._until_ns = self.stage.now_ns + self._lasts_ns
+        else:
+            self._timer.resume(self.phase, self.stage.now_ns)
 
     def stop(self) -> None:
         """Abandon what is being played."""
@@ -138,6 +134,11 @@ class Playing(Activity):
         return self.playing and self._current.real_time
 
     @property
+    def limit_ns(self) -> int | None:
+        """When the time for the episode, or for the block, is over; None while nothing is played or without a limit."""
+        return self._limits.due_ns if self.playing else None
+
+    @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
         """The next step of real time, a limit, the end of a timed screen, or a rest's next second."""
         if self.phase is Phase.PLAYING:
@@ -146,54 +147,47 @@ class Playing(Activity):
             return min(due, default=None)
         if self.phase is Phase.PREPARING:
             return self.stage.now_ns
-        if self._until_ns is not None and self.stage.now_ns < self._until_ns:
-            if self.phase is Phase.REST:
-                return self._until_ns - (self._rest_left_s - 1) * NS_PER_S
-            return self._until_ns
-        return None
+        return self._timer.due_ns(self.phase, self.stage.now_ns)
 
     def screen(self) -> Screen:
         """What belongs to the phase."""
-        now = (self.phase, self._reader.page, self._play, self._play and self._play.steps, self._rest_left_s)
+        steps = self._play and self._play.steps
+        now = (self.phase, self._reader.page, self._play, steps, self._rest_left_s, self._look)
         if self._drawn is None or self._drawn[0] != now:
             self._drawn = (now, self._screen())
         return self._drawn[1]
 
     def _screen(self) -> Screen:
-        words = self.stage.words
+        before = self._view.before(self.phase, self._reader)
+        if before is not None:
+            return before
         match self.phase:
-            case Phase.INSTRUCTIONS:
-                return texts.page(
-                    words,
-                    title=self.plan.title or words["instructions.title"],
-                    body=self.plan.instruction[self._reader.page],
-                    page=self._reader.page,
-                    pages=self._reader.pages,
-                    last=words["go_on"],
-                    button=words["button.go_on"],
-                )
-            case Phase.PREPARING:
-                return texts.getting_ready(words)
             case Phase.READY:
-                return texts.ready(words, self._mission, self._progress)
-            case Phase.INTERVAL | Phase.FIXATION:
-                return BlankScreen(cross=self.phase is Phase.FIXATION)
+                return self._view.ready(self._current)
             case Phase.FEEDBACK:
-                return texts.feedback(words, self.plan, self._current, self._progress, self._scored, self.stage.points)
+                return self._view.feedback(self._current, self._tally.scored)
             case Phase.REST:
-                return texts.rest(words, texts.with_score(self.stage, self.plan.rest), self._rest_left_s)
+                return self._view.rest(self._rest_left_s)
         return self._play_screen()
+
+    def _play_screen(self) -> PlayScreen:
+        return self._view.play(self._current, held=self.phase is Phase.HOLD, scored=self._tally.scored)
 
     # Inputs
 
     def _shown(self, shown: Shown) -> None:
         if self.phase in (Phase.PLAYING, Phase.HOLD):
             self.stage.say(self._current.shown(shown))
+            if shown.step is not None and shown.step < self._current.steps:
+                return
+        elif shown.step is not None:  # late word of a picture: the episode is over by now
+            if self._play is not None and self._play.started:
+                self.stage.say(self._play.shown(shown))
+            return
         elif self.phase is Phase.INSTRUCTIONS:
             self.stage.say(page_shown(self.number, self._reader, shown))
         self._flip_ns = shown.flip_ns
-        if self.phase in _TIMED and self._until_ns is not None:
-            self._until_ns = shown.flip_ns + self._lasts_ns
+        self._timer.seen(self.phase, shown.flip_ns)
 
     def _let_time_pass(self) -> None:
         """Do what was due by now, before anything that came later is looked at."""
@@ -204,14 +198,8 @@ class Playing(Activity):
                 self._episode_ended(cause)
             elif stepped := self._current.tick(now_ns):
                 self._stepped(stepped)
-        elif self.phase is Phase.PREPARING or (
-            self.phase in _TIMED and self._until_ns is not None and now_ns >= self._until_ns
-        ):
+        elif self.phase is Phase.PREPARING or self._timer.over(self.phase, now_ns):
             self._move(Cause.DONE)
-
-    @property
-    def _timed_out(self) -> bool:
-        return self.phase in _TIMED and self._until_ns is not None and self.stage.now_ns >= self._until_ns
 
     def _key_in_play(self, press: KeyDown) -> None:
         play, say_key = self._current, self.stage.say_key
@@ -267,10 +255,7 @@ class Playing(Activity):
         if not SHOWN_IF.get(self.phase, _always)(self):
             self._move(Cause.DONE)
             return
-        if self.phase in _TIMED:
-            self._until_ns = self.stage.now_ns + self._lasts_ns
-        elif self.phase is Phase.REST:
-            self._until_ns = self.stage.now_ns + round(self.plan.rest_s * NS_PER_S)
+        self._timer.begin(self.phase, self.stage.now_ns)
         self.stage.say(Noted(self.stage.now_ns, "phase", self.phase))
         if self.phase is Phase.PLAYING:
             self._start_episode()
@@ -280,15 +265,23 @@ class Playing(Activity):
         plan = self.stage.plan.episodes[self.stage.next_episode]
         self._play = Play(plan, self.stage.world(plan.world, plan.options), picture_px=self.stage.picture_px)
         self._play.picture()  # a world's first picture may have to be compiled: not after the key that starts play
+        self.coming = self._play
 
     def _start_episode(self) -> None:
         play, now_ns = self._current, self.stage.now_ns
-        self.play = play
+        self.play, self.coming = play, None
         if self.stage.key_map != play.plan.key_map:
             self.stage.key_map = play.plan.key_map
             self.stage.say(KeyMapDrawn(now_ns, play.plan.episode, play.plan.key_map))
         self.stage.say(play.start(now_ns), *play.stored(now_ns))
         self._limits.begin(now_ns)
+        self._episode_started()
+
+    def _episode_started(self) -> None:
+        """Something to do when an episode has begun, for kinds that add to play."""
+
+    def _between_episodes(self) -> None:
+        """Something to do when an episode is over, for kinds that add to play."""
 
     def _stepped(self, stepped: Stepped) -> None:
         play, now_ns = self._current, self.stage.now_ns
@@ -301,66 +294,36 @@ class Playing(Activity):
         self.play = None
         self._limits.stop(stage.now_ns)
         stage.say(play.end(stage.now_ns, cause))
-        assert play.outcome is not None
-        self.outcomes.append(play.outcome)
-        if self.plan.points is not None:
-            self._scored = self.plan.points.of(play.outcome, play.steps, play.return_)
-            stage.points += self._scored
-            stage.say(Scored(stage.now_ns, play.plan.episode, self._scored, stage.points))
+        scored = self._tally.take(play)
+        if scored is not None:
+            stage.points += scored
+            stage.say(Scored(stage.now_ns, play.plan.episode, scored, stage.points))
         stage.next_episode += 1
         stage.completed += 1
         self._decide()
+        self._between_episodes()
         self._move(Cause.EPISODE_ENDED)
 
     def _decide(self) -> None:
-        """Whether the block is over before its last episode."""
-        until = self.plan.until
-        if until is not None and until.met(self.outcomes):
-            self.skip = "criterion"
-        elif self._limits.block_is_over(self.stage.now_ns):
-            self.skip = "time"
+        self._tally.decide(time_is_up=self._limits.block_is_over(self.stage.now_ns))
 
     def _end(self) -> None:
         self.phase = Phase.OVER
-        stage, past = self.stage, self.plan.first + self.plan.count
-        if self.skip is not None and stage.next_episode < past:
-            stage.say(EpisodesSkipped(stage.now_ns, stage.next_episode, past - stage.next_episode, self.skip))
+        stage, past, skip = self.stage, self.plan.first + self.plan.count, self._tally.skip
+        if skip is not None and stage.next_episode < past:
+            stage.say(EpisodesSkipped(stage.now_ns, stage.next_episode, past - stage.next_episode, skip))
             stage.next_episode = past
-        until = self.plan.until
-        if until is not None and not until.met(self.outcomes) and until.otherwise == "end":
+        if self._tally.failed:
             self.ended = Ended("failed", reason="screened_out", detail=f"{self.part.name}: criterion not reached")
         else:
             self.ended = Ended()
 
-    # What is seen
-
-    def _play_screen(self) -> PlayScreen:
-        play, words = self._current, self.stage.words
-        legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
-        held = self.phase is Phase.HOLD
-        return PlayScreen(
-            picture=play.picture(),
-            mission=self._mission,
-            progress=self._progress,
-            legend=tuple((key, words.action(action)) for key, action in legend),
-            episode=play.plan.episode,
-            step=play.steps,
-            script=words.script,
-            mark=texts.mark(play.outcome) if held and self.plan.marks else "",
-            said=texts.score(words, self._scored) if held and self.plan.points is not None else "",
-            labels=words.labels(tuple(key for key, _ in legend)),
-        )
-
-    @property
-    def _mission(self) -> str:
-        return self.plan.mission or self.stage.words.mission(self._current.mission)
-
-    @property
-    def _progress(self) -> str:
-        total = self.stage.points if self.plan.show_points else None
-        return texts.progress(self.stage, self.plan, self._current.plan, total)
-
     # Small things
+
+    @property
+    def _look(self) -> object:
+        """What else the screen depends on, for kinds that add to play."""
+        return None
 
     @property
     def _current(self) -> Play:
@@ -368,17 +331,8 @@ class Playing(Activity):
         return self._play
 
     @property
-    def _lasts_ns(self) -> int:
-        ms: dict[StrEnum, float] = {
-            Phase.INTERVAL: self.plan.interval_ms,
-            Phase.FIXATION: self.plan.fixation_ms,
-            Phase.HOLD: self.plan.hold_ms,
-        }
-        return round(ms[self.phase] * NS_PER_MS)
-
-    @property
     def _rest_left_s(self) -> int:
-        return max(0, -(-((self._until_ns or 0) - self.stage.now_ns) // NS_PER_S))
+        return self._timer.left_s(self.stage.now_ns)
 
 
 def _always(_: Playing) -> bool:

@@ -24,7 +24,8 @@ MOVES: "Moves[Playing]" = Moves(
         Move(Phase.FIXATION, Cause.DONE, Phase.PLAYING),
         Move(Phase.PLAYING, Cause.EPISODE_ENDED, Phase.HOLD),
         Move(Phase.HOLD, Cause.DONE, Phase.FEEDBACK),
-        Move(Phase.FEEDBACK, Cause.DONE, Phase.PREPARING, _another_episode_follows),
+        Move(Phase.FEEDBACK, Cause.DONE, Phase.LEARNING, _another_episode_follows),
+        Move(Phase.LEARNING, Cause.DONE, Phase.PREPARING),
         Move(Phase.FEEDBACK, Cause.DONE, Phase.REST),
         Move(Phase.REST, Cause.DONE, Phase.OVER),
     ]
@@ -32,6 +33,7 @@ MOVES: "Moves[Playing]" = Moves(
 
 SHOWN_IF: "Mapping[Phase, Callable[[Playing], bool]]" = {
     Phase.INSTRUCTIONS: lambda play: bool(play.plan.instruction),
+    Phase.LEARNING: lambda play: play.learning_s > 0,
     Phase.PREPARING: lambda play: play.world_takes_a_moment,
     Phase.READY: lambda play: play.wants_ready,
     Phase.INTERVAL: lambda play: play.plan.interval_ms > 0,

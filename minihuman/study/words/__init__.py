@@ -43,10 +43,14 @@ class Words:
     Args:
         language: whose words; one that is not ours needs all of them in ``instead``.
         instead: words that replace the language's.
+        fonts: files of faces that they are written in where these have the characters.
     """
 
-    def __init__(self, language: str = ENGLISH, instead: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, language: str = ENGLISH, instead: Mapping[str, str] | None = None, fonts: tuple[str, ...] = ()
+    ) -> None:
         self.language = language
+        self._fonts = fonts
         base = of(language) if language in LANGUAGES else of(ENGLISH)
         self._words = {**base, **(instead or {})}
 
@@ -66,7 +70,7 @@ class Words:
     @property
     def script(self) -> Script:
         """How they are written."""
-        return Script(self.language, self.rtl)
+        return Script(self.language, self.rtl, self._fonts)
 
     def action(self, name: str) -> str:
         """What an action is called; its name in the world where there is no word for it."""

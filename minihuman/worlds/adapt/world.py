@@ -55,6 +55,8 @@ class World:
     def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
         self.id = world_id
         self._env = _make(world_id, options or {})
+        native = self._env.unwrapped
+        self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
         space = self._env.action_space
         if not isinstance(space, gymnasium.spaces.Discrete):
             raise WorldError(f"{world_id}: its actions are {space}; a session needs Discrete actions, one a key")
@@ -124,6 +126,23 @@ class World:
         self._observation, reward, terminated, truncated, _ = self._env.step(self._first_action + action)
         self._steps += 1
         return Transition(float(reward), bool(terminated), bool(truncated), self._observation_hash())
+
+    def advance(self, action: int) -> tuple[bool, bool]:
+        """Do an action without making its observation, where it is a world of ours and no wrapper needs one.
+
+        Returns:
+            Whether the episode terminated and whether it was truncated. `observation` stays what it was.
+
+        Raises:
+            WorldError: as ``step``.
+        """
+        env = self._env.unwrapped
+        if not isinstance(env, NativeWorld) or self._wrappers.any:
+            transition = self.step(action)
+            return transition.terminated, transition.truncated
+        _, terminated, truncated = env.advance(self._first_action + action)
+        self._steps += 1
+        return bool(terminated), bool(truncated)
 
     def pose(self) -> Pose | None:
         """Where the agent stands; None where the world cannot tell."""

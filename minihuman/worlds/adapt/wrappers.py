@@ -40,6 +40,7 @@ class Wrappers:
             if not isinstance(env, _HOUSEKEEPING):
                 self._each.append(env)
             env = env.env
+        self.any = bool(self._each)
         self.redraw = any(type(each).render is not gymnasium.Wrapper.render for each in self._each)
         self._made = [dict(_attributes(each)) for each in self._each]  # by reference, to know them again
         self._digests = [{name: _digest(value) for name, value in made.items()} for made in self._made]

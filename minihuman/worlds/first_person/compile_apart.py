@@ -9,8 +9,10 @@ from minihuman.worlds.first_person.collision import touches_wall
 from minihuman.worlds.first_person.library import library
 from minihuman.worlds.first_person.render.draw import visible_things
 from minihuman.worlds.first_person.render.layout import lay_out
+from minihuman.worlds.first_person.render.memory import size_of
+from minihuman.worlds.first_person.render.project import VIEW_SIZE
 from minihuman.worlds.first_person.render.scene import Camera, SceneRoom, Surface
-from minihuman.worlds.first_person.render.shade import resolve
+from minihuman.worlds.first_person.render.shade import colour
 from minihuman.worlds.first_person.scenery import room_tables
 
 
@@ -22,10 +24,10 @@ def walls() -> None:
 
 
 def colours() -> None:
-    """Colour a pixel of sky."""
-    nothing = np.full((4, 1), -1, np.int32)
-    planes, kind = np.zeros((1, 21)), np.zeros((1, 2), np.int32)
-    resolve(nothing, planes, kind, library(None).textures, np.zeros(3), 1.0, np.zeros((1, 1, 3), np.uint8))
+    """Colour a picture without rows."""
+    floats, wholes = size_of(0, 0, 0, 0, 0)
+    nothing = np.zeros((1, 1, 3), np.uint8)
+    colour(*library(None).textures, np.zeros(VIEW_SIZE), np.zeros(floats), np.zeros(wholes, np.int32), nothing)
 
 
 def faces() -> None:

@@ -65,10 +65,12 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         domain_rand: draw the parameters from their ranges.
         assets: a folder with ``textures/NAME.png``, ``meshes/NAME.obj`` and ``meshes/NAME.glb`` to draw with beside our
             own; None for the class's ``assets``.
+        contact_shadows: darken the ground around things that stand on it; Miniworld's pictures have no shadows.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
     compile_apart = PIECES
+    drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
@@ -86,6 +88,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         parameters: Parameters | Mapping[str, float] = DEFAULTS,
         domain_rand: bool = False,
         assets: str | Path | None = None,
+        contact_shadows: bool = False,
     ) -> None:
         sizes = (("obs_width", obs_width), ("obs_height", obs_height))
         for name, pixels in (*sizes, ("window_width", window_width), ("window_height", window_height)):
@@ -93,6 +96,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         one_of("view", view, ("agent", "top"))
         one_of("render_mode", render_mode, (None, "rgb_array"))
         truth("domain_rand", domain_rand)
+        truth("contact_shadows", contact_shadows)
         if not actions:
             raise WorldError(f"actions is {actions!r}; a world has one or more of {', '.join(rules.ACTIONS)}")
         if unknown := set(actions) - set(rules.ACTIONS):
@@ -110,7 +114,9 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self._stage: Stage | None = None
         self._over = False  # the episode has ended
         self._pictures = Pictures(
-            (obs_width, obs_height), str(assets or self.assets) if assets or self.assets else None
+            (obs_width, obs_height),
+            str(assets or self.assets) if assets or self.assets else None,
+            shadows=contact_shadows,
         )
 
     # What a world says of itself.
@@ -127,13 +133,24 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """What ``reset`` and ``step`` tell beside the observation."""
         return {}
 
+    def sought(self) -> tuple[Entity, ...]:
+        """The things that one has to have seen before one can set out; a simulated person looks round for them.
+
+        Without any, it sets out at once, on the way that the world knows.
+        """
+        return ()
+
     def off_limits(self) -> tuple[Room, ...]:
         """The rooms that a way should not lead through, for planners."""
         return ()
 
     def observe(self) -> Any:
         """What the agent is given: its view, uint8[obs_height, obs_width, 3]."""
-        return self._pictures.observation(self.stage)
+        return self.see()
+
+    def see(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """The agent's view, uint8[obs_height, obs_width, 3], drawn into ``out`` if there is one."""
+        return self._pictures.observation(self.stage, out)
 
     # The words to build a world with.
 
@@ -226,8 +243,9 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.stage.near(a, b or self.agent)
 
     def prompt_reward(self) -> float:
-        """1 for an arrival at once, falling to 0.8 at the last step."""
-        assert self.max_steps is not None
+        """1 for an arrival at once, falling to 0.8 at the last step; where there is no last step, always 1."""
+        if self.max_steps is None:
+            return 1.0
         return 1.0 - 0.2 * (self.step_count / self.max_steps)
 
     @property

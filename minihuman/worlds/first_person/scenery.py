@@ -18,9 +18,12 @@ from minihuman.worlds.first_person.render.scene import (
     Light,
     Look,
     MeshLook,
+    ShadowLook,
 )
 from minihuman.worlds.first_person.render.tables import F64, I64, Faces, Rooms
 from minihuman.worlds.first_person.stage import Stage
+
+GONE = (np.nan,) * 4
 
 
 def light(stage: Stage) -> Light:
@@ -32,9 +35,19 @@ def light(stage: Stage) -> Light:
 def places(stage: Stage, things: Sequence[Entity]) -> NDArray[np.float64]:
     """Where the things are now, (n, 4) x, y, z, yaw_rad; not a number for one that left the stage."""
     present = set(map(id, stage.entities))
-    gone = (np.nan,) * 4
-    rows = [(*thing.pos, thing.dir) if id(thing) in present else gone for thing in things]
+    rows = [(*thing.pos, thing.dir) if id(thing) in present else GONE for thing in things]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def shaded(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the shadows of things are: below them; not a number where a thing is not on the ground."""
+    return np.where(places[:, 1:2] == 0.0, places, np.nan)
+
+
+def shadow(thing: Entity) -> ShadowLook:
+    """The shadow of a thing: of a box round its corners, of others narrower than what collides; of frames none."""
+    part = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}.get(type(thing), 0.7)
+    return ShadowLook(part * float(thing.radius))
 
 
 def room_tables(floor: FloorPlan, library: Library) -> tuple[Faces, Rooms]:

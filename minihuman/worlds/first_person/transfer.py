@@ -76,6 +76,10 @@ class GoToObj(FirstPersonEnv):
         off_m = math.hypot(x + self.reach_m * ahead_x - target_x, z + self.reach_m * ahead_z - target_z)
         return (self.prompt_reward(), True) if off_m <= self.tolerance_m else (0.0, False)
 
+    def sought(self) -> tuple[Entity, ...]:
+        """What is to be gone to."""
+        return (self.target,)
+
     def way(self) -> Sequence[int] | None:
         """The shortest list of turns and steps to where the target is just ahead."""
         names = ("turn_left", "turn_right", "move_forward")

@@ -6,6 +6,7 @@ Each world of a batch is the world it would be alone.
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import gymnasium
@@ -31,6 +32,8 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         threads: how many pictures are drawn at once; None for one a core.
     """
 
+    _pool: ThreadPoolExecutor | None = None  # made when something is to be drawn; closed even where __init__ raised
+
     def __init__(
         self,
         make: Callable[[], FirstPersonEnv],
@@ -53,7 +56,6 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self.observation_space = batch_space(first.observation_space, num_envs)
         self._over = np.zeros(num_envs, np.bool_)  # in the step before
         self._threads = threads or os.cpu_count() or 1
-        self._pool: ThreadPoolExecutor | None = None  # made when something is to be drawn
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one a world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -134,10 +136,18 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return self._pool
 
     def _observe(self) -> Any:
-        seen = list(self._painters.map(lambda world: world.observe(), self.worlds))
         space = self.single_observation_space
         batch: Any = create_empty_array(space, self.num_envs)
-        return concatenate(space, seen, batch)
+        alone = type(self.worlds[0]).observe is FirstPersonEnv.observe  # a picture and nothing else: drawn in its place
+        draw = (lambda i: self.worlds[i].see(batch[i])) if alone else (lambda i: self.worlds[i].observe())
+        # each thread draws neighbours, so that it is asked once and not for every world
+        ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]
+        shares = [range(first, last) for first, last in pairwise(ends) if first < last]
+        others = [self._painters.submit(lambda share: list(map(draw, share)), share) for share in shares[1:]]
+        seen = list(map(draw, shares[0]))
+        for other in others:
+            seen += other.result()
+        return batch if alone else concatenate(space, seen, batch)
 
     def _infos(self, of: NDArray[np.bool_]) -> dict[str, Any]:
         infos: dict[str, Any] = {}

@@ -34,9 +34,11 @@ from minihuman.worlds.grid.core.state import (
 from minihuman.worlds.grid.core.tasks import INSTRUCTED
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.grid.instructions.rules import act_as_told
+from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.instructions.verify import hand_over
 from minihuman.worlds.grid.recipe import Recipe
-from minihuman.worlds.kernels import kernel
+from minihuman.worlds.kernels import inlined, kernel
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
@@ -77,6 +79,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self.single_observation_space = self._world.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._instructed = isinstance(self._world.mission_space, InstructionSpace)
         self._rows = np.tile(self._world.state.row, (num_envs, 1))
         self._words: Words = np.zeros((num_envs, 6), np.uint64)
         self._missions = (self._world.mission,) * num_envs
@@ -140,7 +143,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         directions = np.empty(n, np.int64)
         rewards = np.empty(n)
         ends = np.empty((3, n), np.bool_)  # terminated, truncated, and over: to be laid out anew
-        count = step_many(
+        count = STEPS[self._instructed](
             self._rows,
             np.ascontiguousarray(given, np.int64),
             self._words,
@@ -216,7 +219,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
 
 
-@kernel()
+@kernel(lean=True)
 def step_many(
     rows: Row,
     actions: NDArray[np.int64],
@@ -235,31 +238,77 @@ def step_many(
         How many worlds are cleared; or, when one refuses its action or is not to be stepped now, the complement
         (~) of the first such world. Then none was stepped.
     """
+    cleared = first_refusal(rows, actions, mode)
+    for i in range(len(rows) if cleared == 0 else 0):
+        status, rewards[i] = 0, 0.0
+        stepped = rows[i, PHASE] != OVER
+        if stepped:
+            status, rewards[i] = act(rows[i], actions[i], words[i])
+        cleared += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
+    return cleared
+
+
+@kernel(lean=True)
+def step_many_as_told(
+    rows: Row,
+    actions: NDArray[np.int64],
+    words: Words,
+    mode: int,
+    images: NDArray[np.uint8],
+    directions: NDArray[np.int64],
+    rewards: NDArray[np.float64],
+    ends: NDArray[np.bool_],
+) -> int:
+    """`step_many` for rows that have room for an instruction."""
+    cleared = first_refusal(rows, actions, mode)
+    for i in range(len(rows) if cleared == 0 else 0):
+        status, rewards[i] = 0, 0.0
+        stepped = rows[i, PHASE] != OVER
+        if stepped:
+            status, rewards[i] = act_as_told(rows[i], actions[i], words[i])
+        cleared += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
+    return cleared
+
+
+STEPS = step_many, step_many_as_told  # by whether there may be an instruction
+
+
+@inlined
+def first_refusal(rows: Row, actions: NDArray[np.int64], mode: int) -> int:
+    """The complement (~) of the first world that refuses its action or is not to be stepped now; 0 for none."""
     for i in range(len(rows)):
         phase = rows[i, PHASE]
         ready = phase == PLAYING or (mode == NEXT_STEP and phase == OVER)
         if not ready or actions[i] < 0 or actions[i] >= rows[i, ACTIONS]:
             return ~i
-    cleared = 0
-    for i in range(len(rows)):
-        row = rows[i]
-        status, reward, over = 0, 0.0, row[PHASE] == OVER
-        if not over:
-            status, reward = act(row, actions[i], words[i])
-            over = mode == SAME_STEP and status != 0
-            see(row, images[i])
-            directions[i] = row[DIRECTION]
-        rewards[i] = reward
-        ends[0, i] = status & TERMINATED != 0
-        ends[1, i] = status & TRUNCATED != 0
-        ends[2, i] = over
-        if over:
-            cleared += 1
-            clear(row)
-    return cleared
+    return 0
 
 
-@kernel()
+@inlined
+def finish(
+    row: Row,
+    stepped: bool,
+    status: int,
+    mode: int,
+    image: NDArray[np.uint8],
+    direction: NDArray[np.int64],
+    ends: NDArray[np.bool_],
+) -> int:
+    """See the result of a world's turn and write down how it ended; 1 if it is cleared to be laid out anew."""
+    over = not stepped
+    if stepped:
+        over = mode == SAME_STEP and status != 0
+        see(row, image)
+        direction[0] = row[DIRECTION]
+    ends[0] = status & TERMINATED != 0
+    ends[1] = status & TRUNCATED != 0
+    ends[2] = over
+    if over:
+        clear(row)
+    return 1 if over else 0
+
+
+@kernel(lean=True)
 def begin_many(
     rows: Row,
     over: NDArray[np.bool_],

@@ -92,6 +92,17 @@ ENTRIES: tuple[Entry, ...] = (
     _world("KeyCorridorS4R3-v0", "key_corridor", "find the key, then the ball", room_size=4, num_rows=3),
     _world("KeyCorridorS5R3-v0", "key_corridor", "find the key, then the ball", room_size=5, num_rows=3),
     _world("KeyCorridorS6R3-v0", "key_corridor", "find the key, then the ball", room_size=6, num_rows=3),
+    *(
+        _world(f"WFC-{preset}-v0", "wfc", summary, wfc_config=preset)
+        for preset, summary in (
+            ("MazeSimple", "a maze by Wave Function Collapse"),
+            ("DungeonMazeScaled", "a dungeon of passages and halls"),
+            ("RoomsFabric", "rooms with openings"),
+            ("ObstaclesBlackdots", "a floor with single blocks"),
+            ("ObstaclesAngular", "a floor with wedges"),
+            ("ObstaclesHogs3", "a floor with hooks"),
+        )
+    ),
     _world("ObstructedMaze-1Dl-v0", "obstructed_pair", "a locked door", key_in_box=False, blocked=False),
     _world("ObstructedMaze-1Dlh-v0", "obstructed_pair", "its key hidden in a box", key_in_box=True, blocked=False),
     _world("ObstructedMaze-1Dlhb-v0", "obstructed_pair", "and a ball before the door"),

@@ -17,6 +17,7 @@ from minihuman.worlds.grid.core.tasks import FORWARD, LEFT, RIGHT
 from minihuman.worlds.look_ahead import back_to_start
 
 MOST_STATES = 50_000  # a second or two
+MOST_BYTES = 200_000_000  # of states: fewer are looked at in a world that is very large
 
 
 def among_obstacles(start: Row, words: Words, bound: NDArray[np.int32]) -> list[int] | None:
@@ -36,6 +37,7 @@ def among_obstacles(start: Row, words: Words, bound: NDArray[np.int32]) -> list[
     if here >= FAR:
         return None
     parents: list[tuple[int, int]] = [(-1, -1)]  # of each state: the one before, and the action between
+    most = min(MOST_STATES, MOST_BYTES // row.nbytes)
     waiting = [(here, 0, 0, row, words.copy())]
     seen = set()
     while waiting:
@@ -51,8 +53,8 @@ def among_obstacles(start: Row, words: Words, bound: NDArray[np.int32]) -> list[
                 continue
             seen.add(known)
             parents.append((number, action))
-            if len(parents) > MOST_STATES:
-                raise WorldError(f"no way among the obstacles in {MOST_STATES} states; make the world smaller")
+            if len(parents) > most:
+                raise WorldError(f"no way among the obstacles in {most} states; make the world smaller")
             cost = 1 - minus_cost
             left = int(bound[after[X], after[Y], after[DIRECTION]])
             heapq.heappush(waiting, (cost + left, -cost, len(parents) - 1, after, drawn))

@@ -4,7 +4,7 @@ import abc
 from collections.abc import Sequence
 from copy import deepcopy
 from operator import index
-from typing import Any, ClassVar, Literal, NamedTuple, get_args
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Bounds, NativeWorld, Palette, View
+from minihuman.worlds.grid.art.palettes import GRID_PALETTES, GridPalette
 from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.compile_apart import PIECES
 from minihuman.worlds.grid.core.cells import kind_of
@@ -21,6 +22,7 @@ from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, act, step
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
+    DIRECTION,
     FAILED,
     HEIGHT,
     MAX_STEPS,
@@ -41,6 +43,7 @@ from minihuman.worlds.grid.core.view import see, see_size
 from minihuman.worlds.grid.floor_plan import floor_plan
 from minihuman.worlds.grid.instructions.block import instructed_length
 from minihuman.worlds.grid.instructions.numbers import clauses_done
+from minihuman.worlds.grid.instructions.rules import act_as_told, step_as_told
 from minihuman.worlds.grid.instructions.space import InstructionSpace
 from minihuman.worlds.grid.instructions.verify import hand_over
 from minihuman.worlds.grid.kinds import Kind, check_kinds
@@ -84,7 +87,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         actions: How many of the seven actions there are.
         render_mode: What `render` gives: None, the whole world as a picture ("rgb_array") or as `text` ("ansi").
         tile_size: Pixels on a side of a cell that `render` draws.
-        palette: The colours of pictures: "classic", or "colour-safe" for colour-blind eyes.
+        palette: The colours of pictures: "classic", "colour-safe" for colour-blind eyes, or "minigrid": Minigrid's
+            own tiles to the pixel, for participants too.
         highlight: Make the cells lighter that the agent sees, in what `render` draws.
         agent_pov: `render` draws what the agent sees instead of the whole world.
     """
@@ -106,14 +110,14 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         actions: int = 7,
         render_mode: Literal["rgb_array", "ansi"] | None = None,
         tile_size: int = 32,
-        palette: Palette = "classic",
+        palette: GridPalette = "classic",
         highlight: bool = True,
         agent_pov: bool = False,
     ) -> None:
         whole("width", width, 3, MOST_CELLS)
         whole("height", height, 3, MOST_CELLS)
         truth("see_through_walls", see_through_walls)
-        one_of("palette", palette, get_args(Palette))
+        one_of("palette", palette, GRID_PALETTES)
         whole("tile_size", tile_size, 1, MOST_LINES // max(width, height))
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise WorldError(
@@ -133,10 +137,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         )
         self.render_mode = render_mode
         self.tile_size = tile_size
-        self.palette: Palette = palette
+        self.palette: GridPalette = palette
         self.highlight, self.agent_pov = truth("highlight", highlight), truth("agent_pov", agent_pov)
-        instructed = isinstance(self.mission_space, InstructionSpace)
-        self._row = np.zeros((instructed_length if instructed else row_length)(width, height), np.int32)
+        self._instructed = isinstance(self.mission_space, InstructionSpace)
+        self._row = np.zeros((instructed_length if self._instructed else row_length)(width, height), np.int32)
         self._row[[WIDTH, HEIGHT, MAX_STEPS, SEE_THROUGH, ACTIONS]] = (
             width,
             height,
@@ -187,14 +191,13 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
 
     def _check_agent(self) -> None:
         """There is an agent, in the grid, looking somewhere."""
-        state = self.state
-        (x, y), direction = state.position, state.direction
+        width, height, x, y, direction = self._row[: DIRECTION + 1].tolist()  # the first numbers of every row
         if x < 0:
             raise WorldError(f"{self} placed no agent; a layout places one")
-        if not (x < state.width and 0 <= y < state.height and 0 <= direction < 4):
+        if not (x < width and 0 <= y < height and 0 <= direction < 4):
             raise WorldError(
                 f"{self} placed the agent in cell ({x}, {y}) looking {direction}; cells are (0, 0) to "
-                f"({state.width - 1}, {state.height - 1}), directions 0 to 3"
+                f"({width - 1}, {height - 1}), directions 0 to 3"
             )
 
     def _now(self) -> Words:
@@ -224,27 +227,31 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
         """A step without its observation: reward, terminated, truncated."""
-        number = self._number(action)
-        status, reward = act(self._row, number, self._stream() if self._draws else self._words)
+        try:
+            number = index(action)
+        except TypeError:
+            raise self._refusal(NO_SUCH_ACTION, action) from None
+        words = self._stream() if self._draws else self._words
+        status, reward = (act_as_told if self._instructed else act)(self._row, number, words)
         if status < 0:
             raise self._refusal(status, action)
         return reward, status & TERMINATED != 0, status & TRUNCATED != 0
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
-        image = np.empty(self.image_shape, np.uint8)
-        words = self._stream() if self._draws else self._words
-        status, direction, reward = step(self._row, self._number(action), words, image)
-        if status < 0:
-            raise self._refusal(status, action)
-        observation = {"image": image, "direction": direction, "mission": self.mission}
-        return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
-
-    def _number(self, action: int) -> int:
         try:
-            return index(action)
+            number = index(action)
         except TypeError:
             raise self._refusal(NO_SUCH_ACTION, action) from None
+        image = np.empty(self.image_shape, np.uint8)
+        words = self._stream() if self._draws else self._words
+        status, direction, reward = (step_as_told if self._instructed else step)(self._row, number, words, image)
+        observation = {"image": image, "direction": direction, "mission": self.mission}
+        if status == 0:
+            return observation, reward, False, False, {}
+        if status < 0:
+            raise self._refusal(status, action)
+        return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
 
     def _refusal(self, status: int, action: int) -> WorldError:
         if status == NO_SUCH_ACTION:
@@ -253,18 +260,23 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
 
     def _in_world(self) -> State:
         """The state, once there is one to look at."""
+        self._check_laid_out()
+        return State(self._row)
+
+    def _check_laid_out(self) -> None:
         if self._row[PHASE] == NEW:
             raise WorldError(f"{self} is not laid out yet; call reset() first")
-        return self.state
 
     def observation(self) -> dict[str, Any]:
         """What the agent observes now."""
-        return {"image": self.look(self.image_shape[0]), "direction": self.state.direction, "mission": self.mission}
+        image = self.look(self.image_shape[0])
+        return {"image": image, "direction": int(self._row[DIRECTION]), "mission": self.mission}
 
     def look(self, size: int) -> NDArray[np.uint8]:
         """The agent's view with ``size`` cells on a side, uint8[size, size, 3]."""
+        self._check_laid_out()
         image = np.empty((size, size, 3), np.uint8)
-        see(self._in_world().row, image)
+        see(self._row, image)
         return image
 
     def render(self) -> NDArray[np.uint8] | str | None:
@@ -345,7 +357,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
             view=view,
             view_size=size,
             tile_px=tile_px,
-            palette=palette,
+            palette=self.palette if self.palette == "minigrid" else palette,
             kinds=self.kinds,
             by_bytes=True,
         )

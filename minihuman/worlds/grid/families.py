@@ -11,6 +11,7 @@ from minihuman.worlds.grid.layouts import multi_room as multi_room_layout
 from minihuman.worlds.grid.layouts import objects, open_floor, rooms, unlocking
 from minihuman.worlds.grid.missions import COLOUR_WORDS, MissionSpace, kind_words
 from minihuman.worlds.grid.recipe import Recipe
+from minihuman.worlds.grid.wfc.world import wfc
 from minihuman.worlds.options import MOST_CELLS, cell, one_of, pair, truth, whole
 
 Place = tuple[int, int] | None  # column and row; None draws one
@@ -246,6 +247,7 @@ FAMILIES: Mapping[str, Callable[..., Recipe]] = MappingProxyType(
             key_corridor,
             obstructed_pair,
             obstructed_maze,
+            wfc,
         )
     }
 )

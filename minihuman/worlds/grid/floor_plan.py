@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from minihuman.worlds.contract import Palette
-from minihuman.worlds.grid.art.palettes import hex_colour
+from minihuman.worlds.grid.art.palettes import GridPalette, hex_colour
 from minihuman.worlds.grid.core.cells import COLOURS, EMPTY, LAVA, WALL, colour_of, kind_of
 from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.grid.kinds import Kind, kind_name
@@ -13,7 +12,7 @@ from minihuman.worlds.outlines import wall_outlines
 from minihuman.worlds.pose import Map, Thing
 
 
-def floor_plan(state: State, palette: Palette = "classic", kinds: Sequence[Kind] = ()) -> Map:
+def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[Kind] = ()) -> Map:
     """The map of a state: wall outlines, and every thing that lies in a cell now."""
     lying = state.kinds
     walls = wall_outlines(lying == WALL)

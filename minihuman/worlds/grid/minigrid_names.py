@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.core.cells import CLOSED, COLOURS, EMPTY, KINDS, LOCKED, OPEN, colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.directions import STEPS
 from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.grid.core.view import see_all
-
-STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ class MissionSpace(Sentences):
 
     def of(self, row: Row) -> str:
         """The sentence of a state."""
-        return self.sentence(row[MISSION:FAILED].tolist())
+        return self.sentence(row[MISSION:FAILED].tolist()) if self.choices else self.template
 
     def sentence(self, numbers: Sequence[int]) -> str:
         """The sentence with these choices; numbers beyond the template's places are not looked at."""

@@ -7,8 +7,9 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import UNKNOWN, Bounds
 from minihuman.worlds.grid.core.cells import GOAL
 from minihuman.worlds.grid.core.chance import Words
+from minihuman.worlds.grid.core.directions import STEPS
 from minihuman.worlds.grid.core.search import FAR, FOUND, FULL, distances, search
-from minihuman.worlds.grid.core.state import TARGET, TASK, State
+from minihuman.worlds.grid.core.state import OBJECTS, TARGET, TASK, State
 from minihuman.worlds.grid.core.tasks import (
     DODGE,
     FETCH,
@@ -27,9 +28,9 @@ from minihuman.worlds.grid.core.tasks import (
 )
 from minihuman.worlds.grid.dodging import among_obstacles
 
-STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction: columns, rows
 FIRST_LIMIT = 1 << 12  # nodes of the first search; each next one may keep 16 times as many
-MOST_STATES = 1 << 18  # nodes after which a way need no longer be the shortest; half a second
+MOST_STATES = 1 << 18  # nodes after which a way need no longer be the shortest; half a second,
+MANY_OBJECTS = 32  # where there are no more things than this: with more, a node takes longer
 HURRIED = 2, 5, 3  # how many times the bound counts then, one after the other
 
 
@@ -42,7 +43,7 @@ def way(state: State, words: Words) -> list[int] | None:
         WorldError: if no such list was found in some seconds either.
     """
     try:
-        return plan(state, words, limit=MOST_STATES)
+        return plan(state, words, limit=_most_states(state))
     except WorldError:
         if state.row[TASK] in (DODGE, INSTRUCTED):
             raise
@@ -118,7 +119,7 @@ def bounds(state: State, words: Words) -> Bounds:
     table, extra = _relaxed(state)
     at_least = int(table[(*state.position, state.direction)]) + extra
     try:
-        exact = plan(state, words, limit=MOST_STATES)
+        exact = plan(state, words, limit=_most_states(state))
         return UNKNOWN if exact is None else Bounds(len(exact), len(exact))
     except WorldError:
         pass
@@ -131,10 +132,14 @@ def bounds(state: State, words: Words) -> Bounds:
 
 def _in_a_hurry(state: State, table: NDArray[np.int32], extra: int) -> list[int] | None:
     for weight in HURRIED:
-        outcome, actions = search(state.row, table, extra, MOST_STATES, np.zeros(6, np.uint64), weight)
+        outcome, actions = search(state.row, table, extra, _most_states(state), np.zeros(6, np.uint64), weight)
         if outcome != FULL:
             return actions.tolist() if outcome == FOUND else None
     raise WorldError("no way was found to what is asked for; make the world smaller, or its movable things fewer")
+
+
+def _most_states(state: State) -> int:
+    return MOST_STATES * MANY_OBJECTS // max(MANY_OBJECTS, int(state.row[OBJECTS]))
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:

@@ -16,7 +16,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.contract import View
+from minihuman.worlds.grid.art.palettes import GridPalette
 from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.core.cells import AGENT, COLOURS, DOOR_STATES, EMPTY, GOAL, KINDS
 from minihuman.worlds.grid.core.view import see_all, see_size
@@ -59,7 +60,7 @@ class Pictures(NewImage):
     """Pixels: the agent's view or the whole world, ``tile_px`` on a side of a cell, uint8[H, W, 3]."""
 
     def __init__(
-        self, env: Env, *, view: View = "partial", tile_px: int = 8, palette: Palette = "classic", lit: bool = True
+        self, env: Env, *, view: View = "partial", tile_px: int = 8, palette: GridPalette = "classic", lit: bool = True
     ) -> None:
         grid = grid_of(env)
         self.view, self.tile_px, self.palette, self.lit = view, tile_px, palette, lit

@@ -1,12 +1,14 @@
-"""A log at a glance: what its end says is what its messages say, and a changed byte is never passed over."""
+"""A log at a glance: what its end says is what its messages say, and only a summary that is whole is believed."""
 
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from minihuman.lab.summary import summarise
+from minihuman.errors import LogError
+from minihuman.lab.summarise import summarise
 from minihuman.log.read.glance import first_facts, glance
+from minihuman.log.read.open_log import open_log
 from minihuman.study.events import SessionEnded
 from tests.log.played import record
 from tests.log.samples import session_events, session_plan
@@ -25,7 +27,7 @@ def test_a_summary_at_a_glance_is_the_one_read_message_by_message(tmp_path, monk
     log = make(tmp_path)
     quickly = summarise([log])
     assert glance(log) is not None
-    monkeypatch.setattr("minihuman.lab.summary.glance", lambda path: None)
+    monkeypatch.setattr("minihuman.lab.summarise.glance", lambda path: None)
     assert quickly == summarise([log])
     assert quickly.episodes_completed == 3
 
@@ -37,13 +39,39 @@ def test_whose_session_it_is_is_known_from_the_first_kilobytes(tmp_path):
     assert first_facts(tmp_path / "empty.mcap") == first_facts(tmp_path / "none.mcap") == {}
 
 
-def test_no_changed_byte_is_passed_over(tmp_path):
+def test_no_changed_byte_of_a_logs_summary_is_passed_over(tmp_path):
     log = record(tmp_path, session_plan(), session_events(session_plan()))
     whole = log.read_bytes()
-    for at in range(9, len(whole) - 9, 97):
+    summary = len(whole) - summary_bytes(whole)
+    for at in range(summary, len(whole), 97):
         log.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
         assert glance(log) is None
     for cut in (0, 3, len(whole) // 2, len(whole) - 1):
         log.write_bytes(whole[:cut])
         assert glance(log) is None
     assert glance(tmp_path / "none.mcap") is None
+
+
+def test_what_is_changed_between_start_and_summary_is_left_to_who_reads_messages(tmp_path):
+    log = record(tmp_path, session_plan(), session_events(session_plan()))
+    whole = log.read_bytes()
+    said = glance(log)
+    assert said is not None
+    at = whole.index(b"zstd")  # within a chunk
+    log.write_bytes(whole[: at + 40] + bytes([whole[at + 40] ^ 1]) + whole[at + 41 :])
+    assert glance(log) == said
+    with pytest.raises(LogError, match="damaged"):
+        open_log(log)
+
+
+def test_a_summary_longer_than_most_is_read_whole(tmp_path, monkeypatch):
+    log = record(tmp_path, session_plan(), session_events(session_plan()))
+    said = glance(log)
+    monkeypatch.setattr("minihuman.log.read.glance._LAST_BYTES", 100)
+    assert glance(log) == said
+
+
+def summary_bytes(log: bytes) -> int:
+    """How many bytes a log's summary has, its footer and the file's end with it."""
+    footer = len(log) - 8 - 20
+    return len(log) - int.from_bytes(log[footer : footer + 8], "little")

@@ -22,6 +22,14 @@ def make(name, **options):
     return gymnasium.make(f"minihuman/MiniWorld-{name}-v0", obs_width=8, obs_height=6, **options).unwrapped
 
 
+def test_without_a_step_limit_an_arrival_is_never_late():
+    env = make("OneRoom", max_steps=None)
+    env.reset(seed=0)
+    env.agent.pos = env.box.pos
+    _, reward, terminated, truncated, _ = env.step(0)
+    assert (reward, terminated, truncated) == (1.0, True, False)
+
+
 def play(env, steps, seed=0):
     """Hashes after each of some random actions."""
     rng = np.random.default_rng(seed)

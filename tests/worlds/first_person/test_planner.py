@@ -77,12 +77,35 @@ def test_a_plan_keeps_out_of_the_street():
         assert not env.street.contains(env.agent.pos[0], env.agent.pos[2])
 
 
-def test_without_turns_or_with_something_in_hand_there_is_no_plan():
+def test_what_is_in_hand_is_brought_beside_the_goal():
+    for seed in SEEDS:
+        env = begun("PutNext", seed)
+        actions = env.way()
+        assert env.way() == actions  # the world is as it was
+        assert steps_to_the_end(env, actions) == len(actions)
+        assert env.agent.carrying is None
+        assert env.near(env.red_box, env.yellow_box)
+
+
+def test_the_wrong_thing_in_hand_is_put_down_first():
+    env = begun("PutNext", 1)
+    env.agent.carrying = next(box for box in env.entities if "blue" in box.name)
+    actions = env.way()
+    assert env.action_names[actions[0]] == "drop"
+    assert steps_to_the_end(env, actions) == len(actions)
+
+
+def test_a_red_box_in_a_corner_is_carried_out_backwards():
+    env = begun("PutNext", 1)
+    env.red_box.pos = (env.red_box.radius + 0.01, 0.0, env.red_box.radius + 0.01)
+    actions = env.way()
+    names = [env.action_names[action] for action in actions]
+    assert "move_back" in names[names.index("pickup") :]
+    assert steps_to_the_end(env, actions) == len(actions)
+
+
+def test_without_turns_there_is_no_plan():
     env = begun("PutNext", 0)
-    env.agent.carrying = env.red_box
-    with pytest.raises(WorldError, match="red box in hand"):
-        plan(env, env.yellow_box)
-    env.agent.carrying = None
     env.action_names = ("move_forward",)
     with pytest.raises(WorldError, match="both turns"):
         plan(env, env.yellow_box)

@@ -26,6 +26,7 @@ def test_the_tutorials_code_runs(capsys):
 @pytest.mark.filterwarnings("ignore:.*out of date")
 def test_the_gallery_is_what_its_script_draws(tmp_path):
     runpy.run_path(str(DOCS / "gallery_grid.py"))["write"](tmp_path)
+    assert (tmp_path / "gallery-levels.md").read_text("utf-8") == (DOCS / "gallery-levels.md").read_text("utf-8")
     assert (tmp_path / "gallery-grid.md").read_text("utf-8") == (DOCS / "gallery-grid.md").read_text("utf-8")
     drawn = sorted((tmp_path / "gallery-grid").iterdir())
     assert [path.name for path in drawn] == sorted(path.name for path in (DOCS / "gallery-grid").iterdir())

@@ -82,6 +82,15 @@ def test_a_goal_behind_walls_has_no_plan():
     assert plan(env.unwrapped.state) is None
 
 
+def test_a_very_large_world_with_obstacles_is_given_up_before_memory_is_full(monkeypatch):
+    env = gymnasium.make("minihuman/MiniGrid-Dynamic-Obstacles-5x5-v0", size=40)
+    env.reset(seed=0)
+    row = env.unwrapped.state.row
+    monkeypatch.setattr("minihuman.worlds.grid.dodging.MOST_BYTES", 100 * row.nbytes)
+    with pytest.raises(WorldError, match="in 100 states"):
+        env.unwrapped.way()
+
+
 def test_moving_obstacles_have_no_sure_plan():
     env = gymnasium.make("minihuman/MiniGrid-Dynamic-Obstacles-5x5-v0")
     env.reset(seed=0)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from minihuman.worlds.contract import Bounds
-from minihuman.worlds.first_person.entities import Box
+from minihuman.worlds.first_person.entities import Box, Entity
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.rules import MOVES
 from minihuman.worlds.first_person.way.planner import least_steps, plan
@@ -21,6 +21,10 @@ class GoalEnv(FirstPersonEnv):
     def judge(self, action: str) -> tuple[float, bool]:
         """1 down to 0.8 near the box, which ends the episode."""
         return (self.prompt_reward(), True) if self.near(self.box) else (0.0, False)
+
+    def sought(self) -> tuple[Entity, ...]:
+        """The box."""
+        return (self.box,)
 
     def way(self) -> Sequence[int] | None:
         """Turns and steps to where the box is near; empty if none were found."""

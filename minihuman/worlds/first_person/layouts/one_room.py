@@ -5,10 +5,11 @@ from typing import Any
 
 from minihuman.worlds.first_person.chance import uniform
 from minihuman.worlds.first_person.colours import COLOUR_NAMES
-from minihuman.worlds.first_person.entities import Ball, Box, Key, Mesh
+from minihuman.worlds.first_person.entities import Ball, Box, Entity, Key, Mesh
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.goal import GoalEnv
 from minihuman.worlds.first_person.rules import ACTIONS
+from minihuman.worlds.first_person.way.carrying import put_next
 from minihuman.worlds.first_person.way.fetching import take_all
 from minihuman.worlds.options import MOST_METRES, number, whole
 
@@ -54,9 +55,13 @@ class PickupObjects(FirstPersonEnv):
         self.num_picked_up += 1
         return 1.0, self.num_picked_up == self.num_objs
 
+    def sought(self) -> tuple[Entity, ...]:
+        """All that is left to pick up."""
+        return tuple(thing for thing in self.entities if thing is not self.agent)
+
     def way(self) -> Sequence[int] | None:
         """Turns and steps from thing to thing, the nearest first, each picked up; empty if none were found."""
-        return take_all(self, lambda: [thing for thing in self.entities if thing is not self.agent]) or ()
+        return take_all(self, lambda: list(self.sought())) or ()
 
 
 class PutNext(FirstPersonEnv):
@@ -78,6 +83,14 @@ class PutNext(FirstPersonEnv):
         if self.agent.carrying is None and self.near(self.red_box, self.yellow_box):
             return self.prompt_reward(), True
         return 0.0, False
+
+    def sought(self) -> tuple[Entity, ...]:
+        """The red box and the yellow one."""
+        return (self.red_box, self.yellow_box)
+
+    def way(self) -> Sequence[int] | None:
+        """To the red box, with it to the yellow one, and put down; empty if none was found."""
+        return put_next(self, self.red_box, self.yellow_box) or ()
 
 
 class RoomObjects(FirstPersonEnv):

@@ -68,6 +68,10 @@ class Sign(FirstPersonEnv):
                 reward, ended = (1.0 if thing is wanted else -1.0), True
         return reward, ended
 
+    def sought(self) -> tuple[Entity, ...]:
+        """The sign, and what it names."""
+        return *(thing for thing in self.entities if isinstance(thing, TextFrame)), self._wanted()
+
     def way(self) -> Sequence[int] | None:
         """Turns and steps to the right thing, past the others."""
         wanted = self._wanted()

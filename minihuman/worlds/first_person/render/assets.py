@@ -8,10 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.render.tables import F64, Faces, Textures
+from minihuman.worlds.first_person.render.memory import packed_faces
+from minihuman.worlds.first_person.render.tables import F64, I32, SHADE, Faces, Textures
+from minihuman.worlds.first_person.render.texture import MOST_SIZES
 
-MOST_LEVELS = 12  # a texture's sizes, each half the one before: up to 2048 texels a side
-CUBE = "cube"  # the first six faces of every library
+MOST_TEXELS = 2047  # a side of a texture
+CUBE = "cube"
+# Of every library: a cube's faces, that of a flat arrowhead towards +x, and two of a shadow of radius 1 on the ground.
+CUBE_FACES, ARROW_FACES, SHADOW_FACES = (0, 6), (6, 7), (7, 9)
+SHADOW_REACH = 1.35  # how far its outer half goes
+_ABOVE_GROUND_M = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,10 +31,8 @@ class Texture:
         height, width = self.pixels.shape[:2]
         if self.pixels.dtype != np.uint8 or self.pixels.shape != (height, width, 3):
             raise WorldError(f"a texture is uint8[h, w, 3], not {self.pixels.dtype}{list(self.pixels.shape)}")
-        if not 1 <= max(height, width) < 2**MOST_LEVELS:
-            raise WorldError(
-                f"a texture of {width}x{height} texels is too large; {2**MOST_LEVELS - 1} a side is the most"
-            )
+        if not 1 <= max(height, width) <= MOST_TEXELS:
+            raise WorldError(f"a texture of {width}x{height} texels is too large; {MOST_TEXELS} a side is the most")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,10 +99,21 @@ class Library:
         self._sizes_m: list[tuple[float, float]] = []
         self._mesh_ranges: dict[str, tuple[int, int]] = {}
         self._meshes: dict[str, Mesh] = {}
-        self.textures = Textures(np.zeros(0, np.uint32), np.zeros((0, MOST_LEVELS, 3), np.int64), np.zeros(0, np.int64))
-        sides = unit_cube()
-        self.faces = pack(sides, [np.zeros((4, 2))] * len(sides))
-        self._mesh_ranges[CUBE] = 0, len(sides)
+        self._boxes: dict[str, tuple[float, float, float, float]] = {}
+        self._reaches: dict[str, tuple[float, float]] = {}
+        self.textures = Textures(np.zeros(0, np.uint32), np.zeros(0, np.uint32))
+        arrow = np.array([[1.0, 0.0, 0.0], [-0.75, 0.0, -0.75], [-0.75, 0.0, 0.75]])
+        polygons = [*unit_cube(), arrow, _disc(1.0), _disc(SHADOW_REACH)]
+        self.faces = pack(polygons, [np.zeros((len(each), 2)) for each in polygons], [-1] * 7 + [SHADE, SHADE - 1])
+        self._packed: tuple[Faces, tuple[F64, I32]] | None = None
+        self._mesh_ranges[CUBE] = CUBE_FACES
+
+    @property
+    def packed(self) -> tuple[F64, I32]:
+        """Its faces as the kernels read them."""
+        if self._packed is None or self._packed[0] is not self.faces:
+            self._packed = self.faces, packed_faces(self.faces)
+        return self._packed[1]
 
     def texture_row(self, name: str) -> int:
         """The row of a texture in ``textures``, loading it if need be."""
@@ -125,10 +140,13 @@ class Library:
 
     def mesh_reach(self, name: str) -> tuple[float, float]:
         """How far a mesh reaches from its axis, and from the middle of its base, in its own units."""
-        first, last = self.mesh_faces(name)
-        points = self.faces.position[self.faces.start[first] : self.faces.start[last]]
-        around = points[:, 0] ** 2 + points[:, 2] ** 2
-        return float(np.sqrt(around.max())), float(np.sqrt((around + points[:, 1] ** 2).max()))
+        self.mesh_faces(name)
+        return self._reaches[name]
+
+    def mesh_box(self, name: str) -> tuple[float, float, float, float]:
+        """The box a mesh lies in: half its width, where it begins and ends upwards, half its depth."""
+        self.mesh_faces(name)
+        return self._boxes[name]
 
     def mesh_extents(self, name: str) -> tuple[float, float, float]:
         """Half the width, the height and half the depth of a mesh, in its own units."""
@@ -153,6 +171,10 @@ class Library:
         self.faces = join(self.faces, mesh_table(mesh, rows))
         self._mesh_ranges[name] = first, len(self.faces.texture)
         self._meshes[name] = mesh
+        points = mesh.corners.reshape(-1, 3)
+        around, heights = points[:, 0] ** 2 + points[:, 2] ** 2, points[:, 1]
+        self._reaches[name] = float(np.sqrt(around.max())), float(np.sqrt((around + heights**2).max()))
+        self._boxes[name] = mesh.half_width, float(heights.min()), mesh.height, mesh.half_depth
 
 
 def mesh_table(mesh: Mesh, texture_rows: NDArray[np.int32]) -> Faces:
@@ -236,36 +258,55 @@ def unit_cube() -> list[F64]:
     return sides
 
 
-def halved(pixels: NDArray[np.int32]) -> NDArray[np.int32]:
-    """A texture at half its size, each texel the mean of those it covers; an odd last row or column is left out.
+def _disc(radius: float) -> F64:
+    """Sixteen corners around the origin, just above the ground."""
+    corners = [(1.0, 0.0), (0.9238795, 0.3826834), (0.7071068, 0.7071068), (0.3826834, 0.9238795)]
+    for _ in range(3):
+        corners += [(-z, x) for x, z in corners[-4:]]
+    return np.array([(radius * x, _ABOVE_GROUND_M, -radius * z) for x, z in corners])
 
-    Both means, of neighbours right and up, round upwards, as OpenGL's software driver has it.
+
+def resized(pixels: NDArray[np.int32], width: int, height: int) -> NDArray[np.int32]:
+    """A texture in a smaller size, down to half: each texel the mean of what it covers.
+
+    Means are rounded upwards, as OpenGL's software driver has it. Whole numbers throughout, so it is the same anywhere.
     """
-    height, width = pixels.shape[:2]
-    rows = pixels[: height - height % 2] if height > 1 else np.repeat(pixels, 2, axis=0)
-    both = rows[:, : width - width % 2] if width > 1 else np.repeat(rows, 2, axis=1)
-    across = (both[:, 0::2] + both[:, 1::2] + 1) >> 1
-    return (across[0::2] + across[1::2] + 1) >> 1
+    rows, columns = pixels.shape[:2]
+    total = _gathered(_gathered(pixels, height).swapaxes(0, 1), width).swapaxes(0, 1)
+    means: NDArray[np.int32] = (total + (rows * columns - 1)) // (rows * columns)
+    return means
+
+
+def _gathered(pixels: NDArray[np.int32], count: int) -> NDArray[np.int32]:
+    """The sum of what each of so many parts of the first axis covers, times how many parts there are."""
+    length = len(pixels)
+    begin = np.arange(count) * length  # in parts of a row, of which there are so many
+    end = begin + length
+    total = np.zeros((count, *pixels.shape[1:]), np.int32)
+    for k in range(3 if length > count else 1):
+        row = begin // count + k
+        share = np.maximum(np.minimum(end, (row + 1) * count) - np.maximum(begin, row * count), 0)
+        total += share.astype(np.int32)[:, None, None] * pixels[np.minimum(row, length - 1)]
+    return total
 
 
 def _append(textures: Textures, pixels: NDArray[np.uint8]) -> Textures:
-    levels = np.zeros((1, MOST_LEVELS, 3), np.int64)
+    table = np.zeros((MOST_SIZES, 2), np.uint32)
     parts = [textures.texels]
     offset = len(textures.texels)
-    level = pixels[::-1].astype(np.int32)
-    count = 0
-    while True:
-        height, width = level.shape[:2]
-        levels[0, count] = offset, width, height
+    base = pixels[::-1].astype(np.int32)
+    height, width = base.shape[:2]
+    sizes: list[NDArray[np.int32]] = []
+    while not sizes or sizes[-1].size > 3:
+        part = 0.5 ** (len(sizes) / 4)
+        # from half an octave's four before, where there are four
+        level = sizes[-4] if len(sizes) >= 4 else base
+        if sizes:
+            level = resized(level, max(1, round(width * part)), max(1, round(height * part)))
+        table[len(sizes)] = offset, level.shape[1] | level.shape[0] << 16
         packed = (level[..., 0] | level[..., 1] << 8 | level[..., 2] << 16).astype(np.uint32)
         parts.append(np.pad(packed, 1, mode="wrap").ravel())
-        offset += (height + 2) * (width + 2)
-        count += 1
-        if height == width == 1:
-            break
-        level = halved(level)
-    return Textures(
-        np.concatenate(parts),
-        np.concatenate([textures.levels, levels]),
-        np.concatenate([textures.level_count, np.array([count])]),
-    )
+        offset += len(parts[-1])
+        sizes.append(level)
+    table[-1, 1] = len(sizes) - 1
+    return Textures(np.concatenate(parts), np.concatenate([textures.table, table.ravel()]))

@@ -1,20 +1,26 @@
 """Draw: a scene and a camera in, a picture, distances, a plan or what is in sight out."""
 
 import math
+import os
+import struct
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render import kernel
-from minihuman.worlds.first_person.render.assets import join, pack, unit_cube
+from minihuman.worlds.first_person.render.assets import ARROW_FACES, CUBE_FACES
 from minihuman.worlds.first_person.render.layout import Layout
-from minihuman.worlds.first_person.render.project import FAR, PARALLEL, VIEW_SIZE
-from minihuman.worlds.first_person.render.scene import Camera, Light, Scene
-from minihuman.worlds.first_person.render.shade import resolve
-from minihuman.worlds.first_person.render.tables import F64, I64, Drawn, Things
+from minihuman.worlds.first_person.render.memory import size_of
+from minihuman.worlds.first_person.render.project import HEIGHT, LEAST, LIGHT, ROOM, SKY, TOP, VIEW_SIZE
+from minihuman.worlds.first_person.render.scene import Camera, Light, Scene, Vector
+from minihuman.worlds.first_person.render.shade import colour
+from minihuman.worlds.first_person.render.tables import F64, I32
 from minihuman.worlds.pose import Pose
 
 _GLOBAL_AMBIENT = 0.2  # OpenGL adds this much white to every light
@@ -22,26 +28,71 @@ _AGENT_RGB = (1.0, 0.0, 0.0)
 _AGENT_RADIUS_M = 0.4
 _AGENT_HEIGHT_M = 1.6
 _PLAN_MARGIN_M = 1.0
+_AGENT_BOX_M = _AGENT_RADIUS_M, 0.0, 0.0, _AGENT_RADIUS_M
 _QUERY_CUBE_M = 0.2
+_QUERY_BOX_M = _QUERY_CUBE_M / 2, 0.0, _QUERY_CUBE_M, _QUERY_CUBE_M / 2
+_MOST_SPANS = 43  # of a row of samples, at first; an odd number spreads rows over a processor's cache
+_BAND_PIXELS = 150_000  # below that, handing half of a picture to another thread takes as long as drawing it
 
+_EYE = struct.Struct(f"{LIGHT}d")  # a view up to the light
 _memory = threading.local()  # arrays to draw into, kept from picture to picture; they hold nothing from one to the next
 
 
-def render(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.uint8]:
-    """What the camera sees, uint8[height, width, 3].
+def render(
+    scene: Scene, camera: Camera, width: int, height: int, *, out: NDArray[np.uint8] | None = None
+) -> NDArray[np.uint8]:
+    """What the camera sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is one.
 
     Raises:
         WorldError: if the picture has no pixels or is over 4096 a side.
     """
-    return _picture(scene, _perspective(camera, width, height), width, height)
+    return Easel(scene, width, height).draw(*_as_numbers(camera), out=out)
+
+
+class Easel:
+    """Where a scene is drawn again and again in one size: what does not change from picture to picture is made once.
+
+    Raises:
+        WorldError: if the picture has no pixels or is over 4096 a side.
+    """
+
+    def __init__(self, scene: Scene, width: int, height: int) -> None:
+        _check_size(width, height)
+        self._size = width, height
+        self._layout = scene.layout
+        self._places = _turned(scene.places)
+        self._view = np.zeros(VIEW_SIZE)
+        _complete(scene, self._view, width, height)
+
+    def move(self, thing: int, pos: Vector, yaw_rad: float) -> None:
+        """Put a thing elsewhere."""
+        self._places[thing, :5] = (*pos, math.cos(yaw_rad), math.sin(yaw_rad))
+
+    def draw(
+        self,
+        pos: Vector,
+        yaw_rad: float,
+        pitch_rad: float,
+        fov_y_deg: float,
+        near_m: float,
+        far_m: float,
+        *,
+        out: NDArray[np.uint8] | None = None,
+    ) -> NDArray[np.uint8]:
+        """What an eye sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is."""
+        width, height = self._size
+        _aim(self._view, pos, yaw_rad, pitch_rad, fov_y_deg, near_m, far_m, width, height)
+        picture = np.empty((height, width, 3), np.uint8) if out is None else out
+        _draw(self._layout, self._view, self._places, picture)
+        return picture
 
 
 def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
     """How far things are along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
     view = _perspective(camera, width, height)
-    drawn, _ = _cover(scene, view, width, height)
+    _complete(scene, view, width, height)
     out = np.empty((height, width), np.float32)
-    kernel.distances(drawn, view, out)
+    kernel.distances(view, *_cover(scene.layout, view, _turned(scene.places)), out)
     return out
 
 
@@ -52,7 +103,10 @@ def render_top(scene: Scene, width: int, height: int, *, agent: Pose | None = No
     """
     if agent is not None:
         scene = _with_agent(scene, agent)
-    return _picture(scene, _from_above(scene.layout, width, height), width, height)
+    view, out = _from_above(scene.layout, width, height), np.empty((height, width, 3), np.uint8)
+    _complete(scene, view, width, height)
+    _draw(scene.layout, view, _turned(scene.places), out)
+    return out
 
 
 def plan_scale(scene: Scene, width: int, height: int) -> tuple[float, float, float]:
@@ -64,62 +118,105 @@ def plan_scale(scene: Scene, width: int, height: int) -> tuple[float, float, flo
 def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> list[int]:
     """The indices of the things that can be seen: a small cube at a thing's place stands for it, as in Miniworld."""
     count = scene.layout.thing_count
-    cubes = Things(
-        np.tile(np.array([[0, len(unit_cube())]], np.int32), (count, 1)),
-        np.full((count, 3), _QUERY_CUBE_M),
-        np.ones(count),
-        np.ones((count, 3)),
-        np.full((count, 2), _QUERY_CUBE_M),
-    )
+    cube = [*CUBE_FACES, *(_QUERY_CUBE_M,) * 3, 1.0, *(1.0,) * 3, *(_QUERY_CUBE_M,) * 2, *_QUERY_BOX_M]
     places = scene.places.copy()
     places[:, 3] = np.where(np.isnan(places[:, 3]), np.nan, 0.0)
-    shown = replace(scene, layout=replace(scene.layout, things=cubes), places=places)
-    _, claimed = _cover(shown, _perspective(camera, width, height), width, height)
-    return [int(index) for index in np.flatnonzero(claimed)]
+    cubes = np.tile(np.array(cube), (count, 1))
+    view, turned = _perspective(camera, width, height), _turned(places)
+    _complete(scene, view, width, height)
+    _cover(replace(scene.layout, things=cubes), view, turned)
+    return [int(index) for index in np.flatnonzero(turned[:, kernel.SAMPLES])]
 
 
-def _cover(scene: Scene, view: F64, width: int, height: int) -> tuple[Drawn, I64]:
-    """Draw without colours: which face covers each sample, and how many samples each thing got."""
-    layout, drawn = scene.layout, _room_to_draw(scene.layout, width, height)
-    claimed = np.empty(layout.thing_count, np.int64)
-    kernel.draw(
-        layout.faces,
-        layout.rooms,
-        layout.library,
-        layout.things,
-        _turned(scene.places),
-        view,
-        _light(scene.light),
-        drawn,
-        claimed,
-    )
-    return drawn, claimed
+def _draw(layout: Layout, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
+    """Draw into ``out``; a large picture in bands, one a core, each as it would be in the whole."""
+    height, width = out.shape[:2]
+    bands = min(_cores(), width * height // _BAND_PIXELS)
+    if bands < 2:
+        _colour_band(layout, view, places, out)
+        return
+    ends = [height * number // bands for number in range(bands + 1)]
+    views = []
+    for top, bottom in pairwise(ends):
+        views.append(view.copy())
+        views[-1][TOP:HEIGHT] = top, bottom
+    others = [_helpers(os.getpid()).submit(_colour_band, layout, each, places.copy(), out) for each in views[1:]]
+    _colour_band(layout, views[0], places, out)
+    for other in others:
+        other.result()
 
 
-def _picture(scene: Scene, view: F64, width: int, height: int) -> NDArray[np.uint8]:
-    drawn, _ = _cover(scene, view, width, height)
-    out = np.empty((height, width, 3), np.uint8)
-    least = 0.5 if view[PARALLEL] else 0.5 / view[FAR]  # of 1 / distance: beyond a face's edge it may reach nonsense
-    sky = np.array(scene.sky, np.float64)
-    resolve(drawn.owner, drawn.planes, drawn.kind, scene.layout.textures, sky, least, out)
-    return out
+def _colour_band(layout: Layout, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
+    colour(*layout.textures, view, *_cover(layout, view, places), out)
+
+
+def _cover(layout: Layout, view: F64, places: F64) -> tuple[F64, I32]:
+    """Find out which face covers each sample; gives back the memory where that is written."""
+    spans = _MOST_SPANS
+    while True:
+        view[ROOM:] = spans, layout.capacity, layout.most_corners
+        memory = _memory_for(layout, int(view[HEIGHT]), spans)
+        if kernel.cover(*layout.packed_rooms, *layout.packed_library, layout.things, places, view, *memory):
+            return memory
+        spans *= 2
+
+
+def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
+    """Add to a view's camera what else the kernels ask of it."""
+    view[LIGHT:SKY] = _light(scene.light)
+    view[SKY:LEAST] = scene.sky
+    view[TOP:ROOM] = 0.0, height, height, width
+
+
+@cache
+def _cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def _helpers(process: int) -> ThreadPoolExecutor:
+    """Threads that draw bands; a forked process has none of its parent's."""
+    return ThreadPoolExecutor(_cores(), thread_name_prefix=f"bands-{process}")
 
 
 def _perspective(camera: Camera, width: int, height: int) -> F64:
     _check_size(width, height)
-    cos_yaw, sin_yaw = math.cos(camera.yaw_rad), math.sin(camera.yaw_rad)
-    cos_pitch, sin_pitch = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)
-    focal = height / 2 / math.tan(math.radians(camera.fov_y_deg) / 2)
-    view = np.empty(VIEW_SIZE)
-    view[:] = (
-        *camera.position,
+    view = np.zeros(VIEW_SIZE)
+    _aim(view, *_as_numbers(camera), width, height)
+    return view
+
+
+def _as_numbers(camera: Camera) -> tuple[Vector, float, float, float, float, float]:
+    return camera.position, camera.yaw_rad, camera.pitch_rad, camera.fov_y_deg, camera.near_m, camera.far_m
+
+
+def _aim(
+    view: F64,
+    pos: Vector,
+    yaw_rad: float,
+    pitch_rad: float,
+    fov_y_deg: float,
+    near_m: float,
+    far_m: float,
+    width: int,
+    height: int,
+) -> None:
+    """Write down where an eye is and how it looks."""
+    cos_yaw, sin_yaw = math.cos(yaw_rad), math.sin(yaw_rad)
+    cos_pitch, sin_pitch = math.cos(pitch_rad), math.sin(pitch_rad)
+    focal = height / 2 / math.tan(math.radians(fov_y_deg) / 2)
+    _EYE.pack_into(
+        view.data,
+        0,
+        *pos,
         *(sin_yaw, 0.0, cos_yaw),
         *(-sin_pitch * cos_yaw, cos_pitch, sin_pitch * sin_yaw),
         *(cos_pitch * cos_yaw, sin_pitch, -cos_pitch * sin_yaw),
         *(focal, focal, width / 2, height / 2),
-        *(camera.near_m, camera.far_m, 0.0),
+        *(near_m, far_m, 0.0),
     )
-    return view
+    view[LEAST] = 0.5 / far_m
 
 
 def _fit(layout: Layout, width: int, height: int) -> tuple[float, float, float]:
@@ -132,7 +229,7 @@ def _from_above(layout: Layout, width: int, height: int) -> F64:
     _check_size(width, height)
     scale, middle_x, middle_z = _fit(layout, width, height)
     view = np.empty(VIEW_SIZE)
-    view[:] = (
+    view[:LIGHT] = (
         *(middle_x, 0.0, middle_z),
         *(1.0, 0.0, 0.0),
         *(0.0, 0.0, -1.0),
@@ -140,6 +237,7 @@ def _from_above(layout: Layout, width: int, height: int) -> F64:
         *(scale, scale, width / 2, height / 2),
         *(-100.0, 100.0, 1.0),
     )
+    view[LEAST] = 0.5
     return view
 
 
@@ -154,8 +252,11 @@ def _light(light: Light) -> F64:
 
 
 def _turned(places: F64) -> F64:
-    """Places with the cosine and sine of their yaw, by the one sine that is the same compiled or not."""
-    out = np.empty((len(places), 5))
+    """Places with the cosine and sine of their yaw, by the one sine that is the same compiled or not.
+
+    There is a last column for how many samples each thing gets.
+    """
+    out = np.empty((len(places), 6))
     out[:, :3] = places[:, :3]
     for row, yaw in enumerate(places[:, 3].tolist()):
         out[row, 3] = math.cos(yaw)
@@ -168,42 +269,21 @@ def _check_size(width: int, height: int) -> None:
         raise WorldError(f"a picture of {width}x{height} pixels cannot be drawn; 1 to 4096 a side can")
 
 
-def _room_to_draw(layout: Layout, width: int, height: int) -> Drawn:
-    drawn: Drawn | None = getattr(_memory, "drawn", None)
-    if (
-        drawn is None
-        or drawn.owner.shape != (4 * height, width)
-        or len(drawn.planes) < layout.capacity
-        or drawn.screen.shape[0] < layout.most_corners
-    ):
-        drawn = Drawn(
-            np.empty((4 * height, width), np.int32),
-            np.empty((layout.capacity, 21)),
-            np.empty((layout.capacity, 2), np.int32),
-            np.empty(4 * height, np.int32),
-            np.empty(4 * height, np.int32),
-            np.empty((3, layout.most_corners, 3)),
-            np.empty((layout.most_corners, 2)),
-            np.empty((3, 3)),
-        )
-        _memory.drawn = drawn
-    return drawn
+def _memory_for(layout: Layout, height: int, spans: int) -> tuple[F64, I32]:
+    """What a picture is drawn in: one memory a thread, that grows."""
+    rooms, capacity, corners = len(layout.rooms.bounds), layout.capacity, layout.most_corners
+    float_count, whole_count = size_of(height, spans, capacity, corners, rooms)
+    kept: tuple[F64, I32] | None = getattr(_memory, "kept", None)
+    if kept is None or len(kept[0]) < float_count or len(kept[1]) < whole_count:
+        kept = np.zeros(float_count), np.zeros(whole_count, np.int32)
+        _memory.kept = kept
+    return kept
 
 
 def _with_agent(scene: Scene, agent: Pose) -> Scene:
-    layout = scene.layout
-    r = _AGENT_RADIUS_M
-    arrow = np.array([[r, 0.0, 0.0], [-0.75 * r, 0.0, -0.75 * r], [-0.75 * r, 0.0, 0.75 * r]])
-    first = len(layout.library.texture)
-    library = join(layout.library, pack([arrow], [np.zeros((3, 2))]))
-    old = layout.things
-    things = Things(
-        np.concatenate([old.faces, np.array([[first, first + 1]], np.int32)]),
-        np.concatenate([old.scale, np.ones((1, 3))]),
-        np.concatenate([old.normal_scale, np.ones(1)]),
-        np.concatenate([old.tint, np.array([_AGENT_RGB])]),
-        np.concatenate([old.reach, np.full((1, 2), r)]),
+    arrow = np.array(
+        [[*ARROW_FACES, *(_AGENT_RADIUS_M,) * 3, 1.0, *_AGENT_RGB, *(_AGENT_RADIUS_M,) * 2, *_AGENT_BOX_M]]
     )
     place = np.array([[agent.x, agent.y + _AGENT_HEIGHT_M, agent.z, agent.yaw_rad]])
-    with_agent = replace(layout, library=library, things=things, capacity=layout.capacity + 1)
-    return replace(scene, layout=with_agent, places=np.concatenate([scene.places, place]))
+    layout = replace(scene.layout, things=np.concatenate([scene.layout.things, arrow]))
+    return replace(scene, layout=layout, places=np.concatenate([scene.places, place]))

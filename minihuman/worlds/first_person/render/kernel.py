@@ -3,7 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.worlds.first_person.render.behind import narrow, survey
+from minihuman.worlds.first_person.render.memory import drawn_in, faces_of, rooms_of, sight_in
 from minihuman.worlds.first_person.render.project import (
+    BOTTOM,
     CENTRE_X,
     CENTRE_Y,
     COS,
@@ -12,6 +15,8 @@ from minihuman.worlds.first_person.render.project import (
     FOCAL_X,
     FOCAL_Y,
     FORWARD,
+    HEIGHT,
+    LIGHT,
     NORMAL_SCALE,
     OWN_EYE,
     PARALLEL,
@@ -20,15 +25,35 @@ from minihuman.worlds.first_person.render.project import (
     RIGHT,
     SCALE,
     SIN,
+    SKY,
     TINT,
+    TOP,
     UP,
+    WIDTH,
     draw_face,
     turn_to,
 )
 from minihuman.worlds.first_person.render.raster import SAMPLE_X
-from minihuman.worlds.first_person.render.tables import F64, I64, Drawn, Faces, Rooms, Things
-from minihuman.worlds.first_person.render.visit import VISITS_A_ROOM, Sight, visit
+from minihuman.worlds.first_person.render.tables import (
+    AROUND,
+    BEGIN,
+    END,
+    F64,
+    FACE,
+    FIRST,
+    I32,
+    LAST,
+    REACH,
+    THING_NORMAL_SCALE,
+    THING_SCALE,
+    THING_TINT,
+    Rooms,
+)
+from minihuman.worlds.first_person.render.visit import Sight, visit
 from minihuman.worlds.kernels import int64, kernel, part
+
+MANY = 48  # faces of a thing: it is worth to see first whether they can be seen
+SAMPLES = 5  # the column of places that is written to
 
 
 @part(lean=True, into_caller=True)
@@ -81,109 +106,102 @@ def outside(x: float, y: float, z: float, reach: float, view: F64, window: F64) 
 
 
 @part(lean=True, into_caller=True)
-def place_thing(things: Things, thing: int, places: F64, placement: F64) -> None:
+def place_thing(things: F64, thing: int, places: F64, placement: F64) -> None:
     """Write down where a thing is and how it lies."""
     for k in range(3):
         placement[PLACE + k] = places[thing, k]
-        placement[SCALE + k] = things.scale[thing, k]
-        placement[TINT + k] = things.tint[thing, k]
+        placement[SCALE + k] = things[thing, THING_SCALE + k]
+        placement[TINT + k] = things[thing, THING_TINT + k]
     placement[COS], placement[SIN] = places[thing, 3], places[thing, 4]
-    placement[NORMAL_SCALE] = things.normal_scale[thing]
+    placement[NORMAL_SCALE] = things[thing, THING_NORMAL_SCALE]
 
 
 @kernel(lean=True, number=int64)
 def cover(
-    faces: Faces,
-    rooms: Rooms,
-    library: Faces,
-    things: Things,
+    room_floats: F64,
+    room_wholes: I32,
+    library_floats: F64,
+    library_wholes: I32,
+    things: F64,
     places: F64,
     view: F64,
-    light: F64,
-    drawn: Drawn,
-    claimed: I64,
-    sight: Sight,
-    window: F64,
-    placement: F64,
-) -> None:
-    """What ``draw`` does, in arrays that it has made."""
-    drawn.owner[:] = -1
-    claimed[:] = 0
-    window[0] = window[1] = 0.0
-    window[2], window[3] = drawn.owner.shape[1], drawn.owner.shape[0] // 4
+    floats: F64,
+    wholes: I32,
+) -> bool:
+    """Find out which face covers each sample, and how many samples each thing got, behind walls and earlier things.
+
+    ``places`` rows are x, y, z, cos yaw, sin yaw and how many samples the thing got. False where a row has no room for
+    its spans.
+    """
+    faces, library = faces_of(room_floats, room_wholes), faces_of(library_floats, library_wholes)
+    float_count, whole_count = 8 * int(room_wholes[0]) + 7 * int(room_wholes[1]), 3 + 2 * int(room_wholes[1])
+    rooms = rooms_of(room_floats[float_count:], room_wholes[whole_count:])
+    drawn, float_count, whole_count = drawn_in(view, floats, wholes)
+    window, placement = (
+        floats[float_count : float_count + 4],
+        floats[float_count + 4 : float_count + 4 + PLACEMENT_SIZE],
+    )
+    count, thing_count = rooms.bounds.shape[0], places.shape[0]
+    sight = sight_in(floats[float_count + 4 + PLACEMENT_SIZE :], wholes[whole_count:], count)
+    light = view[LIGHT:SKY]
+    top, bottom = int(view[TOP]), int(view[BOTTOM])
+    drawn.counts[4 * top : 4 * bottom] = 0
+    places[:, SAMPLES] = 0.0
+    window[0], window[1] = 0.0, 0.0
+    window[2], window[3] = view[WIDTH], view[HEIGHT]
     seen, everything = visit(rooms, view, drawn.corners, window, sight)
     placement[:] = 0.0
     placement[COS] = 1.0
     placement[SCALE:OWN_EYE] = 1.0
     number = 0
-    for i in range(seen + places.shape[0]):
-        table, thing = faces, i - seen
+    for i in range(seen + thing_count):
+        table, thing, many = faces, i - seen, False
         if thing < 0:
             room = sight.order[i]
-            first, last = rooms.first_face[room], rooms.first_face[room + 1]
+            first, last = int64(rooms.first_face[room]), int64(rooms.first_face[room + 1])
             for k in range(4):
                 window[k] = sight.windows[room, k]
         else:
             table = library
-            first, last = things.faces[thing, 0], things.faces[thing, 1]
+            first, last = int64(things[thing, FIRST]), int64(things[thing, LAST])
             x, y, z = places[thing, 0], places[thing, 1], places[thing, 2]
             if not np.isfinite(x):
                 continue
-            if not window_of(x, z, things.reach[thing, 0], rooms, sight, seen, everything, window):
+            if not window_of(x, z, things[thing, AROUND], rooms, sight, seen, everything, window):
                 continue
-            if view[PARALLEL] == 0.0 and outside(x, y, z, things.reach[thing, 1], view, window):
+            if view[PARALLEL] == 0.0 and outside(x, y, z, things[thing, REACH], view, window):
                 continue
             place_thing(things, thing, places, placement)
+            many = view[PARALLEL] == 0.0 and last - first > MANY
+            if many and not narrow(things, thing, placement, view, window):
+                continue
+        window[1], window[3] = max(window[1], top), min(window[3], bottom)
         if thing >= 0 or i == 0:
             turn_to(view, light, placement)
+        if many:
+            survey(drawn, view, window)
         for face in range(first, last):
-            samples = draw_face(table, face, view, placement, light, window, drawn, number)
+            samples = draw_face(table, face, view, placement, light, window, drawn, number, many)
             if samples > 0:
                 number += 1
                 if thing >= 0:
-                    claimed[thing] += samples
-
-
-def draw(
-    faces: Faces,
-    rooms: Rooms,
-    library: Faces,
-    things: Things,
-    places: F64,
-    view: F64,
-    light: F64,
-    drawn: Drawn,
-    claimed: I64,
-) -> None:
-    """Find out which face covers each sample, and how many samples each thing got.
-
-    ``places`` rows are x, y, z, cos yaw, sin yaw. ``claimed`` takes how many samples each thing got when it was drawn,
-    behind walls and the things before it.
-    """
-    count = rooms.first_face.shape[0] - 1
-    most = VISITS_A_ROOM * count
-    sight = Sight(
-        np.empty(count, np.int32),
-        np.empty((count, 4)),
-        np.empty(count, np.int32),
-        np.empty(most, np.int32),
-        np.empty((most, 4)),
-    )
-    window, placement = np.empty(4), np.empty(PLACEMENT_SIZE)
-    cover(faces, rooms, library, things, places, view, light, drawn, claimed, sight, window, placement)
+                    places[thing, SAMPLES] += samples
+            elif samples < 0:
+                return False
+    return True
 
 
 @kernel(lean=True)
-def distances(drawn: Drawn, view: F64, out: NDArray[np.float32]) -> None:
+def distances(view: F64, floats: F64, wholes: I32, out: NDArray[np.float32]) -> None:
     """How far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
+    drawn, _, _ = drawn_in(view, floats, wholes)
     for y in range(out.shape[0]):
         row = 4 * y + 3  # the first sample in OpenGL's order, whose pictures are upside down
         py = (64.0 * row + 32.0) / 256.0
-        for x in range(out.shape[1]):
-            face = drawn.owner[row, x]
-            far = view[FAR]
-            if face >= 0:
-                plane = drawn.planes[face]
+        out[y, :] = view[FAR]
+        for k in range(drawn.counts[row]):
+            span = drawn.spans[row, k]
+            plane = drawn.planes[span[FACE]]
+            for x in range(span[BEGIN], span[END]):
                 near = plane[0] * (x + SAMPLE_X[3] / 256.0) + plane[1] * py + plane[2]
-                far = min(1.0 / max(near, 1e-9), far)
-            out[y, x] = far
+                out[y, x] = min(1.0 / max(near, 1e-9), view[FAR])

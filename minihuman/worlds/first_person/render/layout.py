@@ -6,19 +6,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.render.assets import CUBE, Library, join, pack
-from minihuman.worlds.first_person.render.scene import BoxLook, FrameLook, Light, Look, MeshLook, Rgb, Scene, SceneRoom
-from minihuman.worlds.first_person.render.tables import F64, Faces, Rooms, Textures, Things
+from minihuman.worlds.first_person.render.assets import CUBE, SHADOW_FACES, SHADOW_REACH, Library, join, pack
+from minihuman.worlds.first_person.render.memory import packed_faces, packed_rooms
+from minihuman.worlds.first_person.render.scene import (
+    BoxLook,
+    FrameLook,
+    Light,
+    Look,
+    MeshLook,
+    Rgb,
+    Scene,
+    SceneRoom,
+    ShadowLook,
+)
+from minihuman.worlds.first_person.render.tables import F64, FIRST, I32, LAST, THING_SIZE, Faces, Rooms, Textures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """A scene's tables; they are never written to after this."""
 
-    faces: Faces
     rooms: Rooms
-    library: Faces
-    things: Things
+    packed_rooms: tuple[F64, I32]  # their faces, and the rooms
+    packed_library: tuple[F64, I32]  # faces of things
+    things: F64  # (things, THING_SIZE)
     textures: Textures
     capacity: int  # the most faces one picture can show
     most_corners: int  # of one face
@@ -26,7 +37,7 @@ class Layout:
     @property
     def thing_count(self) -> int:
         """How many things there are."""
-        return len(self.things.scale)
+        return len(self.things)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -65,14 +76,16 @@ def furnish(
 ) -> Scene:
     """Make a scene of rooms that are tables already."""
     faces, room_table = tables
-    frames, things = _things(looks, library)
+    table, things = _things(looks, library)
+    floats, wholes = packed_faces(faces)
+    more_floats, more_wholes = packed_rooms(room_table)
     layout = Layout(
-        faces,
         room_table,
-        frames,
+        (np.concatenate([floats, more_floats]), np.concatenate([wholes, more_wholes])),
+        library.packed if table is library.faces else packed_faces(table),
         things,
         library.textures,
-        capacity=len(faces.texture) + int(np.sum(things.faces[:, 1] - things.faces[:, 0])) + 6 * len(looks) + 1,
+        capacity=len(faces.texture) + int(np.sum(things[:, LAST] - things[:, FIRST])) + 6 * len(looks) + 2,
         most_corners=max(int(np.max(np.diff(faces.start))), 4) + 8,
     )
     where = np.full((len(looks), 4), np.nan) if places is None else places
@@ -117,8 +130,8 @@ def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[Faces, Rooms]:
     return pack(polygons, places, rows), table
 
 
-def _things(looks: Sequence[Look], library: Library) -> tuple[Faces, Things]:
-    ranges, scales, normal_scales, tints, reaches = [], [], [], [], []
+def _things(looks: Sequence[Look], library: Library) -> tuple[Faces, F64]:
+    ranges, scales, normal_scales, tints, reaches, boxes = [], [], [], [], [], []
     frames: list[tuple[int, Faces]] = []
     for index, look in enumerate(looks):
         match look:
@@ -129,6 +142,7 @@ def _things(looks: Sequence[Look], library: Library) -> tuple[Faces, Things]:
                 tints.append(colour)
                 around = float(np.hypot(size[0], size[2])) / 2
                 reaches.append((around, float(np.hypot(around, size[1]))))
+                boxes.append((size[0] / 2, 0.0, size[1], size[2] / 2))
             case MeshLook(mesh, height_m, tint):
                 ranges.append(library.mesh_faces(mesh))
                 scale, normal_scale = library.mesh_scale(mesh, height_m)
@@ -137,6 +151,8 @@ def _things(looks: Sequence[Look], library: Library) -> tuple[Faces, Things]:
                 tints.append(tint)
                 around, reach = library.mesh_reach(mesh)
                 reaches.append((around * scale, reach * scale))
+                half_width, low, high, half_depth = library.mesh_box(mesh)
+                boxes.append((half_width * scale, low * scale, high * scale, half_depth * scale))
             case FrameLook():
                 frames.append((index, _frame(look, library)))
                 ranges.append((0, 0))
@@ -145,18 +161,23 @@ def _things(looks: Sequence[Look], library: Library) -> tuple[Faces, Things]:
                 tints.append((1.0, 1.0, 1.0))
                 around = float(np.hypot(look.width_m / 2, look.depth_m))
                 reaches.append((around, float(np.hypot(around, look.height_m / 2))))
+                boxes.append((look.depth_m, -look.height_m / 2, look.height_m / 2, look.width_m / 2))
+            case ShadowLook(radius_m):
+                ranges.append(SHADOW_FACES)
+                scales.append((radius_m, 1.0, radius_m))
+                normal_scales.append(1.0)
+                tints.append((0.0, 0.0, 0.0))
+                reaches.append((radius_m * SHADOW_REACH,) * 2)
+                boxes.append((radius_m * SHADOW_REACH, 0.0, 0.0, radius_m * SHADOW_REACH))
     table = library.faces
     for index, frame in frames:
         first = len(table.texture)
         table = join(table, frame)
         ranges[index] = first, len(table.texture)
-    things = Things(
-        np.array(ranges, np.int32).reshape(-1, 2),
-        np.array(scales, np.float64).reshape(-1, 3),
-        np.array(normal_scales, np.float64),
-        np.array(tints, np.float64).reshape(-1, 3),
-        np.array(reaches, np.float64).reshape(-1, 2),
-    )
+    columns = [ranges, scales, np.reshape(normal_scales, (-1, 1)), tints, reaches, boxes]
+    things = np.empty((len(looks), THING_SIZE))
+    if looks:
+        things[:] = np.concatenate([np.asarray(each, np.float64) for each in columns], axis=1)
     return table, things
 
 

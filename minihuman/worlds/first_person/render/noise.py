@@ -11,6 +11,7 @@ from minihuman.worlds.first_person.render.tables import F64
 
 SIZE = 512
 Grid = NDArray[np.int64]
+_WEIGHTS = np.array([2126, 7152, 722])  # how bright red, green and blue are, by sRGB
 
 
 def grid() -> tuple[Grid, Grid]:
@@ -68,12 +69,12 @@ def grain(seed: int) -> F64:
 def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple[F64, Grid, Grid]:
     """Tiles in rows, every other row moved by half a tile if ``offset``: 1 on a tile, 0 in a joint, and which tile."""
     x, y = grid()
-    width, height = SIZE // columns, SIZE // rows
-    row = y // height
-    moved = x + (row % 2) * (width // 2) if offset else x
-    column = (moved // width) % columns
+    row = y * rows // SIZE
+    moved = (x + (row % 2) * (SIZE // columns // 2) if offset else x) * columns
+    column = moved // SIZE % columns
+    in_x, in_y = moved % SIZE // columns, y * rows % SIZE // rows
     from_edge: Grid = np.minimum(
-        np.minimum(moved % width, width - 1 - moved % width), np.minimum(y % height, height - 1 - y % height)
+        np.minimum(in_x, SIZE // columns - 1 - in_x), np.minimum(in_y, SIZE // rows - 1 - in_y)
     )
     part: F64 = (from_edge.astype(np.float64) - joint / 2 + 1.0) / 3.0
     return smooth(part), column, row
@@ -85,6 +86,19 @@ def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64
     picture = np.clip(part, 0.0, 1.0)[..., None] * (b - a)
     picture += a
     return picture
+
+
+def as_bright(colour: F64, wanted: float) -> NDArray[np.uint8]:
+    """What a texture holds: so bright on average, 0 to 255, and rounded.
+
+    The mean is taken of whole numbers, for sums of others differ between machines.
+    """
+    colour = np.clip(colour, 0.0, 255.0)
+    for _ in range(3):  # what would be brighter than white is cut off, and then a little is missing
+        mean = int((pixels(colour).astype(np.int64) * _WEIGHTS).sum()) / (SIZE * SIZE * 10_000)
+        colour *= wanted / mean
+        np.clip(colour, 0.0, 255.0, out=colour)
+    return pixels(colour)
 
 
 def pixels(colour: F64) -> NDArray[np.uint8]:

@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.assets import Assets, Library, Mesh, Texture
-from minihuman.worlds.first_person.render.noise import pixels
+from minihuman.worlds.first_person.render.noise import as_bright
 from minihuman.worlds.first_person.render.paint import RECIPES
 from minihuman.worlds.first_person.render.shapes import SHAPES, mesh_named
 
@@ -25,13 +25,14 @@ class OwnAssets(Assets):
             stem, variant = name, "1"
         if stem.startswith("chars/ch_0x") and stem[11:].isdigit():
             return _letter(chr(int(stem[11:])), int(variant))
-        if stem not in RECIPES or not 1 <= int(variant) <= RECIPES[stem][1]:
+        if stem not in RECIPES or not 1 <= int(variant) <= len(RECIPES[stem][1]):
             raise WorldError(
                 f"there is no texture {name!r}; there are {', '.join(RECIPES)}, with _1 and up for variants"
             )
-        recipe, _, size_m = RECIPES[stem]
+        recipe, kinds = RECIPES[stem]
+        wide_m, high_m, bright = kinds[int(variant) - 1]
         seed = zlib.crc32(stem.encode()) % 1_000_003 + 1000 * int(variant)
-        return Texture(pixels(recipe(seed)), (size_m, size_m))
+        return Texture(as_bright(recipe(seed), bright), (wide_m, high_m))
 
     def mesh(self, name: str) -> Mesh:
         """Make a mesh."""

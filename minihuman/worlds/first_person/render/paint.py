@@ -28,11 +28,13 @@ def _plaster(low: Shade, high: Shade, roughness: float) -> Recipe:
 
 
 def _concrete(low: Shade, high: Shade) -> Recipe:
+    """As it comes out of its boards: fine streaks and pores, and nothing so large that it is seen to come back."""
+
     def paint(seed: int) -> F64:
-        picture = mix(low, high, cloud(7, seed, 5) * 1.5 - 0.25 + 0.18 * (grain(seed + 9) - 0.5))
-        pores = smooth((soft(96, 96, seed + 20) - 0.83) * 12.0)
-        stains = smooth((cloud(2, seed + 30, 4) - 0.55) * 5.0)
-        return _lit(_lit(picture, 1.0 - pores, 0.20), 1.0 - stains, 0.04)
+        streaks = 0.6 * soft(16, 256, seed) + 0.4 * soft(32, 128, seed + 1)
+        part = 0.5 + 1.1 * (streaks - 0.5) + 0.5 * (cloud(48, seed + 2, 3) - 0.5) + 0.35 * (grain(seed + 9) - 0.5)
+        pores = smooth((soft(128, 128, seed + 20) - 0.86) * 12.0)
+        return _lit(mix(low, high, part), 1.0 - pores, 0.10)
 
     return paint
 
@@ -41,7 +43,7 @@ def _slabs(low: Shade, high: Shade, columns: int, rows: int, joint: int, dark: f
     def paint(seed: int) -> F64:
         on, column, row = tiles(columns, rows, joint)
         own = scatter(column, row, seed)
-        part = 0.55 * cloud(6, seed, 5) + 0.45 * own + 0.10 * (grain(seed + 3) - 0.5)
+        part = 0.30 * own + 0.70 * cloud(32, seed, 3) + 0.15 * (grain(seed + 3) - 0.5)
         return _lit(mix(low, high, part), on, dark)
 
     return paint
@@ -51,7 +53,7 @@ def _bricks(low: Shade, high: Shade, mortar: Shade, columns: int, rows: int, joi
     def paint(seed: int) -> F64:
         on, column, row = tiles(columns, rows, joint, offset=True)
         own = scatter(column, row, seed)
-        part = 0.6 * own + 0.5 * cloud(10, seed + 5, 5) - 0.05 + 0.14 * (grain(seed + 4) - 0.5)
+        part = 0.6 * own + 0.5 * cloud(32, seed + 5, 4) - 0.05 + 0.14 * (grain(seed + 4) - 0.5)
         brick = mix(low, high, part)
         bed = mix(mortar, (mortar[0] + 28, mortar[1] + 28, mortar[2] + 26), cloud(24, seed + 8, 3))
         worn = smooth((on - 0.25 * (cloud(32, seed + 7, 2) - 0.4)) * 1.3)
@@ -62,9 +64,9 @@ def _bricks(low: Shade, high: Shade, mortar: Shade, columns: int, rows: int, joi
 
 def _checks(seed: int) -> F64:
     x, y = grid()
-    half = SIZE // 2
-    light = ((x // half + y // half) % 2).astype(np.float64)
-    on, _, _ = tiles(2, 2, 4)
+    side = SIZE // 4
+    light = ((x // side + y // side) % 2).astype(np.float64)
+    on, _, _ = tiles(4, 4, 3)
     veins = smooth(1.0 - np.abs(cloud(3, seed + 2, 5) - 0.5) * 26.0)
     picture = _lit(mix((206, 203, 196), (228, 226, 221), cloud(5, seed)), 1.0 - veins, 0.10)
     black = mix((34, 34, 37), (58, 58, 62), cloud(5, seed + 11) + 0.5 * veins)
@@ -133,9 +135,9 @@ def _liquid(low: Shade, high: Shade, crest: Shade, cells: int) -> Recipe:
 
 
 def _ceiling_tiles(seed: int) -> F64:
-    on, _, _ = tiles(1, 1, 10)
+    on, _, _ = tiles(4, 4, 5)
     holes = smooth((soft(110, 110, seed) - 0.74) * 14.0)
-    return _lit(_lit(mix((196, 195, 190), (214, 213, 208), grain(seed + 1)), 1.0 - holes, 0.22), on, 0.30)
+    return _lit(_lit(mix((196, 195, 190), (214, 213, 208), grain(seed + 1)), 1.0 - holes, 0.10), on, 0.65)
 
 
 def _panel(base: Shade, inset: int, rows: int) -> Recipe:
@@ -187,39 +189,46 @@ def _logo(seed: int) -> F64:
     return picture
 
 
-_GREY = ((140, 139, 134), (176, 175, 169))
+_GREY = ((140, 139, 135), (172, 171, 167))
+_BOX = _panel((186, 148, 100), 8, 1)
+_WATER = _liquid((18, 62, 104), (48, 116, 158), (170, 214, 230), 4)
 
-# name: (recipe, how many variants, metres covered)
-RECIPES: dict[str, tuple[Recipe, int, float]] = {
-    "airduct_grate": (_grille((150, 152, 156), 64), 1, 1.0),
-    "asphalt": (_speckled((52, 52, 55), (84, 84, 87), (128, 126, 122)), 1, 1.0),
-    "brick_wall": (_bricks((122, 54, 40), (178, 92, 68), (148, 142, 132), 8, 16, 6), 1, 2.0),
-    "cardboard": (_panel((186, 148, 100), 8, 1), 4, 1.0),
-    "ceiling_tile_noborder": (_plaster((196, 195, 190), (214, 213, 208), 0.5), 1, 1.0),
-    "ceiling_tiles": (_ceiling_tiles, 1, 1.0),
-    "cinder_blocks": (_bricks((128, 128, 124), (166, 166, 160), (98, 97, 93), 4, 8, 7), 1, 2.0),
-    "concrete": (_concrete(*_GREY), 4, 1.0),
-    "concrete_tiles": (_slabs((150, 150, 146), (186, 185, 180), 3, 3, 6, 0.40), 1, 1.5),
-    "door_doom": (_panel((112, 84, 62), 36, 3), 2, 2.0),
-    "door_garage_red": (_panel((168, 44, 38), 20, 8), 1, 2.0),
-    "door_garage_white": (_panel((226, 226, 222), 20, 8), 1, 2.0),
-    "door_steel_brown": (_panel((124, 88, 62), 44, 2), 1, 1.0),
-    "door_steel_grey": (_panel((132, 136, 142), 44, 2), 1, 1.0),
-    "door_steel_red": (_panel((160, 48, 42), 44, 2), 1, 1.0),
-    "drywall": (_plaster((204, 200, 190), (222, 219, 210), 0.25), 1, 1.0),
-    "floor_tiles_bw": (_checks, 1, 1.0),
-    "floor_tiles_white": (_slabs((206, 206, 202), (232, 232, 229), 2, 2, 6, 0.40), 1, 1.0),
-    "grass": (_grass((40, 78, 26), (112, 154, 62)), 2, 2.0),
-    "lava": (_liquid((96, 16, 6), (204, 66, 12), (255, 214, 84), 4), 2, 1.0),
-    "logo_mila": (_logo, 1, 2.0),
-    "marble": (_marble((212, 208, 202), (238, 236, 232), (132, 130, 136)), 2, 1.0),
-    "metal_grill": (_grille((142, 146, 152), 32), 2, 1.0),
-    "picket_fence": (_fence, 1, 1.0),
-    "rock": (_speckled((88, 80, 70), (150, 140, 126), (174, 166, 152)), 1, 2.0),
-    "slime": (_liquid((30, 66, 18), (78, 132, 38), (168, 206, 84), 5), 1, 1.0),
-    "stucco": (_plaster((190, 172, 142), (226, 212, 186), 0.9), 1, 1.0),
-    "water": (_liquid((18, 62, 104), (48, 116, 158), (170, 214, 230), 4), 3, 1.0),
-    "white": (_plaster((255, 255, 255), (255, 255, 255), 0.0), 1, 1.0),
-    "wood": (_wood((112, 74, 40), (178, 128, 78), 1), 2, 1.0),
-    "wood_planks": (_wood((104, 70, 42), (170, 124, 80), 8), 1, 2.0),
+# How many metres a picture covers, right and up, and how bright it is on average, 0 to 255, by sRGB's weights:
+# those of the picture of that name in Miniworld, so that what streams past and how light a room is
+# are the same.
+Kind = tuple[float, float, float]
+
+# name: (recipe, its variants)
+RECIPES: dict[str, tuple[Recipe, tuple[Kind, ...]]] = {
+    "airduct_grate": (_grille((150, 152, 156), 64), ((1.0, 1.0, 162.0),)),
+    "asphalt": (_speckled((52, 52, 55), (84, 84, 87), (128, 126, 122)), ((1.0, 1.0, 109.0),)),
+    "brick_wall": (_bricks((112, 62, 50), (160, 104, 86), (140, 134, 124), 8, 24, 4), ((2.0, 2.0, 102.0),)),
+    "cardboard": (_BOX, ((1.0, 1.0, 158.0), (1.0, 1.0, 158.0), (2.0, 2.0, 177.0), (0.5, 0.5, 188.0))),
+    "ceiling_tile_noborder": (_plaster((196, 195, 190), (214, 213, 208), 0.5), ((1.0, 1.0, 217.0),)),
+    "ceiling_tiles": (_ceiling_tiles, ((1.0, 1.0, 208.0),)),
+    "cinder_blocks": (_bricks((128, 128, 124), (156, 156, 150), (80, 79, 75), 4, 8, 4), ((2.0, 2.0, 114.0),)),
+    "concrete": (_concrete(*_GREY), ((1.0, 1.0, 152.0), (1.0, 1.0, 133.0), (1.5, 1.5, 176.0), (1.0, 1.0, 133.0))),
+    "concrete_tiles": (_slabs((154, 154, 152), (176, 176, 173), 3, 3, 2, 0.40), ((1.5, 1.5, 161.0),)),
+    "door_doom": (_panel((122, 118, 114), 36, 3), ((2.0, 2.0, 121.0), (2.0, 2.0, 122.0))),
+    "door_garage_red": (_panel((208, 82, 84), 20, 8), ((2.0, 2.0, 110.0),)),
+    "door_garage_white": (_panel((226, 226, 222), 20, 8), ((2.0, 2.0, 223.0),)),
+    "door_steel_brown": (_panel((124, 88, 62), 44, 2), ((1.17, 2.2, 93.0),)),
+    "door_steel_grey": (_panel((126, 138, 152), 44, 2), ((1.0, 2.0, 137.0),)),
+    "door_steel_red": (_panel((198, 112, 102), 44, 2), ((1.0, 2.0, 132.0),)),
+    "drywall": (_plaster((208, 209, 210), (220, 220, 220), 0.25), ((1.0, 1.0, 214.0),)),
+    "floor_tiles_bw": (_checks, ((1.0, 1.0, 133.0),)),
+    "floor_tiles_white": (_slabs((206, 206, 204), (232, 232, 230), 4, 4, 3, 0.25), ((1.0, 1.0, 227.0),)),
+    "grass": (_grass((52, 82, 26), (132, 160, 66)), ((2.0, 2.0, 114.0), (2.0, 2.0, 82.0))),
+    "lava": (_liquid((96, 16, 6), (204, 66, 12), (255, 214, 84), 4), ((1.0, 1.0, 121.0), (1.0, 1.0, 90.0))),
+    "logo_mila": (_logo, ((2.0, 1.0, 219.0),)),
+    "marble": (_marble((212, 208, 202), (238, 236, 232), (132, 130, 136)), ((1.0, 1.0, 188.0), (1.0, 1.0, 184.0))),
+    "metal_grill": (_grille((142, 146, 152), 32), ((1.0, 1.0, 132.0), (2.0, 2.0, 120.0))),
+    "picket_fence": (_fence, ((0.855, 1.273, 191.0),)),
+    "rock": (_speckled((88, 86, 82), (150, 148, 142), (174, 172, 166)), ((2.0, 2.0, 117.0),)),
+    "slime": (_liquid((40, 84, 10), (110, 160, 14), (190, 226, 40), 5), ((1.0, 1.0, 150.0),)),
+    "stucco": (_plaster((182, 181, 178), (206, 205, 202), 0.9), ((1.0, 1.0, 194.0),)),
+    "water": (_WATER, ((1.0, 1.0, 129.0), (1.0, 1.0, 136.0), (1.0, 1.0, 126.0))),
+    "white": (_plaster((255, 255, 255), (255, 255, 255), 0.0), ((1.0, 1.0, 255.0),)),
+    "wood": (_wood((112, 74, 40), (178, 128, 78), 1), ((1.0, 1.0, 118.0), (1.0, 1.0, 161.0))),
+    "wood_planks": (_wood((104, 70, 42), (170, 124, 80), 8), ((2.0, 2.0, 88.0),)),
 }

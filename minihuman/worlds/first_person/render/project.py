@@ -2,16 +2,21 @@
 
 import numpy as np
 
-from minihuman.worlds.first_person.render.raster import claim, outline
-from minihuman.worlds.first_person.render.tables import F64, Drawn, Faces
+from minihuman.worlds.first_person.render.raster import ROW_STEP, claim, outline
+from minihuman.worlds.first_person.render.tables import F64, SHADE, Drawn, Faces
 from minihuman.worlds.kernels import int64, part
 
 # The columns of a view's array: what the kernels know of a camera.
 EYE, RIGHT, UP, FORWARD = 0, 3, 6, 9  # three numbers each
 FOCAL_X, FOCAL_Y, CENTRE_X, CENTRE_Y = 12, 13, 14, 15  # pixels; pixels a metre where nothing shrinks with distance
 NEAR, FAR, PARALLEL = 16, 17, 18  # metres, metres, 1.0 for a view from above
-VIEW_SIZE = 19
+LIGHT, SKY = 19, 28  # the way to the light, its colour and the ambient light; the sky's colour; three numbers each
+LEAST = 31  # of 1 / distance: beyond a face's edge it may reach nonsense
+TOP, BOTTOM, HEIGHT, WIDTH = 32, 33, 34, 35  # which rows to draw, and the whole picture, pixels
+ROOM = 36  # how many spans of a row, faces and corners of a face there is memory for, three numbers
+VIEW_SIZE = 39
 
+TILES = 16  # across the picture and down, in which is known how near what was drawn is at least
 GUARD_PX = 16384.0  # corners stay within this of the picture's middle, so that their products are exact
 
 # The columns of a placement's array: how a thing's own coordinates lie in the world.
@@ -76,16 +81,27 @@ def turn_to(view: F64, light: F64, placement: F64) -> None:
 
 @part(lean=True, into_caller=True, current=int64)
 def draw_face(
-    faces: Faces, face: int, view: F64, placement: F64, light: F64, window: F64, drawn: Drawn, number: int
+    faces: Faces,
+    face: int,
+    view: F64,
+    placement: F64,
+    light: F64,
+    window: F64,
+    drawn: Drawn,
+    number: int,
+    surveyed: bool,
 ) -> int:
     """Draw one face as number ``number``; how many samples it claimed: if none, the number is still free.
 
-    ``light`` holds the direction to the light, its colour, and the ambient light, three numbers each.
+    It is -1 where a row has no room for more spans.
+
+    ``light`` holds the direction to the light, its colour, and the ambient light, three numbers each. Where what was
+    drawn before is ``surveyed``, a face that is sure to be behind it is left out at once.
     """
     # Seen from behind?
-    plane = faces.plane
-    above = plane[face, 0] * placement[OWN_EYE] + plane[face, 1] * placement[OWN_EYE + 1]
-    if above + plane[face, 2] * placement[OWN_EYE + 2] + plane[face, 3] * placement[OWN_EYE + 3] <= 0.0:
+    side = faces.plane
+    above = side[face, 0] * placement[OWN_EYE] + side[face, 1] * placement[OWN_EYE + 1]
+    if above + side[face, 2] * placement[OWN_EYE + 2] + side[face, 3] * placement[OWN_EYE + 3] <= 0.0:
         return 0
 
     parallel = view[PARALLEL] == 1.0
@@ -130,10 +146,10 @@ def draw_face(
             z = corners[current, i, 2]
             wide = wide or abs(corners[current, i, 0]) > limit_x * z or abs(corners[current, i, 1]) > limit_y * z
         if wide:
-            for side in range(4):
-                a, b = (1.0, 0.0) if side < 2 else (0.0, 1.0)
-                sign = 1.0 - 2.0 * (side & 1)
-                count = cut(corners, current, count, sign * a, sign * b, limit_x if side < 2 else limit_y, 0.0)
+            for end in range(4):
+                a, b = (1.0, 0.0) if end < 2 else (0.0, 1.0)
+                sign = 1.0 - 2.0 * (end & 1)
+                count = cut(corners, current, count, sign * a, sign * b, limit_x if end < 2 else limit_y, 0.0)
                 current = 2 if current == 1 else 1
     if count < 3:
         return 0
@@ -150,24 +166,53 @@ def draw_face(
         y1 = y if i == 0 else max(y1, y)
     if x1 <= window[0] * 256.0 or x0 >= window[2] * 256.0 or y1 <= window[1] * 256.0 or y0 >= window[3] * 256.0:
         return 0
-    first, last = outline(drawn, count, window)
-    if first == last or not vary(faces, face, view, placement, light, drawn, number):
+    if not nearness(faces, face, view, drawn, number):
         return 0
-    return int(claim(drawn, number, first, last))
+    if surveyed and hidden(drawn, number, view, window, x0, y0, x1, y1):
+        return 0
+    first, last = outline(drawn, count, window)
+    if first == last:
+        return 0
+    samples = int(claim(drawn, number, first, last, SHADE - faces.texture[face]))
+    if samples > 0:
+        vary(faces, face, view, placement, light, drawn, number)
+    return samples
 
 
 @part(lean=True, into_caller=True)
-def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int) -> bool:
-    """Work out how nearness, texture and light vary over the picture; False where the face is seen edge-on.
+def tile_size(view: F64) -> tuple[int, int]:
+    """How many pixels a tile is wide, and how many sample rows high."""
+    return int(view[WIDTH]) // TILES + 1, 4 * int(view[HEIGHT]) // TILES + 1
 
-    Whatever varies evenly over a flat face varies, divided by distance, evenly over the picture. Three corners, not yet
-    cut, say how; the inverse of the matrix of their positions holds it.
+
+@part(lean=True, into_caller=True)
+def hidden(drawn: Drawn, number: int, view: F64, window: F64, x0: float, y0: float, x1: float, y1: float) -> bool:
+    """Is a face sure to be behind what was drawn before, wherever its corners, in 1/256 pixel, let it have samples?"""
+    planes, tiles = drawn.planes, drawn.tiles
+    left, right = max(int(x0 / 256.0), int(window[0])), min(int(x1 / 256.0) + 1, int(window[2]))
+    top, bottom = max(int(y0 / ROW_STEP), 4 * int(window[1])), min(int(y1 / ROW_STEP) + 1, 4 * int(window[3]))
+    a, b = planes[number, 0], planes[number, 1]
+    # rounding keeps the order, so no sample is nearer
+    row = bottom if b > 0.0 else top
+    nearest = a * (right if a > 0.0 else left) + (b * (row * ROW_STEP / 256.0) + planes[number, 2])
+    wide, high = tile_size(view)
+    for row in range(top // high, (bottom - 1) // high + 1):
+        for column in range(left // wide, (right - 1) // wide + 1):
+            if nearest > tiles[row, column]:
+                return False
+    return True
+
+
+@part(lean=True, into_caller=True)
+def nearness(faces: Faces, face: int, view: F64, drawn: Drawn, number: int) -> bool:
+    """Work out how nearness varies over the picture; False where the face is seen edge-on.
+
+    Three corners, not yet cut, say how; the inverse of the matrix of their positions holds it, and all else that varies
+    evenly over a flat face.
     """
-    start = faces.start[face]
-    count = faces.start[face + 1] - start
-    p = drawn.corners[0]
-    i1 = count // 3
-    i2 = (2 * count) // 3
+    count = faces.start[face + 1] - faces.start[face]
+    p, inverse = drawn.corners[0], drawn.inverse
+    i1, i2 = count // 3, (2 * count) // 3
     parallel = view[PARALLEL] == 1.0
     x0, y0 = p[0, 0], p[0, 1]
     x1, y1 = p[i1, 0], p[i1, 1]
@@ -181,11 +226,37 @@ def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: 
     determinant = x0 * ax + y0 * ay + z0 * az
     if abs(determinant) < 1e-12:
         return False
-    per_x = 1.0 / (determinant * view[FOCAL_X])
-    per_y = 1.0 / (determinant * view[FOCAL_Y])
-    per_z = 1.0 / determinant
-    planes, kind = drawn.planes, drawn.kind
-    lit = drawn.lit
+    inverse[0, 0], inverse[0, 1], inverse[0, 2] = ax, bx, cx
+    inverse[1, 0], inverse[1, 1], inverse[1, 2] = ay, by, cy
+    inverse[2, 0], inverse[2, 1], inverse[2, 2] = az, bz, cz
+    inverse[3, 0] = 1.0 / (determinant * view[FOCAL_X])
+    inverse[3, 1] = 1.0 / (determinant * view[FOCAL_Y])
+    inverse[3, 2] = 1.0 / determinant
+    v0 = -p[0, 2] if parallel else 1.0
+    v1 = -p[i1, 2] if parallel else 1.0
+    v2 = -p[i2, 2] if parallel else 1.0
+    plane(drawn, view, number, 0, v0, v1, v2)
+    return True
+
+
+@part(lean=True, into_caller=True)
+def plane(drawn: Drawn, view: F64, number: int, column: int, first: float, second: float, third: float) -> None:
+    """Write down how something varies over the picture that is so and so much at the three corners."""
+    inverse, planes = drawn.inverse, drawn.planes
+    gx = (first * inverse[0, 0] + second * inverse[0, 1] + third * inverse[0, 2]) * inverse[3, 0]
+    gy = (first * inverse[1, 0] + second * inverse[1, 1] + third * inverse[1, 2]) * inverse[3, 1]
+    gz = (first * inverse[2, 0] + second * inverse[2, 1] + third * inverse[2, 2]) * inverse[3, 2]
+    planes[number, 3 * column] = gx
+    planes[number, 3 * column + 1] = -gy
+    planes[number, 3 * column + 2] = gz - gx * view[CENTRE_X] + gy * view[CENTRE_Y]
+
+
+@part(lean=True, into_caller=True)
+def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: Drawn, number: int) -> None:
+    """Work out how texture and light vary over the picture, divided by distance."""
+    start = faces.start[face]
+    count = faces.start[face + 1] - start
+    planes, kind, lit = drawn.planes, drawn.kind, drawn.lit
     same = True
     long = placement[NORMAL_SCALE]
     lx, ly, lz = placement[OWN_LIGHT], placement[OWN_LIGHT + 1], placement[OWN_LIGHT + 2]
@@ -199,12 +270,10 @@ def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: 
             same = same and lit[channel, k] == lit[channel, 0]
     kind[number, 0] = faces.texture[face]
     kind[number, 1] = 1 if same else 0
-    c0, c1, c2 = start, start + i1, start + i2
+    c0, c1, c2 = start, start + count // 3, start + (2 * count) // 3
     place = faces.texture_place
-    for column in range(7):
-        if column == 0 and parallel:
-            v0, v1, v2 = -p[0, 2], -p[i1, 2], -p[i2, 2]
-        elif column < 2:
+    for column in range(1, 7):
+        if column == 1:
             v0 = v1 = v2 = 1.0
         elif column < 4:
             v0, v1, v2 = place[c0, column - 2], place[c1, column - 2], place[c2, column - 2]
@@ -213,10 +282,4 @@ def vary(faces: Faces, face: int, view: F64, placement: F64, light: F64, drawn: 
             if same:
                 planes[number, 3 * column] = v0
                 continue
-        gx = (v0 * ax + v1 * bx + v2 * cx) * per_x
-        gy = (v0 * ay + v1 * by + v2 * cy) * per_y
-        gz = (v0 * az + v1 * bz + v2 * cz) * per_z
-        planes[number, 3 * column] = gx
-        planes[number, 3 * column + 1] = -gy
-        planes[number, 3 * column + 2] = gz - gx * view[CENTRE_X] + gy * view[CENTRE_Y]
-    return True
+        plane(drawn, view, number, column, v0, v1, v2)

@@ -2,16 +2,46 @@
 
 Corners lie on a grid of 1/256 pixel and stay below 2**23 of it, so every product here is a whole number below 2**53 and
 exact in a double. Two faces that share an edge therefore never both cover a sample, and never both leave it out.
+
+What has been claimed stands in each sample row as a list of spans from left to right, which do not overlap.
 """
+
+from typing import Any
 
 import numpy as np
 from numpy import uint64 as index  # which cannot count from the end
 
-from minihuman.worlds.first_person.render.tables import F64, Drawn
-from minihuman.worlds.kernels import part
+from minihuman.worlds.first_person.render.tables import BEGIN, END, F64, FACE, Drawn
+from minihuman.worlds.kernels import int64, part
+from minihuman.worlds.lanes import Array, vector
 
 SAMPLE_X = np.array([160.0, 32.0, 224.0, 96.0])  # of the four sample rows of a pixel, in 1/256 pixel from its left
 ROW_STEP = 64.0  # between sample rows, in 1/256 pixel; the first is half a step down
+
+
+@vector()
+def cross(
+    do: Any,
+    side: Array,
+    row: int,
+    first: float,
+    last: float,
+    xa: float,
+    ya: float,
+    width: float,
+    height: float,
+    low: float,
+    high: float,
+) -> None:
+    """Where an edge crosses eight sample rows from ``row``, a multiple of 4, of those from ``first`` to ``last``."""
+    rows = do.count_from(row, 8, 1)
+    right = do.all_of(xa, 8) - do.these([160.0, 32.0, 224.0, 96.0] * 2)
+    down = rows * ROW_STEP + 32.0 - do.all_of(ya, 8)
+    high_by = do.all_of(height, 8)
+    bound = do.ceil((right * high_by + do.all_of(width, 8) * down) / (high_by * 256.0))
+    bound = do.cut(do.smaller(do.larger(bound, do.all_of(low, 8)), do.all_of(high, 8)))
+    crossed = (rows > do.all_of(first, 8) - 1.0) & (rows < do.all_of(last, 8))
+    do.store(side, row, do.where(crossed, bound, do.load(side, row, 8)))
 
 
 @part(lean=True, into_caller=True)
@@ -32,8 +62,8 @@ def outline(drawn: Drawn, corner_count: int, window: F64) -> tuple[int, int]:
     first = int(max(np.floor((low - 32.0) / ROW_STEP), window[1] * 4.0))
     last = int(min(np.floor((high - 32.0) / ROW_STEP) + 1.0, window[3] * 4.0))
     for row in range(first, last):
-        left[row] = int(window[2])
-        right[row] = int(window[0])
+        left[index(row)] = int(window[2])
+        right[index(row)] = int(window[0])
     for i in range(corner_count):
         j = i + 1 if i + 1 < corner_count else 0
         xa, ya, xb, yb = screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1]
@@ -42,54 +72,159 @@ def outline(drawn: Drawn, corner_count: int, window: F64) -> tuple[int, int]:
         leftward = yb > ya
         if not leftward:
             xa, ya, xb, yb = xb, yb, xa, ya
-        top = int(max(np.floor((ya - 32.0) / ROW_STEP) + 1.0, float(first)))
-        end = int(min(np.floor((yb - 32.0) / ROW_STEP) + 1.0, float(last)))
-        height = yb - ya
-        width = xb - xa
-        for row in range(top, end):
-            across = (xa - SAMPLE_X[row & 3]) * height + width * (ROW_STEP * row + 32.0 - ya)
-            bound = int(min(max(np.ceil(across / (256.0 * height)), window[0]), window[2]))
+        top = max(np.floor((ya - 32.0) / ROW_STEP) + 1.0, float(first))
+        end = min(np.floor((yb - 32.0) / ROW_STEP) + 1.0, float(last))
+        for row in range(int(top) & -4, int(end), 8):
             if leftward:
-                left[row] = bound
+                cross(left, row, top, end, xa, ya, xb - xa, yb - ya, window[0], window[2])
             else:
-                right[row] = bound
-    while first < last and left[first] >= right[first]:
+                cross(right, row, top, end, xa, ya, xb - xa, yb - ya, window[0], window[2])
+    while first < last and left[index(first)] >= right[index(first)]:
         first += 1
-    while first < last and left[last - 1] >= right[last - 1]:
+    while first < last and left[index(last - 1)] >= right[index(last - 1)]:
         last -= 1
     return first, last
 
 
 @part(lean=True, into_caller=True)
-def claim(drawn: Drawn, face: int, first: int, last: int) -> int:
-    """Claim for ``face`` the samples of its outline that nothing nearer owns; how many it got."""
-    owner, planes, left, right = drawn.owner, drawn.planes, drawn.left, drawn.right
-    a, b, c = planes[face, 0], planes[face, 1], planes[face, 2]
-    claimed = 0
+def put(drawn: Drawn, row: int, at: int, begin: int, end: int, face: int) -> None:
+    """Write a span down."""
+    spans = drawn.spans
+    spans[index(row), index(at), BEGIN] = begin
+    spans[index(row), index(at), END] = end
+    spans[index(row), index(at), FACE] = face
+
+
+@part(lean=True, into_caller=True)
+def shift(drawn: Drawn, row: int, first: int, last: int, by: int) -> None:
+    """Move some spans of a row to the right, or to the left."""
+    spans = drawn.spans
+    for i in range(last - first):
+        k = last - 1 - i if by > 0 else first + i
+        for column in range(3):
+            spans[index(row), index(k + by), column] = spans[index(row), index(k), column]
+
+
+@part(lean=True, into_caller=True)
+def add(merged: Any, count: int, begin: int, end: int, face: int) -> int:
+    """Add a span to those that replace some, or let the last one grow; how many there are."""
+    if count > 0 and merged[count - 1, FACE] == face and merged[count - 1, END] == begin:
+        merged[count - 1, END] = end
+        return count
+    merged[count, BEGIN], merged[count, END], merged[count, FACE] = begin, end, face
+    return count + 1
+
+
+@part(lean=True, got=int64, merged_count=int64, x=int64, j=int64)
+def share(drawn: Drawn, face: int, row: int, k: int, begin: int, end: int) -> int:
+    """Claim the samples of a row from ``begin`` to ``end`` where others own some, from the row's span ``k`` on.
+
+    Returns how many it got; -1 where the row has no room for more spans.
+    """
+    spans, planes, merged = drawn.spans[row], drawn.planes, drawn.merged
+    count = drawn.counts[row]
+    y, shifted = (ROW_STEP * row + 32.0) / 256.0, SAMPLE_X[row & 3] / 256.0
+    a, here = planes[face, 0], planes[face, 1] * y + planes[face, 2]
+    got = merged_count = 0
+    x, j = begin, k
+    while j < count and spans[j, BEGIN] < end:
+        rival = spans[j, FACE]
+        rival_begin, rival_end = spans[j, BEGIN], spans[j, END]
+        if x < rival_begin:
+            merged_count = add(merged, merged_count, x, rival_begin, face)
+            got += rival_begin - x
+            x = int64(rival_begin)
+        elif rival_begin < x:
+            merged_count = add(merged, merged_count, rival_begin, x, rival)
+        stop = min(rival_end, end)
+        rival_a, there = planes[rival, 0], planes[rival, 1] * y + planes[rival, 2]
+        low, high = x, stop - 1
+        wins = a * (low + shifted) + here > rival_a * (low + shifted) + there
+        if wins != (a * (high + shifted) + here > rival_a * (high + shifted) + there):
+            while high - low > 1:  # they cross in between
+                middle = (low + high) >> 1
+                if wins == (a * (middle + shifted) + here > rival_a * (middle + shifted) + there):
+                    low = middle
+                else:
+                    high = middle
+            merged_count = add(merged, merged_count, x, high, face if wins else rival)
+            got += high - x if wins else stop - high
+            merged_count = add(merged, merged_count, high, stop, rival if wins else face)
+        else:
+            merged_count = add(merged, merged_count, x, stop, face if wins else rival)
+            got += stop - x if wins else 0
+        if stop < rival_end:
+            merged_count = add(merged, merged_count, stop, rival_end, rival)
+        x = int64(stop)
+        j += 1
+    if x < end:
+        merged_count = add(merged, merged_count, x, end, face)
+        got += end - x
+    if got > 0:
+        more = merged_count - (j - k)
+        if count + more > spans.shape[0]:
+            return -1
+        if more != 0:
+            shift(drawn, row, j, count, more)
+        for i in range(merged_count):
+            put(drawn, row, k + i, merged[i, BEGIN], merged[i, END], merged[i, FACE])
+        drawn.counts[row] = count + more
+    return got
+
+
+@part(lean=True, into_caller=True)
+def loses(planes: F64, face: int, rival: int, row: int, begin: int, end: int) -> bool:
+    """Is ``rival`` at least as near as ``face`` at every sample of a row from ``begin`` to ``end``?"""
+    y, shifted = (ROW_STEP * row + 32.0) / 256.0, SAMPLE_X[row & 3] / 256.0
+    a, here = planes[face, 0], planes[face, 1] * y + planes[face, 2]
+    rival_a, there = planes[rival, 0], planes[rival, 1] * y + planes[rival, 2]
+    first, last = begin + shifted, end - 1 + shifted
+    return not (a * first + here > rival_a * first + there or a * last + here > rival_a * last + there)
+
+
+@part(lean=True, into_caller=True, claimed=int64, k=int64, begin=int64, end=int64)
+def claim(drawn: Drawn, face: int, first: int, last: int, only: int) -> int:
+    """Claim for ``face`` the samples of its outline that nothing nearer owns.
+
+    If ``only`` is 0 to 3, it has one sample of each pixel.
+
+    Returns how many it got; -1 where a row has no room for more spans, and then what is claimed is not complete.
+    """
+    spans, counts, left, right, planes = drawn.spans, drawn.counts, drawn.left, drawn.right, drawn.planes
+    claimed = k = 0
     for row in range(first, last):
-        y = (ROW_STEP * row + 32.0) / 256.0
-        shift = SAMPLE_X[row & 3] / 256.0
-        here = b * y + c
-        begin, end = left[row], right[row]
-        taken = np.int32(-1)
-        for x in range(begin, end):
-            taken = max(taken, owner[index(row), index(x)])
-        if taken < 0:
-            for x in range(begin, end):
-                owner[index(row), index(x)] = face
-            claimed += max(end - begin, 0)  # corners are rounded: a sliver may be crossed
+        begin, end = int64(left[index(row)]), int64(right[index(row)])
+        if begin >= end or (only >= 0 and row & 3 != only):  # corners are rounded: a sliver may be crossed
             continue
-        rival = -1
-        rival_a = there = 0.0
-        for x in range(begin, end):
-            other = owner[index(row), index(x)]
-            if other >= 0:
-                if other != rival:
-                    rival, k = other, index(other)
-                    rival_a, there = planes[k, 0], planes[k, 1] * y + planes[k, 2]
-                at = x + shift
-                if a * at + here <= rival_a * at + there:
-                    continue
-            owner[index(row), index(x)] = face
-            claimed += 1
+        count = counts[index(row)]
+        k = min(k, count)  # where it was in the row above is not far
+        while k < count and spans[index(row), index(k), END] <= begin:
+            k += 1
+        while k > 0 and spans[index(row), index(k - 1), END] > begin:
+            k -= 1
+        # most of what is taken already is behind one or two faces that are nearer all along
+        while k < count and begin < end and spans[index(row), index(k), BEGIN] <= begin:
+            stop = min(int64(spans[index(row), index(k), END]), end)
+            if not loses(planes, face, spans[index(row), index(k), FACE], row, begin, stop):
+                break
+            begin = stop
+            k += 1
+        if k < count and begin < spans[index(row), index(k), BEGIN] < end <= spans[index(row), index(k), END]:
+            start = int64(spans[index(row), index(k), BEGIN])
+            if loses(planes, face, spans[index(row), index(k), FACE], row, start, end):
+                end = start
+        if begin >= end:
+            continue
+        if k == count or spans[index(row), index(k), BEGIN] >= end:
+            if count == spans.shape[1]:
+                return -1
+            shift(drawn, row, k, count, 1)
+            put(drawn, row, k, begin, end, face)
+            counts[index(row)] = count + 1
+            claimed += end - begin
+        else:
+            got = share(drawn, face, row, k, begin, end)
+            if got < 0:
+                return -1
+            claimed += got
     return claimed

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 Rgb = tuple[float, float, float]  # 0 to 1
 Vector = tuple[float, float, float]  # x, y, z
+NEAR_M, FAR_M = 0.04, 100.0  # how near and far an eye sees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +98,14 @@ class FrameLook:
     depth_m: float = 0.05
 
 
-Look = BoxLook | MeshLook | FrameLook
+@dataclass(frozen=True, slots=True)
+class ShadowLook:
+    """The shade on the ground around a thing that stands there: half of the light, a quarter at its rim."""
+
+    radius_m: float
+
+
+Look = BoxLook | MeshLook | FrameLook | ShadowLook
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +130,8 @@ class Camera:
     yaw_rad: float
     pitch_rad: float = 0.0
     fov_y_deg: float = 60.0
-    near_m: float = 0.04
-    far_m: float = 100.0
+    near_m: float = NEAR_M
+    far_m: float = FAR_M
 
     def __post_init__(self) -> None:
         if not 0 < self.near_m < self.far_m:

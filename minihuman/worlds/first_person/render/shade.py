@@ -1,260 +1,338 @@
-"""From covered samples to colours: each face in a pixel is shaded once, and counts by the samples it covers."""
+"""From covered samples to colours: each face in a pixel is looked up and lit once, and counts by its samples there."""
 
 import numpy as np
-from numpy import uint32 as u32
 from numpy import uint64 as index
 from numpy.typing import NDArray
 
-from minihuman.worlds.first_person.render.tables import F64, I32, I64, Textures
-from minihuman.worlds.first_person.render.texture import (
-    GREEN,
-    RED_BLUE,
+from minihuman.worlds.first_person.render.memory import (
+    LINE,
+    MOST_STRETCHES,
+    SIZES,
+    SPANS,
+    STRETCHES,
     STRIP,
-    STRIP_ROWS,
+    drawn_in,
+)
+from minihuman.worlds.first_person.render.project import BOTTOM, LEAST, SKY, TOP
+from minihuman.worlds.first_person.render.tables import BEGIN, END, F64, FACE, I32, Drawn
+from minihuman.worlds.first_person.render.texture import (
+    LANES,
+    MOST_SIZES,
     U32,
-    ask,
-    blend,
-    fetch,
+    WHITE,
+    copy,
+    fill,
+    fit,
+    look_up_8,
+    look_up_16,
+    look_up_each_8,
+    look_up_each_16,
+    pack,
+    shade,
 )
 from minihuman.worlds.kernels import int64, kernel, part
 
-TAKEN = -2  # a sample whose face has been shaded
-WHITE = 65280.0
-LOW, HIGH = u32(0xFFFF), u32(16)
-
 # The columns of a stretch: pixels side by side that a face covers, with the same number of samples each.
-FACE, START, COUNT, SLOT, WEIGHT = 0, 1, 2, 3, 4  # slot -1 for a face without a texture
-MOST_STRETCHES = STRIP + 8
+OF, START, COUNT, RUN, WEIGHT = 0, 1, 2, 3, 4  # run -1 for a face of one colour
+# The columns of a run: pixels side by side that a face is looked up at, and where in the strip that is.
+STOP, SLOT = 2, 3
+MOST_MIXED = 16  # pixels side by side that several faces cover alike are taken so many at a time
+MOST_LOOKUPS = STRIP - 4 * (MOST_MIXED + LANES)  # when there are more, they are done before the next stretch
+MOST_APART = 2  # sizes that fit at both ends of sixteen pixels: if they are further apart, each has its own
+RED_BLUE, GREEN = 0xFF00FF, 0x00FF00
 
 
 @part(lean=True, into_caller=True)
-def texture_place(
-    px: float, inverse_x: float, inverse_c: float, u_x: float, u_c: float, v_x: float, v_c: float, least: float
-) -> tuple[float, float]:
-    """Where in its texture a face is looked up at a place in a row, in repeats right and up."""
-    w = 1.0 / max(inverse_x * px + inverse_c, least)
-    return (u_x * px + u_c) * w, (v_x * px + v_c) * w
+def plain_colour(planes: F64, face: int) -> int:
+    """The colour of a face that has no texture and is lit evenly."""
+    plane = planes[face]
+    return int(plane[12] * 255.0 + 0.5) | int(plane[15] * 255.0 + 0.5) << 8 | int(plane[18] * 255.0 + 0.5) << 16
 
 
 @part(lean=True, into_caller=True)
-def prepare(
-    planes: F64,
-    face: int,
-    sizes: I64,
-    texture: int,
-    last: int,
-    y: int,
-    start: int,
-    count: int,
-    least: float,
-    scratch: F64,
-    bits: I64,
-    strip: U32,
-    slot: int,
+def span_at(drawn: Drawn, row: int, k: int, x: int, width: int) -> tuple[int, int, int]:
+    """The face at a pixel of a sample row, -1 for the sky; up to where; and the number of the span that is next."""
+    spans = drawn.spans
+    if k == drawn.counts[index(row)]:
+        return -1, width, k
+    if spans[index(row), index(k), BEGIN] > x:
+        return -1, int(spans[index(row), index(k), BEGIN]), k
+    return int(spans[index(row), index(k), FACE]), int(spans[index(row), index(k), END]), k + 1
+
+
+@part(lean=True)
+def look_up_run(
+    run: I32, y: int, plane: F64, texture: int, even: bool, table: U32, texels: U32, least: float, memory: U32
 ) -> None:
-    """Put the lookups for ``count`` pixels of row ``y`` from ``start``, at their middles, into the strip.
+    """Find the colours of a run of pixels of a row."""
+    strip, sizes = memory, memory[SIZES:]
+    count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
+    px, py = run[START] + 0.5, y + 0.5
+    inverse_x, inverse_y = plane[3], plane[4]
+    inverse = inverse_x * px + (inverse_y * py + plane[5])
+    if texture < 0:
+        for i in range(0, count, LANES):
+            fill(strip, slot + i, WHITE)
+    else:
+        u = plane[6] * px + (plane[7] * py + plane[8])
+        v = plane[9] * px + (plane[10] * py + plane[11])
+        # whole repeats are taken away where the face is nearest: there its texels are largest
+        span = float(count - 1) if inverse_x > 0.0 else 0.0
+        near = max(inverse + inverse_x * span, least)
+        whole_u = np.floor((u + plane[6] * span) / near)
+        whole_v = np.floor((v + plane[9] * span) / near)
+        u, u_x, u_y = u - whole_u * inverse, plane[6] - whole_u * inverse_x, plane[7] - whole_u * inverse_y
+        v, v_x, v_y = v - whole_v * inverse, plane[9] - whole_v * inverse_x, plane[10] - whole_v * inverse_y
+        first = 2 * MOST_SIZES * texture
+        wide, high = float(table[first + 1] & 0xFFFF), float(table[first + 1] >> 16)
+        last = int64(table[first + 2 * MOST_SIZES - 1])
+        red_light = green_light = blue_light = 65536
+        if even:
+            red_light, green_light = int(plane[12] * 65536.0 + 0.5), int(plane[15] * 65536.0 + 0.5)
+            blue_light = int(plane[18] * 65536.0 + 0.5)
+        for i in range(0, count, LANES):
+            k = (i // LANES) % (LANES - 1)
+            if k == 0:
+                fit(
+                    sizes,
+                    inverse + inverse_x * i,
+                    inverse_x,
+                    inverse_y,
+                    u + u_x * i,
+                    u_x,
+                    u_y,
+                    v + v_x * i,
+                    v_x,
+                    v_y,
+                    wide,
+                    high,
+                    least,
+                    count - 1.0 - i,
+                    last,
+                )
+            size, next_size = int64(sizes[k]), int64(sizes[k + 1])
+            if abs(size - next_size) <= MOST_APART:
+                at = first + ((size + next_size) & -2)
+                both = int64(table[at + 1])
+                if count - i > 8:
+                    look_up_16(
+                        texels,
+                        table[at],
+                        both & 0xFFFF,
+                        both >> 16,
+                        inverse + inverse_x * i,
+                        inverse_x,
+                        u + u_x * i,
+                        u_x,
+                        v + v_x * i,
+                        v_x,
+                        least,
+                        red_light,
+                        green_light,
+                        blue_light,
+                        strip,
+                        slot + i,
+                    )
+                else:
+                    look_up_8(
+                        texels,
+                        table[at],
+                        both & 0xFFFF,
+                        both >> 16,
+                        inverse + inverse_x * i,
+                        inverse_x,
+                        u + u_x * i,
+                        u_x,
+                        v + v_x * i,
+                        v_x,
+                        least,
+                        red_light,
+                        green_light,
+                        blue_light,
+                        strip,
+                        slot + i,
+                    )
+            elif count - i > 8:
+                look_up_each_16(
+                    texels,
+                    table,
+                    first,
+                    last,
+                    inverse + inverse_x * i,
+                    inverse_x,
+                    inverse_y,
+                    u + u_x * i,
+                    u_x,
+                    u_y,
+                    v + v_x * i,
+                    v_x,
+                    v_y,
+                    wide,
+                    high,
+                    least,
+                    red_light,
+                    green_light,
+                    blue_light,
+                    strip,
+                    slot + i,
+                )
+            else:
+                look_up_each_8(
+                    texels,
+                    table,
+                    first,
+                    last,
+                    inverse + inverse_x * i,
+                    inverse_x,
+                    inverse_y,
+                    u + u_x * i,
+                    u_x,
+                    u_y,
+                    v + v_x * i,
+                    v_x,
+                    v_y,
+                    wide,
+                    high,
+                    least,
+                    red_light,
+                    green_light,
+                    blue_light,
+                    strip,
+                    slot + i,
+                )
+    if not even:
+        red = plane[12] * px + (plane[13] * py + plane[14])
+        green = plane[15] * px + (plane[16] * py + plane[17])
+        blue = plane[18] * px + (plane[19] * py + plane[20])
+        for i in range(0, count, LANES):
+            shade(
+                strip,
+                slot + i,
+                inverse + inverse_x * i,
+                inverse_x,
+                least,
+                red + plane[12] * i,
+                plane[12],
+                green + plane[15] * i,
+                plane[15],
+                blue + plane[18] * i,
+                plane[18],
+            )
 
-    How large a version of the texture is looked up is decided once for each block of two by two pixels, from how far
-    the texture moves across the block.
-    """
-    inverse_x, inverse_y, inverse_1 = planes[face, 3], planes[face, 4], planes[face, 5]
-    u_x, u_y, u_1 = planes[face, 6], planes[face, 7], planes[face, 8]
-    v_x, v_y, v_1 = planes[face, 9], planes[face, 10], planes[face, 11]
-    py = y + 0.5
-    inverse_c, u_c, v_c = inverse_y * py + inverse_1, u_y * py + u_1, v_y * py + v_1
-    for i in range(count):
-        u, v = texture_place((start + i) + 0.5, inverse_x, inverse_c, u_x, u_c, v_x, v_c, least)
-        scratch[index(i)] = u - np.floor(u)
-        scratch[index(STRIP + i)] = v - np.floor(v)
-    wide, high = float(sizes[texture, 0, 1]), float(sizes[texture, 0, 2])
-    py = (y | 1) + 0.5
-    inverse_c, u_c, v_c = inverse_y * py + inverse_1, u_y * py + u_1, v_y * py + v_1
-    first = start & -2
-    for i in range((start + count - first + 1) >> 1):
-        px = (first + 2 * i) + 0.5
-        inverse = inverse_x * px + inverse_c
-        u, v = texture_place(px, inverse_x, inverse_c, u_x, u_c, v_x, v_c, least)
-        along_x = max(abs(u_x - u * inverse_x) * wide, abs(v_x - v * inverse_x) * high)
-        along_y = max(abs(u_y - u * inverse_y) * wide, abs(v_y - v * inverse_y) * high)
-        step = max(along_x / max(inverse + inverse_x, least), along_y / max(inverse - inverse_y, least))
-        scratch[index(2 * STRIP + i)] = step
-    ask(strip, slot, scratch, bits, start - first, count, sizes, texture, last)
+
+@part(lean=True, k=int64, j=int64, covered=int64, two=int64, one=int64, colour=int64)
+def paint_row(stretches: I32, stretch_count: int, runs: I32, strip: U32, drawn: Drawn, sky: int, line: U32) -> None:
+    """Put the colours of some stretches of a row together."""
+    planes = drawn.planes
+    k = 0
+    while k < stretch_count:
+        start, count = int64(stretches[k, START]), int64(stretches[k, COUNT])
+        if stretches[k, WEIGHT] == 4:
+            face, run = int64(stretches[k, OF]), int64(stretches[k, RUN])
+            if run >= 0:
+                slot = int64(runs[run, SLOT] + start - runs[run, START])
+                for i in range(0, count, LANES):
+                    copy(line, start + i, strip, slot + i)
+            else:
+                colour = sky if face < 0 else plain_colour(planes, face)
+                for i in range(0, count, LANES):
+                    fill(line, start + i, colour)
+            k += 1
+            continue
+        for x in range(start, start + count):
+            covered, j = 0, k
+            two = one = 2
+            two = 0x20002
+            one = 0x00200
+            while covered < 4:
+                face, run, weight = int64(stretches[j, OF]), int64(stretches[j, RUN]), int64(stretches[j, WEIGHT])
+                if run >= 0:
+                    colour = int64(strip[index(runs[run, SLOT] + x - runs[run, START])])
+                else:
+                    colour = sky if face < 0 else plain_colour(planes, face)
+                two += weight * (colour & RED_BLUE)
+                one += weight * (colour & GREEN)
+                covered += weight
+                j += 1
+            line[index(x)] = np.uint32((two >> 2 & RED_BLUE) | (one >> 2 & GREEN))
+        covered = 0
+        while covered < 4:
+            covered += stretches[k, WEIGHT]
+            k += 1
 
 
-@part(lean=True, into_caller=True)
-def lit(planes: F64, face: int, px: float, py: float, w: float, channel: int) -> float:
-    """How bright a face is at a place in a channel, 0 to 1, over 256; ``w`` is its distance there."""
-    k = 12 + 3 * channel
-    light = (planes[face, k] * px + planes[face, k + 1] * py + planes[face, k + 2]) * w
-    return float(min(max(light, 0.0), 1.0) / 256.0)
-
-
-@part(lean=True, into_caller=True)
-def brightness(planes: F64, even: bool, face: int, px: float, py: float, least: float) -> tuple[float, float, float]:
-    """How bright a face is at a place, red, green and blue, 0 to 1, over 256."""
-    if even:
-        return planes[face, 12] / 256.0, planes[face, 15] / 256.0, planes[face, 18] / 256.0
-    w = 1.0 / max(planes[face, 3] * px + (planes[face, 4] * py + planes[face, 5]), least)
-    return lit(planes, face, px, py, w, 0), lit(planes, face, px, py, w, 1), lit(planes, face, px, py, w, 2)
-
-
-@part(lean=True, into_caller=True)
-def looked_up(strip: U32, slot: int) -> tuple[float, float, float]:
-    """What a lookup found, red, green and blue, 0 to 65280; white where there was none."""
-    if slot < 0:
-        return WHITE, WHITE, WHITE
-    two = strip[index(RED_BLUE + slot)]
-    green = strip[index(GREEN + slot)]
-    return float(np.int32(two & LOW)), float(np.int32(green)), float(np.int32(two >> HIGH))
-
-
-@part(lean=True, into_caller=True)
-def paint(
-    stretches: I64,
-    stretch_count: int,
-    strip: U32,
-    planes: F64,
-    kind: I32,
-    sky: F64,
-    y: int,
-    least: float,
-    line: NDArray[np.uint8],
-) -> None:
-    """Colour the pixels of some stretches in a row; their lookups have been blended."""
-    py = y + 0.5
-    covered = 0
-    red_sum = green_sum = blue_sum = 0.0
-    for k in range(stretch_count):
-        face, start, count = stretches[k, FACE], stretches[k, START], stretches[k, COUNT]
-        slot, weight = stretches[k, SLOT], stretches[k, WEIGHT]
-        even = True
-        if face < 0:
-            r, g, b = sky[0] / 256.0, sky[1] / 256.0, sky[2] / 256.0
-        else:
-            even = kind[face, 1] == 1
-            r, g, b = brightness(planes, even, face, start + 0.5, py, least)
-        if weight < 4:
-            red, green, blue = looked_up(strip, slot)
-            red_sum += weight * (red * r)
-            green_sum += weight * (green * g)
-            blue_sum += weight * (blue * b)
-            covered += weight
-            if covered == 4:
-                line[start, 0] = np.uint8(red_sum * 0.25 + 0.5)
-                line[start, 1] = np.uint8(green_sum * 0.25 + 0.5)
-                line[start, 2] = np.uint8(blue_sum * 0.25 + 0.5)
-                red_sum = green_sum = blue_sum = 0.0
-                covered = 0
-        elif even and slot < 0:
-            red_8, green_8, blue_8 = np.uint8(WHITE * r + 0.5), np.uint8(WHITE * g + 0.5), np.uint8(WHITE * b + 0.5)
-            for x in range(start, start + count):
-                line[index(x), 0], line[index(x), 1], line[index(x), 2] = red_8, green_8, blue_8
-        elif even:
-            for i in range(count):
-                red, green, blue = looked_up(strip, slot + i)
-                at = index(start + i)
-                line[at, 0] = np.uint8(red * r + 0.5)
-                line[at, 1] = np.uint8(green * g + 0.5)
-                line[at, 2] = np.uint8(blue * b + 0.5)
-        else:
-            for i in range(count):
-                r, g, b = brightness(planes, even, face, (start + i) + 0.5, py, least)
-                red, green, blue = looked_up(strip, slot + i if slot >= 0 else slot)
-                at = index(start + i)
-                line[at, 0] = np.uint8(red * r + 0.5)
-                line[at, 1] = np.uint8(green * g + 0.5)
-                line[at, 2] = np.uint8(blue * b + 0.5)
-
-
-@kernel(lean=True, slots=int64, stretch_count=int64, done=int64)
-def colour(
-    owner: I32,
-    planes: F64,
-    kind: I32,
-    texels: U32,
-    sizes: I64,
-    level_count: I64,
-    sky: F64,
-    least: float,
-    strip: U32,
-    scratch: F64,
-    bits: I64,
-    stretches: I64,
-    samples: I32,
-    picture: NDArray[np.uint8],
-) -> None:
-    """What ``resolve`` does, in arrays that it has made; ``bits`` are those of the last third of ``scratch``."""
+@kernel(lean=True, run_count=int64, stretch_count=int64, x=int64, lookups=int64, weight=int64, run=int64)
+def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture: NDArray[np.uint8]) -> None:
+    """Colour every pixel. A face is looked up where it has any sample of a pixel, side by side along a row."""
+    drawn, _, _ = drawn_in(view, floats, wholes)
+    planes, kind, latest = drawn.planes, drawn.kind, drawn.run
+    strip = wholes[:STRETCHES].view(np.uint32)
+    rows = wholes[STRETCHES:LINE].reshape(2 * MOST_STRETCHES + 4, 5)
+    stretches, runs, now = rows[:MOST_STRETCHES], rows[MOST_STRETCHES : 2 * MOST_STRETCHES], rows[2 * MOST_STRETCHES :]
+    line = wholes[LINE:SPANS].view(np.uint32)
+    least = view[LEAST]
+    sky = int(view[SKY] * 255.0 + 0.5) | int(view[SKY + 1] * 255.0 + 0.5) << 8 | int(view[SKY + 2] * 255.0 + 0.5) << 16
     width = picture.shape[1]
-    for y in range(picture.shape[0]):
-        row0, row1, row2, row3 = owner[4 * y], owner[4 * y + 1], owner[4 * y + 2], owner[4 * y + 3]
-        line = picture[y]
-        done = stretch_count = slots = 0
-        while done < width:
-            x = done
-            samples[0], samples[1], samples[2], samples[3] = row0[x], row1[x], row2[x], row3[x]
-            face = samples[0]
-            x += 1
-            whole = samples[1] == face and samples[2] == face and samples[3] == face
-            if whole:
-                most = min(width, done + STRIP - slots)
-                while x < most:
-                    at = index(x)
-                    if row0[at] != face or row1[at] != face or row2[at] != face or row3[at] != face:
-                        break
-                    x += 1
+    out = picture.reshape(picture.shape[0] * width * 3)
+    for y in range(int(view[TOP]), int(view[BOTTOM])):
+        for s in range(4):
+            now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, 0, 0, width)
+        x = run_count = stretch_count = lookups = 0
+        while x < width:
+            face = now[0, 0]
+            whole = now[1, 0] == face and now[2, 0] == face and now[3, 0] == face
+            end = min(min(now[0, 1], now[1, 1]), min(now[2, 1], now[3, 1]))
+            if not whole:
+                end = min(end, x + MOST_MIXED)
+            elif face >= 0:
+                end = min(end, x + STRIP - LANES - lookups)
             for s in range(1 if whole else 4):
-                face = samples[s]
-                if face == TAKEN:
-                    continue
-                weight = 0
-                for t in range(s, 4):
-                    if samples[t] == face:
-                        weight += 1
-                        samples[t] = TAKEN
-                texture = -1 if face < 0 else kind[face, 0]
+                face = now[s, 0]
+                weight = 4 if whole else 1
+                if not whole:
+                    known = False
+                    for t in range(s):
+                        known = known or now[t, 0] == face
+                    if known:
+                        continue
+                    for t in range(s + 1, 4):
+                        if now[t, 0] == face:
+                            weight += 1
+                run = -1
+                if face >= 0 and (kind[face, 0] >= 0 or kind[face, 1] == 0):
+                    run = int64(latest[face])
+                    if 0 <= run < run_count and runs[run, OF] == face and runs[run, STOP] == x:
+                        lookups += end - x
+                    else:
+                        run = run_count
+                        latest[face] = run
+                        runs[run, OF], runs[run, START] = face, x
+                        lookups += end - x + LANES
+                        run_count += 1
+                    runs[run, STOP] = end
                 k = index(stretch_count)
-                stretches[k, FACE], stretches[k, START], stretches[k, COUNT] = face, done, x - done
-                stretches[k, SLOT], stretches[k, WEIGHT] = slots if texture >= 0 else -1, weight
+                stretches[k, OF], stretches[k, START], stretches[k, COUNT] = face, x, end - x
+                stretches[k, RUN], stretches[k, WEIGHT] = run, weight
                 stretch_count += 1
-                if texture >= 0:
-                    last = level_count[texture] - 1
-                    prepare(planes, face, sizes, texture, last, y, done, x - done, least, scratch, bits, strip, slots)
-                    slots += x - done
-            done = x
-            if done == width or slots > STRIP - 4 or stretch_count > MOST_STRETCHES - 4:
-                fetch(strip, texels, slots)
-                blend(strip, (slots + 7) & -8)
-                paint(stretches, stretch_count, strip, planes, kind, sky, y, least, line)
-                stretch_count = slots = 0
-
-
-def resolve(
-    owner: I32,
-    planes: F64,
-    kind: I32,
-    textures: Textures,
-    sky: F64,
-    least: float,
-    picture: NDArray[np.uint8],
-) -> None:
-    """Colour every pixel. Where one face covers a pixel whole, so it often does its neighbours: they go together."""
-    strip, scratch = np.zeros(STRIP_ROWS * STRIP, np.uint32), np.empty(3 * STRIP)
-    bits = scratch[2 * STRIP :].view(np.int64)
-    stretches, samples = np.empty((MOST_STRETCHES, 5), np.int64), np.empty(4, np.int32)
-    texels, sizes, level_count = textures
-    colour(
-        owner,
-        planes,
-        kind,
-        texels,
-        sizes,
-        level_count,
-        sky,
-        least,
-        strip,
-        scratch,
-        bits,
-        stretches,
-        samples,
-        picture,
-    )
+            x = end
+            for s in range(4):
+                if now[s, 1] == x:
+                    now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, now[s, 2], x, width)
+            if x == width or lookups > MOST_LOOKUPS or stretch_count > MOST_STRETCHES - 4:
+                slot = 0
+                for r in range(run_count):
+                    runs[r, SLOT] = slot
+                    face = runs[r, OF]
+                    look_up_run(
+                        runs[r], y, planes[face], kind[face, 0], kind[face, 1] == 1, table, texels, least, strip
+                    )
+                    slot += (runs[r, STOP] - runs[r, START] + 7) & -8
+                paint_row(stretches, stretch_count, runs, strip, drawn, sky, line)
+                run_count = stretch_count = lookups = 0
+        packed = width & -LANES
+        for i in range(0, packed, LANES):
+            pack(line, i, out, 3 * (y * width + i))
+        for i in range(packed, width):
+            shown = line[index(i)]
+            for channel in range(3):
+                out[index(3 * (y * width + i) + channel)] = np.uint8(shown >> np.uint32(8 * channel) & np.uint32(255))

@@ -14,6 +14,9 @@ I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 
 
+SHADE = -2  # in place of a texture: the face has the first of each pixel's four samples; -3: the second; and so on
+
+
 class Faces(NamedTuple):
     """Flat convex faces; the corners of face f are rows start[f] to start[f + 1] of the corner arrays."""
 
@@ -22,7 +25,7 @@ class Faces(NamedTuple):
     texture_place: F64  # (corners, 2) repeats of the texture, right and up
     normal: F64  # (corners, 3) for the light
     colour: F64  # (faces, 3)
-    texture: I32  # (faces,) row of Textures, -1 for none
+    texture: I32  # (faces,) row of Textures; -1 for none; `SHADE` and below for a shade on what is behind
     plane: F64  # (faces, 4) a, b, c, d: a*x + b*y + c*z + d is above 0 on the side it is seen from
 
 
@@ -36,44 +39,50 @@ class Rooms(NamedTuple):
     first_opening: I32  # (rooms + 1,)
     opening: F64  # (openings, 4, 3)
     opening_into: I32  # (openings,)
-    roofed: NDArray[np.bool_]  # (rooms,)
+    roofed: NDArray[np.bool_] | I32  # (rooms,)
 
 
-class Things(NamedTuple):
-    """What the things look like: faces of the library, scaled."""
-
-    faces: I32  # (things, 2) first face and one past the last
-    scale: F64  # (things, 3)
-    normal_scale: F64  # (things,) how long a normal becomes: OpenGL lights scaled meshes with it
-    tint: F64  # (things, 3) times the faces' colours
-    reach: F64  # (things, 2) radius around the vertical axis, and around the place, metres
+# The columns of a thing's array, (things, THING_SIZE): its first face in the library and one past its last, how it is
+# scaled (3), how long that makes normals (OpenGL lights scaled meshes with it), its colour times that of its faces (3),
+# how far it reaches around the vertical axis, and around its place, metres; and the box it lies in: half its width,
+# where it begins and ends upwards, and half its depth, metres.
+FIRST, LAST, THING_SCALE, THING_NORMAL_SCALE, THING_TINT, AROUND, REACH, THING_BOX = 0, 1, 2, 5, 6, 9, 10, 11
+THING_SIZE = 15
 
 
 class Textures(NamedTuple):
-    """Every texture with its ever smaller versions, one texel an integer 0x00BBGGRR, bottom row first.
+    """Every texture in ever smaller sizes, one texel an integer 0x00BBGGRR, bottom row first.
 
     Around each goes a ring of texels from its other side, so that a texel's neighbours are always beside it: a row is
-    width + 2 texels. Offset is where the ring begins; width and height are without it.
+    width + 2 texels. In the table each texture has `texture.MOST_SIZES` pairs, one a size: where its ring begins; its
+    width without it, with its height in the upper half. The very last number is that of the smallest size.
     """
 
     texels: NDArray[np.uint32]
-    levels: I64  # (textures, 12, 3) offset, width, height
-    level_count: I64  # (textures,)
+    table: NDArray[np.uint32]
+
+
+BEGIN, END, FACE = 0, 1, 2  # the columns of a span: pixels from the left, and the row of planes
 
 
 class Drawn(NamedTuple):
     """What has been drawn so far: which face covers each sample, and how each face varies over the picture.
 
-    A picture row has four sample rows, so ``owner`` is (4 * height, width). A face's row in ``planes`` holds seven
-    planes of a*x + b*y + c over pixel coordinates: nearness, 1/distance, then texture right and up and red, green and
-    blue, each over distance.
+    A picture row has four sample rows, each a list of spans from left to right; what is between them is sky. A face's
+    row in ``planes`` holds seven planes of a*x + b*y + c over pixel coordinates: nearness, 1/distance, then texture
+    right and up and red, green and blue, each over distance.
     """
 
-    owner: I32  # (4 * height, width) row of planes, -1 for the sky
+    spans: I32  # (4 * height, most of a row, 3)
+    counts: I32  # (4 * height,) how many spans each row has
+    merged: I32  # (3 * most of a row + 8, 3) spans that are about to replace others
     planes: F64  # (capacity, 21)
     kind: I32  # (capacity, 2) texture, and 1 where the colour is the same all over
-    left: I32  # (4 * height,)
-    right: I32  # (4 * height,)
+    run: I32  # (capacity,) the last stretch of lookups of each
+    left: I32  # (4 * height + 8,) where a face begins in each sample row
+    right: I32  # (4 * height + 8,) and where it ends
     corners: F64  # (3, most, 3) a polygon, and before and after a cut
     screen: F64  # (most, 2) its corners in 1/256 of a pixel
     lit: F64  # (3, 3) how bright each channel is at three corners
+    inverse: F64  # (4, 3) of three corners' positions, and what its rows are to be multiplied by
+    tiles: F64  # (TILES, TILES) how near what was drawn is at least

@@ -1,141 +1,268 @@
-"""Looking up textures as OpenGL does: four texels of one size and four of the next, blended by where a place lies.
+"""Looking up textures: four texels of the size that fits best, blended by where a place lies between them, and lit.
 
-Lookups wait in a strip until there are enough of them, for the blending goes fastest over many at once. A strip is one
-array of unsigned 32-bit integers, ``STRIP`` lookups wide; each of its rows holds one number of every lookup.
+A texture is kept in many sizes, four for each halving, so that one of them always fits to a fifth: OpenGL has one for
+each halving and has to blend two. What is done here is vector code, eight or sixteen pixels side by side at once; where
+a place lies is told in float32, what is seen there in whole numbers of 16 bits. Colours are 0x00BBGGRR.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
-from numpy import uint32 as u32
-from numpy import uint64 as index
 from numpy.typing import NDArray
 
-from minihuman.worlds.first_person.render.tables import F64, I64
-from minihuman.worlds.kernels import part
+from minihuman.worlds.lanes import Array, vector
 
 U32 = NDArray[np.uint32]
 
-STRIP = 128
-STRIP_ROWS = 17
-# Of the nearer size: where its first texel is, how many make a row, and how far the place is from it, in 1/256; then
-# the same of the next size, and how much that one counts, in 1/256.
-_AT, _ROW, _RIGHT, _UP = 0, STRIP, 2 * STRIP, 3 * STRIP
-_FAR = 4 * STRIP
-_PART = 8 * STRIP
-_TEXELS, _FAR_TEXELS = 9 * STRIP, 13 * STRIP  # four rows each, once they are fetched
-# What comes out, 0 to 65280 each: red, with blue in the upper half, and green.
-RED_BLUE, GREEN = _TEXELS, _TEXELS + STRIP
+LANES = 16  # pixels at once; half of them where no more are wanted
+MOST_SIZES = 48  # of a texture: more than four for each halving of 2047 texels a side
+WHITE = 0xFFFFFF
 
-# Unsigned numbers stay unsigned and 32 bits wide only among their like; as an index, they cannot count from the end.
-_8, _128, _255, _256 = u32(8), u32(128), u32(255), u32(256)
-_LANES, _HALVES = u32(0x00FF00FF), u32(0x00800080)
-_EXPONENT, _BIAS = 52, 1023  # a double's bits from 52 up are its power of two, plus 1023
+_BIAS = 127  # of a float32's power of two
+_OTHERS = 0x00FF00FF  # than green
 
 
-@part(lean=True, into_caller=True)
-def size_for(bits: int, last: int) -> tuple[int, int]:
-    """Which size of a texture will do where it moves by a step from pixel to pixel, and how much the next one counts.
-
-    The step, in texels, comes as the bits of a double; ``last`` is the smallest size. The part is out of 256. Where the
-    texture moves by two texels, half the size will do, and halfway from one power of two to the next, so do both.
-    """
-    power = (bits >> _EXPONENT) - _BIAS
-    part = (bits >> (_EXPONENT - 8)) & 255
-    return min(max(power, 0), last), part if 0 <= power < last else 0
-
-
-@part(lean=True, into_caller=True)
-def aim(strip: U32, slot: int, u: float, v: float, offset: int, width: int, height: int) -> None:
-    """Say which texels the lookup in a slot is about: a place (0 to 1 right and up) on one size of a texture."""
-    # half a texel less, for texels are known at their middles; one more, for the ring around them
-    x = u32(u32(np.int32(u * (256.0 * width))) + _128)
-    y = u32(u32(np.int32(v * (256.0 * height))) + _128)
-    row = u32(width + 2)
-    strip[index(_AT + slot)] = u32(u32(u32(offset) + u32(x >> _8)) + u32(u32(y >> _8) * row))
-    strip[index(_ROW + slot)] = row
-    strip[index(_RIGHT + slot)] = u32(x & _255)
-    strip[index(_UP + slot)] = u32(y & _255)
+def _seen(
+    do: Any,
+    steps: Any,
+    count: int,
+    least: float,
+    inverse: tuple[float, float, float],
+    u: tuple[float, float, float],
+    v: tuple[float, float, float],
+) -> tuple[Any, Any, Any]:
+    """How far a face is at pixels of a row, so many steps from the first, and where in its texture: right and up."""
+    far = 1.0 / do.larger(do.single(inverse[1], count) * steps + do.single(inverse[0], count), do.single(least, count))
+    right = (do.single(u[1], count) * steps + do.single(u[0], count)) * far
+    up = (do.single(v[1], count) * steps + do.single(v[0], count)) * far
+    return far, right, up
 
 
-@part(lean=True, into_caller=True)
-def ask(
-    strip: U32, slot: int, places: F64, bits: I64, odd: int, count: int, sizes: I64, texture: int, last: int
+def _fitting(
+    do: Any,
+    count: int,
+    seen: tuple[Any, Any, Any],
+    inverse: tuple[float, float, float],
+    u: tuple[float, float, float],
+    v: tuple[float, float, float],
+    wide: float,
+    high: float,
+    last: int,
+) -> Any:
+    """The number of the size of a texture that fits: the last of which a pixel covers a texel, by its longer way."""
+    far, right, up = seen
+    by_x, by_y = do.single(inverse[1], count), do.single(inverse[2], count)
+    across = do.larger(do.size(do.single(u[1], count) - right * by_x), do.size(do.single(u[2], count) - right * by_y))
+    along = do.larger(do.size(do.single(v[1], count) - up * by_x), do.size(do.single(v[2], count) - up * by_y))
+    covered = do.larger(across * do.single(wide, count), along * do.single(high, count)) * far
+    square = covered * covered
+    # the power of two in the fourth power counts quarters of a halving
+    quarters, bias = do.bits(square * square) >> 23, do.fixed(_BIAS, count)
+    return do.smaller(do.larger(quarters, bias), bias + do.fixed(last, count)) - bias
+
+
+@vector()
+def fit(
+    do: Any,
+    sizes: Array,
+    inverse: float,
+    inverse_x: float,
+    inverse_y: float,
+    u: float,
+    u_x: float,
+    u_y: float,
+    v: float,
+    v_x: float,
+    v_y: float,
+    wide: float,
+    high: float,
+    least: float,
+    most: float,
+    last: int,
 ) -> None:
-    """Put ``count`` lookups of a texture into a strip, from ``slot`` on.
+    """Find which size of its texture fits a face at every sixteenth pixel of a row, sixteen times.
 
-    ``places`` holds where in the texture each lies, 0 to 1: ``STRIP`` numbers for right, then as many for up. ``bits``
-    says for each two of them, but for one where the first is ``odd``, by how much the texture moves, see ``size_for``.
+    Args:
+        do: the operations.
+        sizes: where their numbers are written to.
+        inverse: how near the face is at the first pixel; ``inverse_x`` and ``inverse_y`` are how that changes by pixels
+            right and down.
+        inverse_x: see inverse.
+        inverse_y: see inverse.
+        u: where in the texture the first pixel lies from left to right, in repeats, times how near it is.
+        u_x: see inverse.
+        u_y: see inverse.
+        v: the same upwards.
+        v_x: see inverse.
+        v_y: see inverse.
+        wide: how many texels the largest size has from left to right.
+        high: and upwards.
+        least: the least nearness; beyond a face's edge it may reach nonsense.
+        most: how many pixels follow the first; what is beyond them is like the last.
+        last: the number of the smallest size.
     """
-    done = block = 0
-    level, part = size_for(bits[0], last)
-    while done < count:
-        end, size = done, level
-        while level == size:
-            strip[index(_PART + slot + end)] = u32(part)
-            block += 1
-            end = min(2 * block - odd, count)
-            strip[index(_PART + slot + end - 1)] = u32(part)
-            if end == count:
-                break
-            level, part = size_for(bits[index(block)], last)
-        offset, width, height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
-        size = min(size + 1, last)
-        far_offset, far_width, far_height = sizes[texture, size, 0], sizes[texture, size, 1], sizes[texture, size, 2]
-        for i in range(done, end):
-            u, v = places[index(i)], places[index(STRIP + i)]
-            aim(strip, slot + i, u, v, offset, width, height)
-            aim(strip, _FAR + slot + i, u, v, far_offset, far_width, far_height)
-        done = end
+    ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
+    steps = do.smaller(do.steps(LANES) * float(LANES), do.single(most, LANES))
+    seen = _seen(do, steps, LANES, least, *ways)
+    do.store(sizes, 0, _fitting(do, LANES, seen, *ways, wide, high, last))
 
 
-@part(lean=True, into_caller=True)
-def fetch(strip: U32, texels: U32, count: int) -> None:
-    """Copy the texels that ``count`` lookups are about into the strip."""
-    for i in range(count):
-        for far in range(2):
-            at, row = index(strip[index(far * _FAR + _AT + i)]), index(strip[index(far * _FAR + _ROW + i)])
-            to = (_FAR_TEXELS if far else _TEXELS) + i
-            strip[index(to)] = texels[at]
-            strip[index(to + STRIP)] = texels[at + index(1)]
-            strip[index(to + 2 * STRIP)] = texels[at + row]
-            strip[index(to + 3 * STRIP)] = texels[at + row + index(1)]
+def _look_up(count: int) -> Any:
+    def look_up(
+        do: Any,
+        texels: Array,
+        offset: int,
+        width: int,
+        height: int,
+        inverse: float,
+        inverse_x: float,
+        u: float,
+        u_x: float,
+        v: float,
+        v_x: float,
+        least: float,
+        red: int,
+        green: int,
+        blue: int,
+        out: Array,
+        slot: int,
+    ) -> None:
+        """Write down the colours that neighbours in a row have by one size of a face's texture, and by its light.
+
+        The size's texels begin at ``offset``. The light is 0 to 65536 for each channel. Colours go into ``out`` from
+        ``slot`` on. For the others see `fit`.
+        """
+        ways = (inverse, inverse_x, 0.0), (u, u_x, 0.0), (v, v_x, 0.0)
+        _, right, up = _seen(do, do.steps(count), count, least, *ways)
+        size = [do.fixed(each, count) for each in (offset, width, height)]
+        do.store(out, slot, _lit(do, count, texels, right, up, size, (red, green, blue)))
+
+    return vector()(look_up)
 
 
-@part(lean=True, into_caller=True)
-def mix(a: u32, b: u32, part: u32) -> u32:
-    """The one where ``part`` is 0, the other where it is 256; one or two channels, 16 bits each."""
-    return u32(u32(a * u32(_256 - part)) + u32(b * part))
+def _look_up_each(count: int) -> Any:
+    def look_up_each(
+        do: Any,
+        texels: Array,
+        table: Array,
+        first: int,
+        last: int,
+        inverse: float,
+        inverse_x: float,
+        inverse_y: float,
+        u: float,
+        u_x: float,
+        u_y: float,
+        v: float,
+        v_x: float,
+        v_y: float,
+        wide: float,
+        high: float,
+        least: float,
+        red: int,
+        green: int,
+        blue: int,
+        out: Array,
+        slot: int,
+    ) -> None:
+        """Write them down where each has a size of its own; the texture's are in the table from ``first`` on."""
+        ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
+        seen = _seen(do, do.steps(count), count, least, *ways)
+        number = _fitting(do, count, seen, *ways, wide, high, last)
+        offset, both = do.pairs(table, do.fixed(first, count) + number + number)
+        size = [offset, both & 0xFFFF, both >> 16]
+        do.store(out, slot, _lit(do, count, texels, *seen[1:], size, (red, green, blue)))
+
+    return vector()(look_up_each)
 
 
-@part(lean=True, into_caller=True)
-def rounded(two: u32) -> u32:
-    """Two channels of 16 bits, back to 8 bits each."""
-    return u32(u32(u32(two + _HALVES) >> _8) & _LANES)
+def _lit(
+    do: Any, count: int, texels: Array, right: Any, up: Any, size: Sequence[Any], light: tuple[Any, Any, Any]
+) -> Any:
+    offset, width, height = size
+    # half a texel less, for texels are known at their middles; one more, for the ring around them
+    x = do.cut((right - do.floor(right)) * (do.short(width) * 256.0)) + 128
+    y = do.cut((up - do.floor(up)) * (do.short(height) * 256.0)) + 128
+    row = width + 2
+    at = offset + (x >> 8) + (y >> 8) * row
+    right, up = x & 255, y & 255
+    a, b = do.pairs(texels, at)
+    c, d = do.pairs(texels, at + row)
+    share = do.halves(right | right << 16), do.halves(up | up << 16)
+    others = [do.halves(each & _OTHERS) for each in (a, b, c, d)]
+    greens = [do.halves(each) >> 8 for each in (a, b, c, d)]
+    red, green, blue = light
+    two = _under(do, count, _between(others, *share), _pair(red >> 8, blue >> 8), _pair(red & 255, blue & 255))
+    one = _under(do, count, _between(greens, *share), green >> 8, green & 255)
+    return do.wholes(two >> 8) | (do.wholes(one) & 0xFF00)
 
 
-@part(lean=True, into_caller=True)
-def bilinear(a: u32, b: u32, c: u32, d: u32, right: u32, up: u32) -> u32:
-    """Two channels, 8 bits each 16 bits apart, of four texels in a square."""
-    low = mix(u32(a & _LANES), u32(b & _LANES), right)
-    high = mix(u32(c & _LANES), u32(d & _LANES), right)
-    return u32(mix(rounded(low), rounded(high), up))
+def _between(corners: Sequence[Any], right: Any, up: Any) -> Any:
+    """Blend four numbers of 8 bits by how far a place is right and up from the first, in 1/256; 0 to 65280."""
+    a, b, c, d = corners
+    left = 256 - right
+    low, high = (a * left + b * right + 128) >> 8, (c * left + d * right + 128) >> 8
+    return low * (256 - up) + high * up
 
 
-@part(lean=True, into_caller=True)
-def blend(strip: U32, count: int) -> None:
-    """Turn what was fetched into colours."""
-    for i in range(count):
-        a, b = strip[_TEXELS + i], strip[_TEXELS + STRIP + i]
-        c, d = strip[_TEXELS + 2 * STRIP + i], strip[_TEXELS + 3 * STRIP + i]
-        right, up = strip[_RIGHT + i], strip[_UP + i]
-        red_blue = bilinear(a, b, c, d, right, up)
-        green = bilinear(u32(a >> _8), u32(b >> _8), u32(c >> _8), u32(d >> _8), right, up)
-        a, b = strip[_FAR_TEXELS + i], strip[_FAR_TEXELS + STRIP + i]
-        c, d = strip[_FAR_TEXELS + 2 * STRIP + i], strip[_FAR_TEXELS + 3 * STRIP + i]
-        right, up = strip[_FAR + _RIGHT + i], strip[_FAR + _UP + i]
-        far_red_blue = bilinear(a, b, c, d, right, up)
-        far_green = bilinear(u32(a >> _8), u32(b >> _8), u32(c >> _8), u32(d >> _8), right, up)
-        part = strip[_PART + i]
-        both_red_blue = mix(rounded(red_blue), rounded(far_red_blue), part)
-        both_green = mix(rounded(green), rounded(far_green), part)
-        strip[RED_BLUE + i] = both_red_blue if part else red_blue
-        strip[GREEN + i] = both_green if part else green
+def _pair(low: Any, high: Any) -> Any:
+    return low | high << 16
+
+
+def _under(do: Any, count: int, channel: Any, light: Any, more_light: Any) -> Any:
+    """A channel of 0 to 65280 under a light of 1/256 and one of 1/65536, times 256, rounded."""
+    light, more_light = (do.halves(do.fixed(each, count)) for each in (light, more_light))
+    channel = (channel + 128) >> 8
+    return channel * light + ((channel * more_light) >> 8) + 128
+
+
+look_up_8, look_up_16 = _look_up(8), _look_up(16)
+look_up_each_8, look_up_each_16 = _look_up_each(8), _look_up_each(16)
+
+
+@vector()
+def shade(
+    do: Any,
+    out: Array,
+    slot: int,
+    inverse: float,
+    inverse_x: float,
+    least: float,
+    red: float,
+    red_x: float,
+    green: float,
+    green_x: float,
+    blue: float,
+    blue_x: float,
+) -> None:
+    """Put sixteen colours under a light that varies: how bright it is on the first, over distance, and how it grows."""
+    steps = do.steps(LANES)
+    far = do.single(inverse_x, LANES) * steps + do.single(inverse, LANES)
+    far = 1.0 / do.larger(far, do.single(least, LANES))
+    colours = do.load(out, slot, LANES)
+    result = do.fixed(0, LANES)
+    for shift, (first, by) in ((0, (red, red_x)), (8, (green, green_x)), (16, (blue, blue_x))):
+        bright = (do.single(by, LANES) * steps + do.single(first, LANES)) * far
+        bright = do.smaller(do.larger(bright, 0.0), 1.0)
+        channel = ((colours >> shift) & 255) * do.cut(bright * 65535.0 + 0.5)
+        result = result | ((channel + 32768) >> 16) << shift
+    do.store(out, slot, result)
+
+
+@vector()
+def fill(do: Any, out: Array, at: int, colour: int) -> None:
+    """Give sixteen pixels one colour."""
+    do.store(out, at, do.fixed(colour, LANES))
+
+
+@vector()
+def copy(do: Any, out: Array, at: int, colours: Array, slot: int) -> None:
+    """Copy sixteen colours."""
+    do.store(out, at, do.load(colours, slot, LANES))
+
+
+@vector()
+def pack(do: Any, line: Array, x: int, picture: Array, at: int) -> None:
+    """Write sixteen colours as bytes: red, green, blue."""
+    do.store(picture, at, do.three_of_four(do.octets(do.load(line, x, LANES))))

@@ -10,7 +10,7 @@ from minihuman.worlds.first_person.way.planner import plan
 if TYPE_CHECKING:
     from minihuman.worlds.first_person.env import FirstPersonEnv
 
-_BACKWARDS = 8  # steps back from a thing in which it is tried to take it: beside a wall it is taken from farther off
+BACKWARDS = 8  # steps back from a thing in which it is tried to take it: beside a wall it is taken from farther off
 
 
 def take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> list[int] | None:
@@ -37,33 +37,33 @@ def _take(world: "FirstPersonEnv", thing: Entity, count: int, left: Callable[[],
     back, pickup = world.action_names.index("move_back"), world.action_names.index("pickup")
     done: list[int] = []
     for action in plan(world, thing) or ():
-        if _ends(world, action, done):
+        if ends(world, action, done):
             return None
-    for _ in range(_BACKWARDS):
-        for action in _turns_to(world, thing):
-            if _ends(world, action, done):
+    for _ in range(BACKWARDS):
+        for action in turns_to(world, thing):
+            if ends(world, action, done):
                 return None
         before = world.save()
-        ended = _ends(world, pickup, done)
+        ended = ends(world, pickup, done)
         if len(left()) < count:
             return done
         if ended:
             return None
         world.restore(before)
         done.pop()
-        if _ends(world, back, done):
+        if ends(world, back, done):
             return None
     return None
 
 
-def _ends(world: "FirstPersonEnv", action: int, done: list[int]) -> bool:
+def ends(world: "FirstPersonEnv", action: int, done: list[int]) -> bool:
     """Do it, and say whether the episode is over."""
     _, terminated, truncated = world.advance(action)
     done.append(action)
     return terminated or truncated
 
 
-def _turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
+def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
     """The turns after which the agent faces a thing as nearly as it can."""
     turn_rad = math.radians(world.stage.parameters.number("turn_step", None))
     x, _, z = world.agent.pos

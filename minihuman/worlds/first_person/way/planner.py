@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.building.floor import FloorPlan
 from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.rules import carrying_position
 from minihuman.worlds.first_person.stage import Stage
-from minihuman.worlds.first_person.way.route import clearance_map, distance_map, search
+from minihuman.worlds.first_person.way.ground import clearance_map, distance_map
+from minihuman.worlds.first_person.way.route import Body, search
 from minihuman.worlds.first_person.way.sight import lies_on, shortest_way
 
 if TYPE_CHECKING:
@@ -24,46 +26,42 @@ _MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that r
 def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ()) -> tuple[int, ...] | None:
     """Actions that bring the agent from where it is near the goal; None where none were found.
 
+    What it carries it brings there instead: to where that is near the goal once it is put down.
+
     It takes one action at the goal too: a world looks whether the agent is near after a step. It is never near those
     to ``avoid``.
 
     Where step and turn vary from step to step, the way is made of their defaults: plan again after a few steps.
 
     Raises:
-        WorldError: if the world lacks a turn or the forward step, or the agent carries something.
+        WorldError: if the world lacks a turn or the forward step.
     """
-    stage = world.stage
-    moves = _moves(world)
-    if stage.agent.carrying is not None:
-        raise WorldError(f"a way with the {stage.agent.carrying.name} in hand cannot be planned; drop it first")
-    step, turn = _default(stage, "forward_step"), math.radians(_default(stage, "turn_step"))
-    x, _, z = stage.agent.pos
-    radius = float(stage.agent.radius) + _MARGIN
-    walls, discs, zones = stage.floor.walls, _obstacles(stage, avoid), _zones(world)
+    stage, moves, carried = world.stage, _moves(world), world.stage.agent.carrying
+    start = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
+    reach = _reach(stage, goal, carried) - _MARGIN
+    x, _, z = stage.agent.pos if carried is None else carrying_position(stage, stage.agent.pos, carried)
+    body = Body(
+        _default(stage, "forward_step"),
+        math.radians(_default(stage, "turn_step")),
+        float(stage.agent.radius) + _MARGIN,
+        3 if carried is None else len(moves),  # with a thing in hand there may be no turning before a step back
+        math.hypot(x - start[0], z - start[1]),
+        0.0 if carried is None else float(carried.radius) + _MARGIN,
+    )
+    if math.hypot(x - goal.pos[0], z - goal.pos[2]) < reach:
+        return moves[:1]
+    cell = min(body.step / 2, 0.1)
     bounds = np.array(stage.floor.bounds)
-    cell = min(step / 2, 0.1)
     cells = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) / cell**2
     if cells > _MOST_CELLS:
         raise WorldError(f"no way is planned on a floor of {cells:.0f} cells of {cell:g} m; the most is {_MOST_CELLS}")
-    place = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
-    reach = _reach(stage, goal) - _MARGIN
-    if math.hypot(x - goal.pos[0], z - goal.pos[2]) < reach:
-        return moves[:1]
-    free = clearance_map(walls, discs, zones, bounds, cell, radius)
+    walls, discs, zones = stage.floor.walls, _obstacles(stage, avoid), zones_of(world)
+    free = clearance_map(walls, discs, zones, bounds, cell, body.radius)
     column, row = int((goal.pos[0] - bounds[0]) / cell), int((goal.pos[2] - bounds[1]) / cell)
-    distance = distance_map(free, column, row, reach / cell)
-    found = search(
-        walls,
-        discs,
-        zones,
-        np.array(place),
-        np.array((goal.pos[0], goal.pos[2], reach)),
-        np.array((step, turn, radius)),
-        bounds,
-        distance,
-        cell,
-    )
-    return tuple(moves[move] for move in found.tolist()) or None
+    distance = distance_map(free, column, row, (reach + body.ahead) / cell)
+    target = (goal.pos[0], goal.pos[2], reach)
+    found = search(walls, discs, zones, start, target, body, bounds, distance, cell)
+    return tuple(moves[move] for move in found) or None
 
 
 def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
@@ -96,11 +94,12 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
 
 
 def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
-    """The world's actions for a turn left, a turn right and a step."""
+    """The world's actions for a turn left, a turn right, a step and, if it has that, a step back."""
     try:
-        return tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
+        moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
     except ValueError:
         raise WorldError(f"no way can be planned with {world.action_names}: it takes both turns and a step") from None
+    return (*moves, world.action_names.index("move_back")) if "move_back" in world.action_names else moves
 
 
 def _default(stage: Stage, name: str) -> float:
@@ -113,14 +112,15 @@ def _low(stage: Stage, name: str) -> float:
     return value
 
 
-def _reach(stage: Stage, goal: Entity) -> float:
-    """How far from the goal's middle the agent's may be, on the ground, to be near it."""
-    threshold = float(goal.radius + stage.agent.radius + 1.1 * stage.reach)
-    rise = goal.pos[1] - stage.agent.pos[1]
+def _reach(stage: Stage, goal: Entity, mover: Entity | None = None) -> float:
+    """How far from the goal's middle, on the ground, the agent's may be to be near it; or what it carries, put down."""
+    height = stage.agent.pos[1] if mover is None else 0.0
+    threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)
+    rise = goal.pos[1] - height
     return math.sqrt(max(threshold * threshold - rise * rise, 0.0))
 
 
-def _zones(world: "FirstPersonEnv") -> NDArray[np.float64]:
+def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
     """The rooms that end the episode, (rooms, edges, 4): where each edge starts, and its normal into the room."""
     rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
     most = max(map(len, rooms), default=0)
@@ -129,17 +129,22 @@ def _zones(world: "FirstPersonEnv") -> NDArray[np.float64]:
 
 
 def _obstacles(stage: Stage, avoid: Sequence[Entity]) -> NDArray[np.float64]:
-    """Every thing but the agent: x, z, and how far the agent's middle stays away; from some it is not to be near."""
+    """Every thing but the agent and what it carries: x, z, and how far from it the middles of these two stay away.
+
+    From those to avoid, the agent stays so far that it is not near.
+    """
+    agent, carried = stage.agent, stage.agent.carrying
     rows = [
         (
             thing.pos[0],
             thing.pos[2],
-            (_reach(stage, thing) if thing in avoid else float(stage.agent.radius + thing.radius)) + _MARGIN,
+            (_reach(stage, thing) if thing in avoid else float(agent.radius + thing.radius)) + _MARGIN,
+            (0.0 if carried is None else float(carried.radius + thing.radius)) + _MARGIN,
         )
         for thing in stage.entities
-        if thing is not stage.agent
+        if thing is not agent and thing is not carried
     ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
 def _barriers(stage: Stage, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:

@@ -1,183 +1,146 @@
 """A way to a goal by the real moves: turns of one angle, steps of one length, a body that must fit at every stop.
 
 A* over places and headings. What guides it is how far every place is from the goal, going round what is in the way.
+What is carried floats ahead, and has to fit too: then it is what the way brings to the goal.
 """
 
-import heapq
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.collision import touches_wall
-from minihuman.worlds.kernels import kernel
+from minihuman.worlds.first_person.way.ground import in_zone
+from minihuman.worlds.first_person.way.heap import drop_first, push
+from minihuman.worlds.kernels import kernel, part
 
-TURN_LEFT, TURN_RIGHT, FORWARD = 0, 1, 2  # what the route is made of
+TURN_LEFT, TURN_RIGHT, FORWARD, BACK = 0, 1, 2, 3  # what the route is made of
 _MOST_STOPS = 2_000_000  # a search that has seen so many has no way
 
-_NEIGHBOURS = (  # columns right, rows down, distance
-    *((1, 0, 1.0), (0, 1, 1.0), (-1, 0, 1.0), (0, -1, 1.0)),
-    *((1, 1, math.sqrt(2)), (-1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)), (-1, -1, math.sqrt(2))),
-    *((1, 2, math.sqrt(5)), (2, 1, math.sqrt(5)), (-1, 2, math.sqrt(5)), (-2, 1, math.sqrt(5))),
-    *((1, -2, math.sqrt(5)), (2, -1, math.sqrt(5)), (-1, -2, math.sqrt(5)), (-2, -1, math.sqrt(5))),
-)
+
+class Body(NamedTuple):
+    """How an agent moves and what room it takes: metres, radians; ``ahead`` and ``carried`` are 0 with empty hands."""
+
+    step: float
+    turn: float
+    radius: float
+    moves: int  # 4 where it steps back too, else 3
+    ahead: float  # from its middle to the middle of what it carries
+    carried: float  # the radius of that
 
 
-@kernel()
-def clearance_map(
-    walls: NDArray[np.float64],
-    discs: NDArray[np.float64],
-    zones: NDArray[np.float64],
-    bounds: NDArray[np.float64],
-    cell: float,
-    radius: float,
-) -> NDArray[np.bool_]:
-    """Which cells of a grid over ``bounds`` (x0, z0, x1, z1) a body of this radius may stand in the middle of.
+class Stops(NamedTuple):
+    """Places on the ways that are being tried: room for as many as there may be, of which memory is what is used."""
 
-    ``discs`` are (n, 3): x, z and how far from it the body's middle has to stay. ``zones`` are (rooms, edges, 4):
-    convex areas it stays out of, each edge a point on it and its normal inwards.
-    """
-    columns = int((bounds[2] - bounds[0]) / cell) + 1
-    rows = int((bounds[3] - bounds[1]) / cell) + 1
-    free = np.ones((columns, rows), np.bool_)
-    one = np.empty((1, 4))
-    for index in range(walls.shape[0]):
-        for part in range(4):
-            one[0, part] = walls[index, part]
-        first_c = max(int((min(walls[index, 0], walls[index, 2]) - radius - bounds[0]) / cell), 0)
-        last_c = min(int((max(walls[index, 0], walls[index, 2]) + radius - bounds[0]) / cell) + 1, columns - 1)
-        first_r = max(int((min(walls[index, 1], walls[index, 3]) - radius - bounds[1]) / cell), 0)
-        last_r = min(int((max(walls[index, 1], walls[index, 3]) + radius - bounds[1]) / cell) + 1, rows - 1)
-        for column in range(first_c, last_c + 1):
-            for row in range(first_r, last_r + 1):
-                x, z = bounds[0] + (column + 0.5) * cell, bounds[1] + (row + 0.5) * cell
-                if free[column, row] and touches_wall(one, x, z, radius):
-                    free[column, row] = False
-    for index in range(discs.shape[0]):
-        for column in range(columns):
-            for row in range(rows):
-                dx = bounds[0] + (column + 0.5) * cell - discs[index, 0]
-                dz = bounds[1] + (row + 0.5) * cell - discs[index, 1]
-                if dx * dx + dz * dz < discs[index, 2] * discs[index, 2]:
-                    free[column, row] = False
-    if zones.shape[0]:
-        for column in range(columns):
-            for row in range(rows):
-                if _in_zone(zones, bounds[0] + (column + 0.5) * cell, bounds[1] + (row + 0.5) * cell):
-                    free[column, row] = False
-    return free
+    x: NDArray[np.float64]
+    z: NDArray[np.float64]
+    heading: NDArray[np.int64]  # turns to the left since the start
+    parent: NDArray[np.int64]
+    action: NDArray[np.int8]
+    cost: NDArray[np.int64]
+    keys: NDArray[np.float64]  # a heap of those to go on from, by what the way through them is expected to cost
+    numbers: NDArray[np.int64]
 
 
-@kernel()
-def _in_zone(zones: NDArray[np.float64], x: float, z: float) -> bool:
-    for zone in range(zones.shape[0]):
-        inside = True
-        for edge in range(zones.shape[1]):
-            off_x, off_z = x - zones[zone, edge, 0], z - zones[zone, edge, 1]
-            if zones[zone, edge, 2] * off_x + zones[zone, edge, 3] * off_z <= 0:
-                inside = False
-        if inside:
-            return True
-    return False
-
-
-@kernel()
-def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_cells: float) -> NDArray[np.float64]:
-    """How far each cell is from the goal's, in cells; 0 within ``goal_cells`` of it, infinite where there is no way."""
-    columns, rows = free.shape
-    distance = np.full((columns, rows), np.inf)
-    heap = [(0.0, goal_column, goal_row)]
-    heap.pop()
-    reach = int(goal_cells) + 1
-    for column in range(max(goal_column - reach, 0), min(goal_column + reach, columns - 1) + 1):
-        for row in range(max(goal_row - reach, 0), min(goal_row + reach, rows - 1) + 1):
-            if free[column, row] and math.hypot(column - goal_column, row - goal_row) <= goal_cells:
-                distance[column, row] = 0.0
-                heapq.heappush(heap, (0.0, column, row))
-    while heap:
-        reached, column, row = heapq.heappop(heap)
-        if reached > distance[column, row]:
-            continue
-        for right, down, length in _NEIGHBOURS:
-            c, r = column + right, row + down
-            if 0 <= c < columns and 0 <= r < rows and free[c, r] and reached + length < distance[c, r]:
-                distance[c, r] = reached + length
-                heapq.heappush(heap, (reached + length, c, r))
-    return distance
-
-
-@kernel()
 def search(
     walls: NDArray[np.float64],
     discs: NDArray[np.float64],
     zones: NDArray[np.float64],
-    start: NDArray[np.float64],
-    goal: NDArray[np.float64],
-    motion: NDArray[np.float64],
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    body: Body,
     bounds: NDArray[np.float64],
     distance: NDArray[np.float64],
     cell: float,
-) -> NDArray[np.int8]:
+) -> list[int]:
     """The moves from ``start`` (x, z, yaw) to within ``goal`` (x, z, radius); empty where there is no way.
 
-    ``motion`` is the length of a step, the angle of a turn and the radius of the body; ``distance`` comes from
-    ``distance_map`` over cells of size ``cell``.
+    ``discs`` are (n, 4): x, z, and how far from it the body's middle and that of what it carries have to stay.
+    ``distance`` comes from ``distance_map`` over cells of size ``cell``.
     """
-    step, turn, radius = motion[0], motion[1], motion[2]
-    headings = round(2 * math.pi / turn)
-    columns, rows = distance.shape
-    seen = np.zeros((columns, rows, headings), np.bool_)
-    x, z = np.empty(1024), np.empty(1024)
-    heading, parent, action = np.empty(1024, np.int64), np.empty(1024, np.int64), np.empty(1024, np.int8)
-    cost = np.empty(1024, np.int64)
-    x[0], z[0], heading[0], parent[0], action[0], cost[0] = start[0], start[1], 0, -1, -1, 0
+    most = _MOST_STOPS
+    stops = Stops(
+        *(np.empty(most), np.empty(most), np.empty(most, np.int64), np.empty(most, np.int64)),
+        *(np.empty(most, np.int8), np.empty(most, np.int64), np.empty(most), np.empty(most, np.int64)),
+    )
+    seen = np.zeros((*distance.shape, round(2 * math.pi / body.turn)), np.bool_)
+    last = _search(walls, discs, zones, start, goal, body, bounds, distance, cell, stops, seen)
+    moves = []
+    while last > 0:
+        moves.append(int(stops.action[last]))
+        last = stops.parent[last]
+    return moves[::-1]
+
+
+@kernel(lean=True)
+def _search(
+    walls: NDArray[np.float64],
+    discs: NDArray[np.float64],
+    zones: NDArray[np.float64],
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    body: Body,
+    bounds: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    cell: float,
+    stops: Stops,
+    seen: NDArray[np.bool_],
+) -> int:
+    """The stop at the goal; -1 where there is none."""
+    columns, rows, headings = seen.shape
+    stops.x[0], stops.z[0], stops.heading[0] = start[0], start[1], 0
+    stops.parent[0], stops.action[0], stops.cost[0] = -1, -1, 0
     count = 1
-    heap = [(0.0, 0)]
-    while heap and count < _MOST_STOPS:
-        _, here = heapq.heappop(heap)
-        place = int((x[here] - bounds[0]) / cell), int((z[here] - bounds[1]) / cell), heading[here] % headings
+    waiting = push(stops.keys, stops.numbers, 0, 0.0, 0)
+    while waiting > 0 and count < len(stops.x) - 3:
+        here = stops.numbers[0]
+        waiting = drop_first(stops.keys, stops.numbers, waiting)
+        x, z, heading = stops.x[here], stops.z[here], stops.heading[here]
+        place = int((x - bounds[0]) / cell), int((z - bounds[1]) / cell), heading % headings
         if seen[place]:
             continue
         seen[place] = True
-        if math.hypot(x[here] - goal[0], z[here] - goal[1]) < goal[2]:
-            moves = np.empty(cost[here], np.int8)
-            while parent[here] >= 0:
-                moves[cost[here] - 1] = action[here]
-                here = parent[here]
-            return moves
-        for move in range(3):
-            new_x, new_z, new_heading = x[here], z[here], heading[here]
-            if move == FORWARD:
-                yaw = start[2] + heading[here] * turn
+        yaw = start[2] + heading * body.turn
+        ahead_x, ahead_z = x + body.ahead * math.cos(yaw), z - body.ahead * math.sin(yaw)
+        if math.hypot(ahead_x - goal[0], ahead_z - goal[1]) < goal[2]:
+            return int(here)
+        for move in range(body.moves):
+            new_x, new_z, new_heading = x, z, heading
+            if move in (FORWARD, BACK):
+                step = body.step if move == FORWARD else -body.step
                 new_x, new_z = new_x + math.cos(yaw) * step, new_z - math.sin(yaw) * step
-                if _blocked(walls, discs, new_x, new_z, radius) or _in_zone(zones, new_x, new_z):
+                if _blocked(walls, discs, 2, new_x, new_z, body.radius) or in_zone(zones, new_x, new_z):
                     continue
             else:
                 new_heading += 1 if move == TURN_LEFT else -1
+            new_yaw = start[2] + new_heading * body.turn
+            if body.carried > 0.0:
+                ahead_x, ahead_z = new_x + body.ahead * math.cos(new_yaw), new_z - body.ahead * math.sin(new_yaw)
+                if _blocked(walls, discs, 3, ahead_x, ahead_z, body.carried):
+                    continue
             column, row = int((new_x - bounds[0]) / cell), int((new_z - bounds[1]) / cell)
             if not (0 <= column < columns and 0 <= row < rows) or seen[column, row, new_heading % headings]:
                 continue
-            ahead = _still_to_go(distance, column, row, start[2] + new_heading * turn, cell, step, turn)
-            if count == len(x):
-                x, z, cost = _grown(x), _grown(z), _grown(cost)
-                heading, parent, action = _grown(heading), _grown(parent), _grown(action)
-            x[count], z[count], heading[count] = new_x, new_z, new_heading
-            parent[count], action[count], cost[count] = here, move, cost[here] + 1
-            heapq.heappush(heap, (cost[count] + 1.5 * ahead, count))
+            left = _still_to_go(distance, column, row, new_yaw, cell, body.step, body.turn)
+            stops.x[count], stops.z[count], stops.heading[count] = new_x, new_z, new_heading
+            stops.parent[count], stops.action[count], stops.cost[count] = here, move, stops.cost[here] + 1
+            waiting = push(stops.keys, stops.numbers, waiting, stops.cost[count] + 1.5 * left, count)
             count += 1
-    return np.empty(0, np.int8)
+    return -1
 
 
-@kernel()
-def _blocked(walls: NDArray[np.float64], discs: NDArray[np.float64], x: float, z: float, radius: float) -> bool:
+@part(lean=True)
+def _blocked(
+    walls: NDArray[np.float64], discs: NDArray[np.float64], kept: int, x: float, z: float, radius: float
+) -> bool:
     for index in range(discs.shape[0]):
-        if math.hypot(discs[index, 0] - x, discs[index, 1] - z) < discs[index, 2]:
+        if math.hypot(discs[index, 0] - x, discs[index, 1] - z) < discs[index, kept]:
             return True
     return touches_wall(walls, x, z, radius)
 
 
-@kernel()
+@part(lean=True)
 def _still_to_go(
     distance: NDArray[np.float64], column: int, row: int, yaw: float, cell: float, step: float, turn: float
 ) -> float:
@@ -197,10 +160,3 @@ def _still_to_go(
         return 0.0
     off = abs((best_yaw - yaw + math.pi) % (2 * math.pi) - math.pi)
     return float(found * cell / step + max(off - turn, 0.0) / turn)
-
-
-@kernel()
-def _grown(values: NDArray[Any]) -> NDArray[Any]:
-    larger = np.empty(2 * len(values), values.dtype)
-    larger[: len(values)] = values
-    return larger

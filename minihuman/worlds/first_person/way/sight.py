@@ -5,18 +5,29 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.kernels import kernel
+from minihuman.worlds.kernels import kernel, part
 
 
-@kernel()
 def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> float:
     """The length of the shortest line from the first node to the second that crosses no barrier; infinite if none.
 
     ``barriers`` is (n, 4): x0, z0, x1, z1, and may be touched; ``nodes`` is (m, 2): x, z, where the line may bend.
     """
+    return _shortest(barriers, nodes, np.full(len(nodes), np.inf), np.zeros(len(nodes), np.bool_))
+
+
+def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points lie on a barrier, not at its ends."""
+    found = np.zeros(len(points), np.bool_)
+    _mark(barriers, points, found)
+    return found
+
+
+@kernel(lean=True)
+def _shortest(
+    barriers: NDArray[np.float64], nodes: NDArray[np.float64], reached: NDArray[np.float64], done: NDArray[np.bool_]
+) -> float:
     count = nodes.shape[0]
-    reached = np.full(count, np.inf)
-    done = np.zeros(count, np.bool_)
     reached[0] = 0.0
     while True:
         here = -1
@@ -28,14 +39,12 @@ def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> f
         done[here] = True
         for node in range(count):
             length = math.hypot(nodes[node, 0] - nodes[here, 0], nodes[node, 1] - nodes[here, 1])
-            if not done[node] and reached[here] + length < reached[node] and _sees(barriers, nodes[here], nodes[node]):
+            if not done[node] and reached[here] + length < reached[node] and _sees(barriers, nodes, here, node):
                 reached[node] = reached[here] + length
 
 
-@kernel()
-def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points lie on a barrier, not at its ends."""
-    found = np.zeros(points.shape[0], np.bool_)
+@kernel(lean=True)
+def _mark(barriers: NDArray[np.float64], points: NDArray[np.float64], found: NDArray[np.bool_]) -> None:
     for place in range(points.shape[0]):
         x, z = points[place, 0], points[place, 1]
         for index in range(barriers.shape[0]):
@@ -45,20 +54,23 @@ def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
             across = ((x - ax) * (bz - az) - (z - az) * (bx - ax)) / length
             if abs(across) < 1e-9 and 1e-6 < along < length - 1e-6:
                 found[place] = True
-    return found
 
 
-@kernel()
-def _sees(barriers: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+@part(lean=True)
+def _sees(barriers: NDArray[np.float64], nodes: NDArray[np.float64], a: int, b: int) -> bool:
+    ax, az, bx, bz = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1]
     for index in range(barriers.shape[0]):
-        c, d = barriers[index, :2], barriers[index, 2:]
-        if _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0:
+        cx, cz, dx, dz = barriers[index, 0], barriers[index, 1], barriers[index, 2], barriers[index, 3]
+        if (
+            _side(ax, az, bx, bz, cx, cz) * _side(ax, az, bx, bz, dx, dz) < 0
+            and _side(cx, cz, dx, dz, ax, az) * _side(cx, cz, dx, dz, bx, bz) < 0
+        ):
             return False
     return True
 
 
-@kernel()
-def _side(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> float:
-    """Above 0 left of the line, below 0 right of it, and 0 where rounding could not tell."""
-    turn = (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+@part(lean=True)
+def _side(ax: float, az: float, bx: float, bz: float, x: float, z: float) -> float:
+    """Above 0 left of the line from a to b, below 0 right of it, and 0 where rounding could not tell."""
+    turn = (bx - ax) * (z - az) - (bz - az) * (x - ax)
     return 0.0 if abs(turn) < 1e-9 else turn

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.contract import View
+from minihuman.worlds.grid.art.minigrid_tiles import minigrid_tile
+from minihuman.worlds.grid.art.palettes import GridPalette
 from minihuman.worlds.grid.art.tiles import agent, in_hand, tile, unseen
 from minihuman.worlds.grid.core.cells import (
     BALL,
@@ -23,6 +25,7 @@ from minihuman.worlds.grid.core.cells import (
     WALL,
     pack,
 )
+from minihuman.worlds.grid.core.directions import ahead
 from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, WIDTH, Row, X, Y
 from minihuman.worlds.grid.core.view import see
@@ -44,13 +47,14 @@ class Atlas:
     """Every tile at one size in one palette. ``number[look]`` is a tile's place in the arrays; 0 is "unseen"."""
 
     number: NDArray[np.int64]  # (512,)
+    under: NDArray[np.int64]  # (4, 512): by direction: a cell with the agent in it, where they are one tile
     tiles: Words  # (2, tiles, px, words) as they are, and lit; a line of pixels is one run of words
     agents: Pixels  # (4, px, px, 4) by direction, colour and opacity
     carried: Pixels  # (tiles, half px, half px, 4) objects alone
 
 
 @lru_cache(maxsize=16)
-def atlas(tile_px: int, palette: Palette, kinds: "tuple[Kind, ...]" = ()) -> Atlas:
+def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[Kind, ...]" = ()) -> Atlas:
     """Draw every tile of a size once."""
     looks = [EMPTY, RED_LAVA]
     for colour in range(len(COLOURS)):
@@ -60,6 +64,8 @@ def atlas(tile_px: int, palette: Palette, kinds: "tuple[Kind, ...]" = ()) -> Atl
             looks += [pack(own, colour, state, 0) for state in range(len(DOOR_STATES) if kind.opens else 1)]
     number = np.zeros(LOOKS, np.int64)
     number[looks] = np.arange(1, len(looks) + 1)
+    if palette == "minigrid":
+        return _minigrid_atlas(tile_px, looks, number, kinds)
     plain = np.stack([unseen(tile_px).rgb] + [tile(look, tile_px, palette, kinds).rgb for look in looks])
     lit = plain + (255 - plain) * LIT
     small = max(1, round(tile_px * CARRIED))
@@ -71,10 +77,32 @@ def atlas(tile_px: int, palette: Palette, kinds: "tuple[Kind, ...]" = ()) -> Atl
     agents = [agent(direction, tile_px, palette) for direction in range(4)]
     return Atlas(
         number,
-        tiles.view(np.uint64) if tile_px % 8 == 0 else tiles,
+        np.zeros((len(agents), LOOKS), np.int64),
+        _in_runs(tiles),
         np.stack([np.dstack([canvas.rgb, 255 * canvas.alpha]) for canvas in agents]).round().astype(np.uint8),
         carried,
     )
+
+
+def _minigrid_atlas(tile_px: int, looks: list[int], number: NDArray[np.int64], kinds: "tuple[Kind, ...]") -> Atlas:
+    """The agent is part of its tile, nothing lies over it; what is unseen is an empty cell."""
+    under = np.zeros((4, LOOKS), np.int64)
+    drawn: list[tuple[int, int | None]] = [(EMPTY, None), *((look, None) for look in looks)]
+    for direction in range(4):
+        under[direction, looks] = len(drawn) + np.arange(len(looks))
+        drawn += [(look, direction) for look in looks]
+    tiles = np.stack(
+        [
+            [minigrid_tile(look, tile_px, facing=way, lit=lit, kinds=kinds) for look, way in drawn]
+            for lit in (False, True)
+        ]
+    )
+    nothing = np.zeros((len(looks) + 1, 1, 1, 4), np.uint8)
+    return Atlas(number, under, _in_runs(tiles.reshape(2, -1, tile_px, 3 * tile_px)), nothing[:4], nothing)
+
+
+def _in_runs(tiles: Pixels) -> Words:
+    return tiles.view(np.uint64) if tiles.shape[2] % 8 == 0 else tiles
 
 
 def draw(
@@ -83,7 +111,7 @@ def draw(
     view: View,
     view_size: int,
     tile_px: int,
-    palette: Palette,
+    palette: GridPalette,
     kinds: "tuple[Kind, ...]" = (),
     lit: bool = True,
     by_bytes: bool = False,
@@ -109,7 +137,10 @@ def draw(
     if lit or view == "partial":
         see(row, image)
     words = lines.view(tiles.dtype)
-    draw_cells(row, image, view == "full", drawn.number, tiles, drawn.agents, drawn.carried, words, lines)
+    in_view = palette == "minigrid"
+    draw_cells(
+        row, image, view == "full", in_view, drawn.number, drawn.under, tiles, drawn.agents, drawn.carried, words, lines
+    )
     return out
 
 
@@ -132,7 +163,9 @@ def draw_cells(
     row: Row,
     image: NDArray[np.uint8],
     full: bool,
+    in_view: bool,
     number: NDArray[np.int64],
+    under: NDArray[np.int64],
     tiles: Words,
     agents: Pixels,
     carried: Pixels,
@@ -141,7 +174,8 @@ def draw_cells(
 ) -> None:
     """Draw the whole grid, what the agent sees (``image``) lit, or with ``full`` false only what it sees.
 
-    ``words`` and ``out`` (lines, bytes) are the same memory.
+    With ``in_view`` the latter is drawn as Minigrid draws it: lit where it is seen, and the agent's cell shows what it
+    carries. ``words`` and ``out`` (lines, bytes) are the same memory.
     """
     view_size, px = image.shape[0], tiles.shape[2]
     middle, bottom = view_size // 2, view_size - 1
@@ -150,15 +184,18 @@ def draw_cells(
     columns, lines = (width, height) if full else (view_size, view_size)
     lit = np.zeros((columns, lines), np.int64)
     if full:
-        forward_x = (1 - direction) * (1 - direction % 2)
-        forward_y = (2 - direction) * (direction % 2)
+        forward_x, forward_y = ahead(0, 0, direction)
         for i in range(view_size):
             for j in range(view_size):
-                ahead, aside = bottom - j, i - middle
-                column = x + forward_x * ahead - forward_y * aside
-                line = y + forward_y * ahead + forward_x * aside
+                far, aside = bottom - j, i - middle
+                column = x + forward_x * far - forward_y * aside
+                line = y + forward_y * far + forward_x * aside
                 if image[i, j, 0] != 0 and 0 <= column < width and 0 <= line < height:
                     lit[column, line] = 1
+    elif in_view:
+        for i in range(view_size):
+            for j in range(view_size):
+                lit[i, j] = image[i, j, 0] != 0
     for column in range(columns):
         for line in range(lines):
             if full:
@@ -169,8 +206,12 @@ def draw_cells(
                 kind, colour = np.int64(image[column, line, 0]), np.int64(image[column, line, 1])
                 look = kind | colour << 4 | np.int64(image[column, line, 2]) << 7
             lay_tile(tiles, lit[column, line], number[look & LOOKS - 1], column, line, words)
+    look = np.int64(row[HEADER + x * height + y])
     if not full:
         x, y, direction = middle, bottom, 3
+        look = np.int64(row[CARRYING])
+    if in_view:  # there the agent is part of its tile
+        lay_tile(tiles, lit[x, y], under[direction, look & LOOKS - 1], x, y, words)
     put_agent(row, agents, direction, carried, number, x * px, y * px, out)
 
 

@@ -1,4 +1,7 @@
-"""What an action does: the seven actions of Minigrid on one row of state."""
+"""What an action does: the seven actions of Minigrid on one row of state.
+
+Steps of a world with instructions are judged in ``instructions.rules``: others need not compile that.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +50,6 @@ from minihuman.worlds.grid.core.tasks import (
     DROP,
     FORWARD,
     IN_ORDER,
-    INSTRUCTED,
     LEFT,
     MATCH,
     PICKUP,
@@ -61,8 +63,6 @@ from minihuman.worlds.grid.core.tasks import (
     prize,
 )
 from minihuman.worlds.grid.core.view import see
-from minihuman.worlds.grid.instructions.block import SATISFIED, WAITING
-from minihuman.worlds.grid.instructions.verify import verify
 from minihuman.worlds.kernels import inlined, kernel, part
 
 ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
@@ -71,7 +71,7 @@ TERMINATED, TRUNCATED = 1, 2  # bits of a step's status
 NOT_PLAYING, NO_SUCH_ACTION = -1, -2  # a step that was refused and changed nothing
 
 
-@kernel()
+@kernel(brief=True)
 def step(row: Row, action: int, words: Words, image: NDArray[np.uint8]) -> tuple[int, int, float]:
     """Make one step and see its result.
 
@@ -84,13 +84,12 @@ def step(row: Row, action: int, words: Words, image: NDArray[np.uint8]) -> tuple
     return status, row[DIRECTION], reward
 
 
-@kernel()
+@kernel(brief=True)
 def act(row: Row, action: int, words: Words) -> tuple[int, float]:
     """Make one step without looking: status and reward, as `step` returns them."""
-    if row[PHASE] != PLAYING:
-        return NOT_PLAYING, 0.0
-    if action < 0 or action >= row[ACTIONS]:
-        return NO_SUCH_ACTION, 0.0
+    refused = refusal(row, action)
+    if refused < 0:
+        return refused, 0.0
     row[STEP] += 1
     task = row[TASK]
     if task == MATCH and action == PICKUP:
@@ -102,20 +101,29 @@ def act(row: Row, action: int, words: Words) -> tuple[int, float]:
         collides = action == FORWARD and faces_obstacle(row)
         move_obstacles(row, words)
     reward, ended = apply(row, action)
-    if task == INSTRUCTED:
-        outcome = verify(row, action)
-        ended = outcome != WAITING
-        reward = prize(row) if outcome == SATISFIED else 0.0
-    else:
-        reward, ended = judge(row, action, held_before, first_was_open, reward, ended)
+    reward, ended = judge(row, action, held_before, first_was_open, reward, ended)
     if collides:
         reward, ended = -1.0, True
+    return close(row, ended), reward
+
+
+@inlined
+def refusal(row: Row, action: int) -> int:
+    """Why this step is not made: NOT_PLAYING or NO_SUCH_ACTION; 0 where nothing is against it."""
+    if row[PHASE] != PLAYING:
+        return NOT_PLAYING
+    return NO_SUCH_ACTION if action < 0 or action >= row[ACTIONS] else 0
+
+
+@inlined
+def close(row: Row, ended: bool) -> int:
+    """The status of a step that was made and judged; the row notes an end."""
     status = TERMINATED if ended else 0
     if row[STEP] >= row[MAX_STEPS]:
         status |= TRUNCATED
     if status:
         row[PHASE] = OVER
-    return status, reward
+    return status
 
 
 @part()

@@ -20,6 +20,7 @@ from minihuman.worlds.grid.core.cells import (
     kind_of,
     state_of,
 )
+from minihuman.worlds.grid.core.directions import ahead
 from minihuman.worlds.grid.core.own import passes
 from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.state import (
@@ -81,8 +82,7 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
             if move < 2:
                 before = (direction + 1 + 2 * move) & 3
             else:
-                from_x -= (1 - direction) * (1 - direction % 2)
-                from_y -= (2 - direction) * (direction % 2)
+                from_x, from_y = ahead(x, y, direction ^ 2)
                 if not stands_or_ends(row, row[HEADER + x * height + y], through):
                     continue
             if from_x < 0 or from_y < 0 or from_x >= width or from_y >= height:

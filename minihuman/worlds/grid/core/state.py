@@ -55,7 +55,7 @@ def contents_index(row: Row, identity: int) -> int:
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
 
 
-@kernel()
+@kernel(brief=True)
 def clear(row: Row) -> None:
     """Make the row an empty floor before a layout: no objects, no agent, step 0; sizes and settings stay."""
     row[X] = row[Y] = row[DIRECTION] = -1

@@ -5,6 +5,7 @@ A task is a number in the state and up to six numbers it is about (``TARGET``), 
 
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, GOAL, OPEN, colour_of, identity_of, kind_of, state_of
 from minihuman.worlds.grid.core.chance import Words, integer
+from minihuman.worlds.grid.core.directions import ahead
 from minihuman.worlds.grid.core.state import (
     CARRYING,
     DIRECTION,
@@ -49,8 +50,7 @@ def prize(row: Row) -> float:
 @kernel("UniTuple(int64, 2)(int32[::1])")
 def front(row: Row) -> tuple[int, int]:
     """The cell in front of the agent."""
-    direction = row[DIRECTION]
-    return row[X] + (1 - direction) * (1 - direction % 2), row[Y] + (2 - direction) * (direction % 2)
+    return ahead(row[X], row[Y], row[DIRECTION])
 
 
 @kernel("boolean(int32[::1], int64, int64)")

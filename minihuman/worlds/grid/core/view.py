@@ -25,7 +25,7 @@ def see_size(size: int) -> int:
     return whole("agent_view_size", size, 3, LARGEST_VIEW, odd=True)
 
 
-@kernel()
+@kernel(brief=True)
 def see(row: Row, image: NDArray[np.uint8]) -> None:
     """Fill ``image`` (size, size, 3: kind, colour, state; indexed [right, down]) with the agent's view.
 

@@ -1,6 +1,7 @@
 """Binding: which objects of a layout an instruction's descriptions mean, and whether it makes sense there."""
 
 from minihuman.worlds.grid.core.cells import DOOR, GREY, KEY, LOCKED, WALL, colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.directions import ahead
 from minihuman.worlds.grid.core.state import (
     DIRECTION,
     HEADER,
@@ -50,17 +51,16 @@ def lies_so(row: Row, cell: int, place: int) -> bool:
         left, top = row[X] // (room - 1) * (room - 1), row[Y] // (room - 1) * (room - 1)
         if x < left or y < top or x >= left + room or y >= top + room:
             return False
-    direction = row[DIRECTION]
-    ahead_x, ahead_y = (1 - direction) * (1 - direction % 2), (2 - direction) * (direction % 2)
+    ahead_x, ahead_y = ahead(0, 0, row[DIRECTION])
     right, down = x - row[X], y - row[Y]
-    ahead = right * ahead_x + down * ahead_y
+    onward = right * ahead_x + down * ahead_y
     aside = down * ahead_x - right * ahead_y  # to the right
     if place == ON_LEFT:
         return aside < 0
     if place == IN_FRONT:
-        return ahead > 0
+        return onward > 0
     if place == BEHIND:
-        return ahead < 0
+        return onward < 0
     return aside > 0
 
 
@@ -153,7 +153,7 @@ def unlocks(row: Row, at: int) -> bool:
     return False
 
 
-@kernel("boolean(int32[::1])")
+@kernel()
 def bind_now(row: Row) -> bool:
     """`bind`, for layouts written in Python."""
     return bind(row)

@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, LAVA, WALL
-from minihuman.worlds.grid.core.rules import TERMINATED, act
+from minihuman.worlds.grid.core.directions import STEPS
+from minihuman.worlds.grid.core.rules import TERMINATED
 from minihuman.worlds.grid.core.search import FAR, FOUND, distances
 from minihuman.worlds.grid.core.state import CARRYING, Row, State
 from minihuman.worlds.grid.core.tasks import DROP
 from minihuman.worlds.grid.instructions.block import CLAUSE, CLAUSES, PICK_UP, STRICT, VERB
 from minihuman.worlds.grid.instructions.numbers import block, means
 from minihuman.worlds.grid.instructions.outlook import NOTHING, find_locks, outlook, sort_things
+from minihuman.worlds.grid.instructions.rules import try_out
 from minihuman.worlds.grid.instructions.search import codes_of, search_clause
 from minihuman.worlds.grid.planner import descend
 
 MOST_CLEARED = 24
 LIMIT = 1 << 13  # states of each search on the way
 SPARED = 1 << 30  # a meaning that keeps a box from being opened
-STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
-_NO_CHANCE = np.zeros(6, np.uint64)
 
 
 def clear_way(row: Row, clause: int) -> list[int] | None:
@@ -62,7 +62,7 @@ def clear_way(row: Row, clause: int) -> list[int] | None:
 
 def _do(row: Row, actions: list[int]) -> bool:
     for action in actions:
-        status, _ = act(row, action, _NO_CHANCE)
+        status, _ = try_out(row, action)
         if status & TERMINATED:
             return False
     return True

@@ -6,11 +6,35 @@ doors whose key it knows, past things in the way, into boxes.
 
 import numpy as np
 
-from minihuman.worlds.grid.core.cells import BOX, CLOSED, DOOR, LOCKED, in_state
-from minihuman.worlds.grid.core.rules import act
+from minihuman.worlds.grid.core.cells import BOX, CLOSED, DOOR, EMPTY, GREY_WALL, LOCKED, in_state
 from minihuman.worlds.grid.core.search import FAR
-from minihuman.worlds.grid.core.state import CARRYING, HEIGHT, MAX_STEPS, PHASE, PLAYING, STEP, TASK, WIDTH, Row, State
-from minihuman.worlds.grid.core.tasks import DONE, INSTRUCTED, TOGGLE
+from minihuman.worlds.grid.core.state import (
+    CARRYING,
+    HEADER,
+    HEIGHT,
+    MAX_STEPS,
+    OBJECTS,
+    PHASE,
+    PLAYING,
+    STEP,
+    TARGET,
+    TASK,
+    WIDTH,
+    Row,
+    State,
+)
+from minihuman.worlds.grid.core.tasks import (
+    DODGE,
+    DONE,
+    IN_ORDER,
+    INSTRUCTED,
+    MATCH,
+    OPEN_DOOR,
+    PUT_NEAR,
+    REACH,
+    STAND_BY,
+    TOGGLE,
+)
 from minihuman.worlds.grid.instructions.block import (
     AFTER,
     ALONE,
@@ -18,6 +42,7 @@ from minihuman.worlds.grid.instructions.block import (
     CLAUSES,
     FLAGS,
     JOIN,
+    KIND,
     LEFT,
     OPEN,
     PICK_UP,
@@ -27,13 +52,15 @@ from minihuman.worlds.grid.instructions.block import (
     SAY_DONE,
     STATUS,
     STRICT,
+    THING,
     VERB,
     instructed_length,
 )
 from minihuman.worlds.grid.instructions.clearing import do_to, put_down
-from minihuman.worlds.grid.instructions.memory import Memory
+from minihuman.worlds.grid.instructions.memory import EXPERT, FOR_DOORS, Judgement, Memory, Noise, exact
 from minihuman.worlds.grid.instructions.numbers import block, means
 from minihuman.worlds.grid.instructions.planner import plan_clause
+from minihuman.worlds.grid.instructions.rules import try_out
 from minihuman.worlds.grid.planner import plan
 
 THING_IN_WAY = 6  # about what it takes to put it aside
@@ -45,10 +72,22 @@ class Explorer:
     Args:
         state: The world's state after its reset.
         view_size: Cells on a side of the agent's view.
+        judgement: By what it judges from where to look; None: as well as is known.
+        noise: How far off each of these judgements is, in actions.
+        inside: The grid is seen from inside.
     """
 
-    def __init__(self, state: State, view_size: int = 7) -> None:
-        self.memory = Memory(state.row, view_size)
+    def __init__(
+        self,
+        state: State,
+        view_size: int = 7,
+        *,
+        judgement: Judgement | None = None,
+        noise: Noise = exact,
+        inside: bool = False,
+    ) -> None:
+        self.memory = Memory(state.row, view_size, inside=inside)
+        self._judgement, self._noise = judgement, noise
         self._plan: list[int] = []
         self._before = state.row.copy()  # the state when the plan was last looked at
 
@@ -60,7 +99,8 @@ class Explorer:
     def way(self, state: State) -> list[int]:
         """What to do from here, as far as it is decided; empty where nothing is left to try."""
         new = self.memory.look(state.row)
-        if self._plan and np.array_equal(_after(self._before, self._plan[0]), state.row):
+        moving = state.row[TASK] == DODGE  # by chance: what comes after an action cannot be worked out
+        if self._plan and not moving and np.array_equal(_after(self._before, self._plan[0]), state.row):
             self._plan.pop(0)  # done, as it was to be
         elif not np.array_equal(self._before, state.row):
             self._plan = []
@@ -74,11 +114,29 @@ class Explorer:
         known[MAX_STEPS], known[STEP], known[PHASE] = FAR, 0, PLAYING
         if known[TASK] != INSTRUCTED:
             room_for_more = instructed_length(int(known[WIDTH]), int(known[HEIGHT])) - len(known)
-            return plan(State(known)) or self._look_for_more(np.pad(known, (0, room_for_more)))
+            if known[TASK] == DODGE:
+                self._where_things_are(known)
+            found = plan(State(known)) if self._knows_what_it_is_about(known) else None
+            return found or self._look_for_more(np.pad(known, (0, room_for_more)))
         for candidates in (self._ways(known), self._fetching(known)):
             if candidates:
                 return min(candidates, key=len)
         return self._look_for_more(known)
+
+    def _where_things_are(self, known: Row) -> None:
+        """What moves by itself bars the way where it is in view now; where else it may be nobody knows."""
+        known[TASK] = REACH
+        cells = known[HEADER : HEADER + int(known[WIDTH]) * int(known[HEIGHT])]
+        moving, in_view = cells >> 9 > 0, self.memory.in_view(known)
+        cells[moving & in_view], cells[moving & ~in_view] = GREY_WALL, EMPTY
+
+    def _knows_what_it_is_about(self, known: Row) -> bool:
+        """Whether the cells that the task is about were seen; of a match, the things too that are compared."""
+        task, target = int(known[TASK]), known[TARGET : TARGET + 4].tolist()
+        about = {STAND_BY: (0,), OPEN_DOOR: (0,), MATCH: (0, 2), IN_ORDER: (0, 2), PUT_NEAR: (2,)}.get(task, ())
+        cells = [target[place] * int(known[HEIGHT]) + target[place + 1] for place in about]
+        things = range(1, int(known[OBJECTS]) + 1) if task == MATCH else ()
+        return bool(self.memory.seen[cells].all()) and all(State(known).find(one) is not None for one in things)
 
     def _ways(self, known: Row) -> list[list[int]]:
         """How to do each clause that is to be done now, of those that can be on what is known."""
@@ -106,10 +164,12 @@ class Explorer:
         return found
 
     def _look_for_more(self, known: Row) -> list[int]:
-        nearest = self.memory.frontier(_doors_left_alone(known) if _strict(known) else known)
+        judgement = self._judgement or (FOR_DOORS if _seeks_doors(known) else EXPERT)
+        allowed = _doors_left_alone(known) if _strict(known) else known
+        nearest = self.memory.frontier(allowed, judgement=judgement, noise=self._noise)
         if nearest is not None:
             return nearest[0]
-        return self._unlocking(known) or self._clearing(known) or self._opening_boxes(known)
+        return self._unlocking(known) or self._clearing(known, judgement) or self._opening_boxes(known)
 
     def _unlocking(self, known: Row) -> list[int]:
         state = State(known)
@@ -120,8 +180,8 @@ class Explorer:
                 found.append(actions)
         return min(found, key=len, default=[])
 
-    def _clearing(self, known: Row) -> list[int]:
-        beyond = self.memory.frontier(known, passing=THING_IN_WAY)
+    def _clearing(self, known: Row, judgement: Judgement) -> list[int]:
+        beyond = self.memory.frontier(known, passing=THING_IN_WAY, judgement=judgement)
         if beyond is None:
             return []
         _, way, _ = beyond
@@ -136,7 +196,7 @@ class Explorer:
             if part is None:
                 return []
             for action in part:
-                act(trial, action, np.zeros(6, np.uint64))
+                try_out(trial, action)
             actions += part
         return actions
 
@@ -153,8 +213,21 @@ class Explorer:
 
 def _strict(row: Row) -> bool:
     """Whether a clause that is to be done now fails where something else is done."""
-    lines = block(row)[CLAUSES:].reshape(-1, CLAUSE) if row[TASK] == INSTRUCTED else ()
-    return any(bool(lines[clause][STRICT]) for clause in active(row)) if len(lines) else False
+    return any(clause[STRICT] != 0 for clause in _active_lines(row))
+
+
+def _seeks_doors(row: Row) -> bool:
+    """Whether each clause that is to be done now is about a door."""
+    kinds = [int(clause[THING + KIND]) for clause in _active_lines(row)]
+    return bool(kinds) and all(kind == DOOR for kind in kinds)
+
+
+def _active_lines(row: Row) -> list[Row]:
+    """The numbers of the clauses that are to be done now."""
+    if row[TASK] != INSTRUCTED:
+        return []
+    lines = block(row)[CLAUSES:].reshape(-1, CLAUSE)
+    return [lines[clause] for clause in active(row)]
 
 
 def _doors_left_alone(known: Row) -> Row:
@@ -183,5 +256,5 @@ def active(row: Row) -> tuple[int, ...]:
 def _after(row: Row, action: int) -> Row:
     """The state after an action."""
     after = row.copy()
-    act(after, action, np.zeros(6, np.uint64))
+    try_out(after, action)
     return after

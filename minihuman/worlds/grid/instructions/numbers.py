@@ -104,12 +104,12 @@ def has_instruction(row: Row) -> bool:
 
 def instruction_of(row: Row) -> Instruction:
     """The instruction of a state."""
-    return _read(_said(row))
+    return _read(_said(block(row).tobytes()))
 
 
 def sentence_of(row: Row) -> str:
     """The sentence of a state's instruction."""
-    return _sentence(_said(row))
+    return _sentence(block(row).tobytes())
 
 
 def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
@@ -121,17 +121,17 @@ def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
     )
 
 
-def _said(row: Row) -> bytes:
-    """What decides the sentence: the block without what has been satisfied so far."""
-    said = block(row).copy()
+def _said(numbers: bytes) -> bytes:
+    """What decides the sentence: a block without what has been satisfied so far."""
+    said = np.frombuffer(numbers, np.int32).copy()
     said[HANDED:CLAUSES] = 0
     said[CLAUSES:].reshape(-1, CLAUSE)[:, STATUS:THING] = 0
     return said.tobytes()
 
 
 @lru_cache(maxsize=4096)
-def _sentence(said: bytes) -> str:
-    return str(_read(said))
+def _sentence(numbers: bytes) -> str:
+    return str(_read(_said(numbers)))
 
 
 @lru_cache(maxsize=1024)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.worlds.grid.core.cells import CLOSED, DOOR, KEY, LAVA, LOCKED, WALL, colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.directions import ahead
 from minihuman.worlds.grid.core.search import FAR
 from minihuman.worlds.grid.core.state import CARRYING, HEADER, HEIGHT, NOWHERE, OBJECTS, WIDTH, Row, where_is
 from minihuman.worlds.grid.instructions.block import (
@@ -153,8 +154,7 @@ def outlook(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks, sorts
                     before = here + cell * 4 + ((direction + 1 + 2 * move) & 3)
                 elif move == 2:
                     enters = cost[cell] > 0 and (lock_at[cell] < 0 or unlocked >> lock_at[cell] & 1)
-                    from_x = x - (1 - direction) * (1 - direction % 2)
-                    from_y = y - (2 - direction) * (direction % 2)
+                    from_x, from_y = ahead(x, y, direction ^ 2)
                     if enters and from_x >= 0 and from_y >= 0 and from_x < width and from_y < height:
                         behind = from_x * height + from_y
                         if cost[behind] > 0:
@@ -171,8 +171,9 @@ def outlook(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks, sorts
                         before = state + (move - 5) * cells * 4
                 else:
                     lock = move - 5 - hands
-                    ahead = (x + (1 - direction) * (1 - direction % 2)) * height + y + (2 - direction) * (direction % 2)
-                    faced = ahead >= 0 and ahead < cells and lock_at[ahead] == lock
+                    i, j = ahead(x, y, direction)
+                    next_cell = i * height + j
+                    faced = next_cell >= 0 and next_cell < cells and lock_at[next_cell] == lock
                     if faced and unlocked >> lock & 1 and opens(row, hand, lock, locks, sorts, codes):
                         before = state - (1 << lock) * hands * cells * 4
                 if before >= 0 and distance + added < flat[before]:
@@ -191,7 +192,7 @@ def lies_ahead(
     row: Row, x: int, y: int, direction: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
 ) -> int:
     """Actions to take up something of a sort from what is ahead: 1, 2 if it is in a box, 0 if there is none."""
-    i, j = x + (1 - direction) * (1 - direction % 2), y + (2 - direction) * (direction % 2)
+    i, j = ahead(x, y, direction)
     if i < 0 or j < 0 or i >= row[WIDTH] or j >= row[HEIGHT]:
         return 0
     identity = row[HEADER + i * row[HEIGHT] + j] >> 9
@@ -220,7 +221,7 @@ def goal(
     for x in range(width):
         for y in range(height):
             for direction in range(4):
-                i, j = x + (1 - direction) * (1 - direction % 2), y + (2 - direction) * (direction % 2)
+                i, j = ahead(x, y, direction)
                 if cost[x * height + y] == 0 or i < 0 or j < 0 or i >= width or j >= height:
                     continue
                 pose = (x * height + y) * 4 + direction
@@ -253,7 +254,7 @@ def goal(
 def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
     """Whether something meant lies beside a cell now."""
     for k in range(4):
-        i, j = x + (1 - k) * (1 - k % 2), y + (2 - k) * (k % 2)
+        i, j = ahead(x, y, k)
         if i >= 0 and j >= 0 and i < row[WIDTH] and j < row[HEIGHT]:
             identity = row[HEADER + i * row[HEIGHT] + j] >> 9
             if identity > 0 and row[means_of(row) + identity - 1] & meant:

@@ -7,10 +7,8 @@ where that takes too many states; `Way` says what is certain: that there is no w
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from minihuman.worlds.grid.core.cells import EMPTY
-from minihuman.worlds.grid.core.rules import TERMINATED, act
+from minihuman.worlds.grid.core.rules import TERMINATED
 from minihuman.worlds.grid.core.search import FAR, FOUND, NONE
 from minihuman.worlds.grid.core.state import CARRYING, MAX_STEPS, PHASE, PLAYING, STEP, Row, cell_at
 from minihuman.worlds.grid.core.tasks import DONE, DROP, PICKUP, RIGHT, front
@@ -32,10 +30,10 @@ from minihuman.worlds.grid.instructions.block import RIGHT as RIGHT_PART
 from minihuman.worlds.grid.instructions.clearing import clear_way
 from minihuman.worlds.grid.instructions.numbers import block
 from minihuman.worlds.grid.instructions.outlook import find_locks, outlook, sort_things
+from minihuman.worlds.grid.instructions.rules import try_out
 from minihuman.worlds.grid.instructions.search import codes_of, search_clause, worth_of
 
 EXACT, SOME, MANY = 1 << 12, 1 << 14, 1 << 16  # states looked at: exactly, guessing, and guessing boldly
-_NO_CHANCE = np.zeros(6, np.uint64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +118,7 @@ def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None,
         if block(row)[FLAGS] & SAY_DONE:
             actions = (*actions, DONE)
         for action in actions:
-            status, reward = act(row, action, _NO_CHANCE)
+            status, reward = try_out(row, action)
             done.append(action)
             if status & TERMINATED:
                 return (tuple(done), False, bound) if reward > 0 else (None, _is_trap(row, order), bound)
@@ -181,9 +179,9 @@ def _after_dropping(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool
         turns.append(RIGHT)
         if len(turns) == 4:
             return None, False, 0
-        act(trial, RIGHT, _NO_CHANCE)
+        try_out(trial, RIGHT)
     turns.append(DROP)
-    status, _ = act(trial, DROP, _NO_CHANCE)
+    status, _ = try_out(trial, DROP)
     if status & TERMINATED or block(trial)[CLAUSES + clause * CLAUSE + STATUS] == SATISFIED:
         return tuple(turns), False, 1
     actions, certain, at_least = _clause(trial, clause)

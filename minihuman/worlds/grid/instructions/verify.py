@@ -7,6 +7,7 @@ picked up, so "go to the ball" is satisfied by the cell the ball was taken from;
 
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, identity_of, kind_of, state_of
 from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
+from minihuman.worlds.grid.core.directions import ahead
 from minihuman.worlds.grid.core.state import (
     CARRYING,
     DIRECTION,
@@ -68,7 +69,7 @@ def note_places(row: Row) -> None:
             row[noted + cell] = row[means + k]
 
 
-@kernel("void(int32[::1])")
+@kernel()
 def hand_over(row: Row) -> None:
     """After the first look, put into the agent's hand what it starts with."""
     at = block_of(row) + HANDED
@@ -153,9 +154,7 @@ def does(row: Row, clause: int, k: int, action: int) -> int:
     """Whether a step does what a clause says."""
     verb, strict = row[clause + VERB], row[clause + STRICT]
     meant = 1 << 2 * k  # bit of the first description
-    direction = row[DIRECTION]
-    x = row[X] + (1 - direction) * (1 - direction % 2)
-    y = row[Y] + (2 - direction) * (direction % 2)
+    x, y = ahead(row[X], row[Y], row[DIRECTION])
     if verb == GO_TO:
         inside = x >= 0 and y >= 0 and x < row[WIDTH] and y < row[HEIGHT]
         return SATISFIED if inside and row[noted_of(row) + x * row[HEIGHT] + y] & meant else WAITING

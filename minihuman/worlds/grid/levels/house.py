@@ -20,6 +20,7 @@ from minihuman.worlds.grid.core.cells import (
 )
 from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
 from minihuman.worlds.grid.core.chance import Words, integer, unit
+from minihuman.worlds.grid.core.directions import ahead
 from minihuman.worlds.grid.core.place import stand
 from minihuman.worlds.grid.core.state import (
     FAILED,
@@ -217,7 +218,7 @@ def all_in_reach(row: Row) -> bool:
             continue
         x, y = cell // height, cell % height
         for k in range(4):
-            i, j = x + (1 - k) * (1 - k % 2), y + (2 - k) * (k % 2)
+            i, j = ahead(x, y, k)
             other = i * height + j
             if i >= 0 and j >= 0 and i < width and j < height and not seen[other]:
                 seen[other] = True

@@ -1,15 +1,19 @@
 """Textures, meshes and the files they may come from."""
 
+import importlib.util
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.noise import cloud, tiles
 from minihuman.worlds.first_person.render.obj import read_obj
 from minihuman.worlds.first_person.render.own import OwnAssets, own_library
+from minihuman.worlds.first_person.render.paint import RECIPES
 from minihuman.worlds.first_person.render.shapes import COLOURS, SHAPES
+from minihuman.worlds.first_person.render.texture import MOST_SIZES
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
 
@@ -39,11 +43,36 @@ def test_every_letter_variant_differs_and_unknown_names_say_what_there_is() -> N
         assets.mesh("dragon")
 
 
-def test_a_texture_is_halved_down_to_one_texel() -> None:
+def test_a_texture_is_kept_in_four_sizes_for_each_halving_down_to_one_texel() -> None:
     library = own_library()
-    row = library.texture_row("white_1")
-    count = int(library.textures.level_count[row])
-    assert list(library.textures.levels[row, :count, 1]) == [512 >> level for level in range(10)]
+    row = library.texture_row("brick_wall_1")
+    table = library.textures.table.reshape(-1, MOST_SIZES, 2)[row]
+    last = int(table[-1, 1])
+    widths = [int(both) & 0xFFFF for both in table[: last + 1, 1]]
+    assert widths[::4] == [512 >> halving for halving in range(9)]
+    assert widths[-1] == 1
+    assert widths == sorted(widths, reverse=True)
+    means = []
+    for offset, both in table[: last + 1]:
+        width, height = int(both) & 0xFFFF, int(both) >> 16
+        ringed = library.textures.texels[int(offset) :][: (width + 2) * (height + 2)].reshape(height + 2, width + 2)
+        assert np.array_equal(ringed[0], ringed[-2])
+        means.append(float((ringed[1:-1, 1:-1] & 255).mean()))
+    assert np.abs(np.array(means) - means[0]).max() < 6.0  # each mean is rounded upwards
+
+
+@pytest.mark.parametrize(
+    "name", [f"{name}_{variant + 1}" for name in RECIPES for variant in range(len(RECIPES[name][1]))]
+)
+def test_a_texture_is_as_bright_and_as_large_as_miniworlds(name: str) -> None:
+    folder = Path(str(importlib.util.find_spec("miniworld").origin)).parent / "textures"
+    file = next(file for file in (folder / f"{name}.png", folder / f"{name.removesuffix('_1')}.png") if file.exists())
+    theirs, ours = Image.open(file).convert("RGB"), OwnAssets().texture(name)
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    bright, wanted = (float((np.asarray(picture) @ weights).mean()) for picture in (ours.pixels, theirs))
+    assert abs(bright - wanted) < 0.02 * wanted
+    if name != "white_1":  # one colour
+        assert ours.size_m == pytest.approx((theirs.width / 512, theirs.height / 512), rel=0.01)
 
 
 def test_a_mesh_file_is_read_and_set_on_the_floor(tmp_path: Path) -> None:

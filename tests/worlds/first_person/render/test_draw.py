@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from minihuman.errors import WorldError
+from minihuman.worlds.first_person.render.assets import Assets, Library, Mesh, Texture
 from minihuman.worlds.first_person.render.draw import plan_scale, render, render_depth, render_top, visible_things
-from minihuman.worlds.first_person.render.scene import Camera, Surface
+from minihuman.worlds.first_person.render.layout import lay_out
+from minihuman.worlds.first_person.render.own import OwnAssets
+from minihuman.worlds.first_person.render.scene import Camera, MeshLook, Surface
 from minihuman.worlds.pose import Pose
-from tests.worlds.first_person.render.stages import CAMERA, two_rooms
+from tests.worlds.first_person.render.stages import CAMERA, room, two_rooms
 
 
 def test_the_wall_ahead_is_as_far_as_it_is() -> None:
@@ -62,3 +65,40 @@ def test_a_picture_without_pixels_and_a_surface_without_area_are_refused() -> No
         render(two_rooms(), CAMERA, 0, 60)
     with pytest.raises(WorldError, match="3 or more corners"):
         Surface(np.zeros((2, 3)), np.zeros((2, 2)), "wood_1")
+
+
+class Crumbs(Assets):
+    """One mesh of 240 triangles that lie anyhow, and the same in pieces of 40."""
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(5)
+        corners = rng.uniform((-1.0, 0.1, -1.0), (1.0, 2.0, 1.0), (240, 1, 3)) + rng.normal(0.0, 0.15, (240, 3, 3))
+        self.corners = corners - (0.0, corners[:, :, 1].min(), 0.0)
+        self.colours = rng.uniform(0.2, 1.0, (240, 3))
+
+    def texture(self, name: str) -> Texture:
+        return OwnAssets().texture(name)
+
+    def mesh(self, name: str) -> Mesh:
+        kept = slice(None) if name == "whole" else slice(40 * int(name), 40 * int(name) + 40)
+        corners = self.corners[kept]
+        up = np.broadcast_to((0.0, 1.0, 0.0), corners.shape)
+        return Mesh(corners, up, np.zeros((*corners.shape[:2], 2)), self.colours[kept], (None,) * len(corners))
+
+
+@pytest.mark.parametrize("roofed", [True, False])
+def test_a_thing_of_many_faces_is_drawn_as_its_pieces_are_wherever_it_is_partly_hidden(roofed: bool) -> None:
+    crumbs = Crumbs()
+    pictures = []
+    for names in (["whole"], ["0", "1", "2", "3", "4", "5"]):
+        looks = [MeshLook(name, crumbs.mesh(name).height) for name in names]
+        rng = np.random.default_rng(1)
+        rooms = [room(-2.0, 2.0, {0: 1}, roofed=roofed), room(2.0, 6.0, {2: 0}, roofed=roofed)]
+        scene = lay_out(rooms, looks, library=Library(crumbs))
+        for _ in range(60):
+            place = [rng.uniform(-1.5, 5.5), rng.uniform(-0.5, 0.5), rng.uniform(-1.5, 1.5), rng.uniform(-3.0, 3.0)]
+            eye = rng.uniform(-1.9, 5.9), rng.uniform(0.3, 2.2), rng.uniform(-1.9, 1.9)
+            camera = Camera(eye, rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.5))
+            pictures.append(render(scene.at(np.array([place] * len(looks))), camera, 80, 60))
+    whole, pieces = np.split(np.array(pictures), 2)
+    np.testing.assert_array_equal(whole, pieces)

@@ -13,9 +13,9 @@ from tests.worlds.first_person.render.stages import digest, threaded_digests
 pytestmark = pytest.mark.program
 
 
-def elsewhere(width: int, height: int, **settings: str) -> str:
+def elsewhere(width: int, height: int, *how: str, **settings: str) -> str:
     run = subprocess.run(
-        [sys.executable, "-m", "tests.worlds.first_person.render.stages", str(width), str(height)],
+        [sys.executable, "-m", "tests.worlds.first_person.render.stages", str(width), str(height), *how],
         env={**os.environ, **settings},
         capture_output=True,
         check=True,
@@ -30,6 +30,11 @@ def test_another_process_draws_the_same_pictures() -> None:
 
 def test_two_threads_draw_what_one_draws() -> None:
     assert threaded_digests(80, 60) == {digest(80, 60)}
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="a process cannot be kept to one core here")
+def test_a_large_picture_in_bands_on_all_cores_is_that_of_one_core() -> None:
+    assert elsewhere(640, 500, "alone") == digest(640, 500)
 
 
 def test_the_kernels_run_as_plain_python_draw_the_same_pictures() -> None:

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import minihuman  # noqa: F401
+from minihuman.worlds.grid.core.cells import GREY_WALL
 from minihuman.worlds.grid.core.search import FAR
 from minihuman.worlds.grid.core.state import MAX_STEPS, State
+from minihuman.worlds.grid.instructions.belief import prospects, walk
 from minihuman.worlds.grid.instructions.explorer import Explorer
 from minihuman.worlds.grid.instructions.planner import plan_instruction
 from minihuman.worlds.grid.levels.catalogue import ENTRIES
@@ -135,6 +137,21 @@ def test_what_cannot_be_done_has_no_plan():
     env.reset(seed=6)
     assert plan(env.state) is None
     assert plan_instruction(env.state.row).unsolvable
+
+
+def test_a_wall_is_expected_to_go_on_and_to_hide_what_is_behind_it():
+    env = gymnasium.make("minihuman/MiniGrid-Empty-16x16-v0", see_through_walls=False).unwrapped
+    env.reset(seed=0)
+    state = env.state
+    state.cells[1:15, 5] = GREY_WALL
+    seen = np.zeros((16, 16), bool)
+    seen[1:5, 1:6] = True  # four cells of that wall, and what lies before it
+    steps = walk(state.row, 0)
+    image = np.empty((7, 7, 3), np.uint8)
+    blank, straight = (prospects(state.row, seen.ravel(), steps, image, False, n, 1.0, 1.0) for n in (0, 3))
+    right, down = 0, 1
+    assert straight[4, 4, down] < blank[4, 4, down]  # along the wall, past what was seen of it
+    assert straight[4, 1, right] == blank[4, 1, right] > 0  # there is nothing in sight that goes on
 
 
 def test_the_explorer_plays_the_classic_worlds_too():

@@ -1,0 +1,161 @@
+"""What a long line costs in the browser: key to picture, keys lost, bytes and CPU, with our look-ahead and without.
+
+Headless Chromium, through a TCP proxy that makes the line as long as asked. Three rules in turn: ours (several steps
+ahead, every key kept), one step ahead with keys ignored until the next pictures are there (the rule of NiceWebRL's
+client, commit c794269), and no look-ahead. Times are the log's own: the picture's flip minus the key's time stamp.
+
+    python -m benchmarks.web_line [--keys 60] [--rtt 0 150 300] [--world grid first-person] [--rule ours one-step none]
+"""
+
+import argparse
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import minihuman
+from minihuman.lab.prove import prove
+from minihuman.log.read.open_log import read_events
+from minihuman.study.events import FrameShown, KeyPressed, Stepped
+from minihuman.worlds.adapt.world import World
+from tests.web.browser import browsing, chromium
+from tests.web.protocols import FIRST_PERSON, GRID, study
+from tests.web.serving import line
+
+WORLDS = {"grid": (GRID, 6.0), "first-person": (FIRST_PERSON, 4.0)}
+DEEPEST = {"ours": 6, "one-step": 1, "none": 0}
+IGNORED = """
+globalThis.ignored = 0;
+addEventListener('keydown', (event) => {
+  const state = globalThis.minihuman?.state;
+  if (!event.repeat && state?.playing && !(state.ready && state.confirmed === state.step)) {
+    globalThis.ignored += 1;
+    event.stopImmediatePropagation();
+  }
+}, true);
+"""
+
+
+@dataclass
+class Found:
+    """Of one run."""
+
+    pressed: int
+    logged: int
+    flips_ms: np.ndarray
+    kb_a_step: float
+    cpu_ms_a_step: float
+    complaints: list[str]
+
+    def line(self) -> str:
+        quick = np.mean(self.flips_ms < 50) if len(self.flips_ms) else 0.0
+        shares = np.percentile(self.flips_ms, (50, 95, 99)) if len(self.flips_ms) else (np.nan,) * 3
+        return (
+            f"{self.pressed:5} {self.pressed - self.logged:5} {100 * quick:6.0f} % "
+            + " ".join(f"{share:7.1f}" for share in shares)
+            + f" {self.kb_a_step:8.1f} {self.cpu_ms_a_step:8.1f}   {self.complaints or 'proven'}"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--keys", type=int, default=60)
+    parser.add_argument("--rtt", type=float, nargs="+", default=[0.0, 150.0, 300.0])
+    parser.add_argument("--world", nargs="+", default=list(WORLDS), choices=WORLDS)
+    parser.add_argument("--rule", nargs="+", default=list(DEEPEST), choices=DEEPEST)
+    parser.add_argument("--serve", nargs=3, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.serve:
+        return serve(Path(asked.serve[0]), Path(asked.serve[1]), int(asked.serve[2]))
+    version = subprocess.run([chromium(), "--version"], capture_output=True, text=True).stdout.strip()
+    print(f"minihuman {minihuman.__version__}, {version}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    print(" " * 32, " keys  lost  < 50 ms  median    95 %    99 %  kB/step   CPU ms")
+    for name in asked.world:
+        world, keys_hz = WORLDS[name]
+        for rtt_ms in asked.rtt:
+            for rule in asked.rule:
+                found = measure(world, keys_hz, rtt_ms, rule, asked.keys)
+                print(f"{name:12} {rtt_ms:4.0f} ms {keys_hz:.0f}/s {rule:9} {found.line()}", flush=True)
+    return None
+
+
+def measure(world: tuple[str, tuple[str, ...]], keys_hz: float, rtt_ms: float, rule: str, keys: int) -> Found:
+    """Two episodes of one person."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        protocol = study(folder, world, episodes=2, max_steps=keys // 2)
+        command = [sys.executable, "-m", "benchmarks.web_line", "--serve", str(protocol), name, str(DEEPEST[rule])]
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert server.stdout is not None
+        url = server.stdout.readline().strip()
+        port = int(re.search(r":(\d+)/", url)[1])  # type: ignore[index]
+        try:
+            with line(port, rtt_ms=rtt_ms) as wire, browsing() as sit_down:
+                somebody = sit_down("about:blank")
+                if rule == "one-step":
+                    somebody.page.add_init_script(IGNORED)
+                somebody.page.goto(url.replace(f":{port}/", f":{wire.port}/"))
+                pressed = 0
+                cpu_s, down = 0.0, 0
+                for _ in range(2):
+                    somebody.to_play()
+                    somebody.page.wait_for_timeout(1500)  # the first scenes are there when somebody has looked around
+                    cpu_s, down = cpu_s - cpu_of(server.pid), down - wire.bytes_down
+                    while True:
+                        began_s = time.monotonic()
+                        state = somebody.state
+                        if not state["playing"] or state["ended"]:
+                            break
+                        somebody.press("123"[pressed * 7 % 11 % 3])
+                        pressed += 1
+                        somebody.page.wait_for_timeout(max(0.0, 1000 * (began_s + 1 / keys_hz - time.monotonic())))
+                    cpu_s, down = cpu_s + cpu_of(server.pid), down + wire.bytes_down
+                    somebody.until("!s.playing")
+                somebody.until("s.unsafe === 0")
+                assert somebody.errors == [], somebody.errors
+        finally:
+            server.send_signal(signal.SIGTERM)
+            server.wait()
+        [log] = folder.rglob("*.mcap*")
+        events = list(read_events(log))
+        steps = [event for event in events if isinstance(event, Stepped)]
+        logged = sum(isinstance(e, KeyPressed) and e.down and e.key in "123" for e in events)
+        flips = {(e.episode, e.step): e.flip_ns for e in reversed(events) if isinstance(e, FrameShown)}
+        took = [(flips[s.episode, s.step] - s.key_t_ns) / 1e6 for s in steps if (s.episode, s.step) in flips]
+        count = max(1, len(steps))
+        return Found(
+            pressed, logged, np.array(took), down / 1000 / count, 1000 * cpu_s / count, list(prove(log, World))
+        )
+
+
+def cpu_of(pid: int) -> float:
+    """CPU seconds of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def serve(protocol: Path, data: Path, deepest: int) -> None:
+    """As `minihuman serve`, but with a look-ahead of so many steps at most."""
+    from dataclasses import replace
+
+    from minihuman.lab.protocol_file import read_protocol
+    from minihuman.seats.warm_up import warm_up
+    from minihuman.web import joining
+    from minihuman.web.running import listen, run
+
+    made = joining.Settings
+    joining.Settings = lambda *parts: replace(made(*parts), deepest=deepest)  # type: ignore[misc,assignment]
+    read = read_protocol(protocol)
+    warm_up(read)
+    run(read, data, listen(0), links=1, say=lambda said: print(said, flush=True))
+
+
+if __name__ == "__main__":
+    main()

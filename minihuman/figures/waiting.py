@@ -1,0 +1,47 @@
+"""Waiting curves: the share to whom something has not come yet, with how many are still waiting below."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from minihuman.figures.style import SERIES, blank, our_style
+from minihuman.statistics.survival import Waited, curve
+
+_DASHES = ("-", "--", ":", "-.")
+_TIMES = 5  # at which it is told how many are still waiting
+
+
+def draw_waiting(ax: Axes, groups: Mapping[str, Waited], *, label: str) -> Axes:
+    """Draw each group's Kaplan-Meier curve as a stair, a tick where somebody was watched no longer."""
+    last = max(float(waited.times.max()) for waited in groups.values())
+    for place, (group, waited) in enumerate(groups.items()):
+        found, colour = curve(waited), SERIES[place % len(SERIES)]
+        end = float(waited.times.max())
+        times = np.concatenate([[0.0], found.times, [end]])
+        share = np.concatenate([[1.0], found.share, [found.share[-1] if len(found.share) else 1.0]])
+        ax.step(times, share, _DASHES[place % len(_DASHES)], where="post", color=colour, label=group)
+        cut = np.unique(waited.times[~waited.came])
+        at = np.array([share[np.searchsorted(times, time, side="right") - 1] for time in cut])
+        ax.plot(cut, at, "|", color=colour, ms=5)
+    ax.set(xlabel=label, ylabel="share still waiting", ylim=(0, 1.02), xlim=(0, last * 1.02))
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(groups)))
+    return ax
+
+
+def waiting_figure(groups: Mapping[str, Waited], *, label: str) -> Figure:
+    """One question's curves for one column of a page, with a line of numbers a group under the axis."""
+    with our_style():
+        figure = blank(height_cm=6.2 + 0.45 * len(groups))
+        axes, below = figure.subplots(2, height_ratios=(6, len(groups) + 0.6))
+        draw_waiting(axes, groups, label=label)
+        below.set(xlim=axes.get_xlim(), ylim=(-0.6, len(groups) + 0.4))
+        below.axis("off")
+        at = np.linspace(0, max(float(waited.times.max()) for waited in groups.values()), _TIMES)
+        for place, (group, waited) in enumerate(groups.items()):
+            line, colour = len(groups) - 1 - place, SERIES[place % len(SERIES)]
+            for time, count in zip(at, waited.waiting(at), strict=True):
+                below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6)
+            below.text(0, line + 0.45, f"still waiting, {group}:", ha="left", va="center", color=colour, fontsize=5)
+    return figure

@@ -1,0 +1,82 @@
+"""What participants are to be paid beyond the base: points of each session, in the currency of its protocol."""
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+from minihuman.errors import AllocationError
+from minihuman.lab.recruits import Recruits
+from minihuman.lab.register_lines import read_register
+from minihuman.lab.session_table import sessions
+from minihuman.log.read.open_log import open_log
+from minihuman.study.events import Scored
+from minihuman.study.texts import bonus_of
+
+
+@dataclass(frozen=True, slots=True)
+class Payment:
+    """One session of one participant."""
+
+    participant: str
+    session: int
+    platform: str  # "" for who came by a link, or to the lab
+    id: str  # on that platform
+    end: str  # why the session ended
+    points: float
+    bonus: float
+    currency: str
+
+
+def payments(study_dir: Path) -> Iterator[Payment]:
+    """Yield what each recorded session earned, in order of path; nobody who withdrew is among them.
+
+    Raises:
+        LogError: if there is no such folder, or a log is damaged.
+        AllocationError: if the protocol of a session has no [bonus].
+    """
+    ids = Recruits(study_dir).ids()
+    here = {line.participant for line in read_register(study_dir)}
+    for row in sessions(study_dir):
+        if row.summary is None or row.summary.participant not in here:
+            continue
+        log = open_log(row.path)
+        bonus = log.plan.bonus
+        if bonus is None:
+            raise AllocationError(f"{row.path}: its protocol has no [bonus]; add one, with per_point and currency")
+        code = log.plan.participant.id
+        points = next((event.total for event in reversed(log.part_events) if isinstance(event, Scored)), 0.0)
+        who = ids.get(code)
+        yield Payment(
+            code,
+            log.plan.session,
+            who.platform if who else "",
+            who.id if who else "",
+            log.end_reason,
+            points,
+            round(bonus_of(bonus, points), 2),
+            bonus.currency,
+        )
+
+
+def as_csv(paid: Iterator[Payment]) -> str:
+    """A table with a heading."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([field.name for field in fields(Payment)])
+    writer.writerows(_row(one) for one in paid)
+    return text.getvalue()
+
+
+def for_platform(paid: Iterator[Payment], platform: str) -> str:
+    """Lines of ``id,amount`` as Prolific takes them: the sum of each person's sessions, none of nothing."""
+    sums: dict[str, float] = {}
+    for one in paid:
+        if one.platform == platform:
+            sums[one.id] = sums.get(one.id, 0.0) + one.bonus
+    return "".join(f"{who},{amount:.2f}\n" for who, amount in sums.items() if amount > 0)
+
+
+def _row(one: Payment) -> tuple[object, ...]:
+    return tuple(f"{value:.2f}" if isinstance(value, float) else value for value in astuple(one))

@@ -1,0 +1,173 @@
+"""Shelves: a place for finished logs that every machine of a study reaches. The port, one in a folder, one in a store.
+
+Which one is in the file ``logs.url`` of the data folder: ``s3://bucket/prefix``, or a folder, such as a network's.
+Without that file logs are where they were recorded, and nowhere else.
+"""
+
+import abc
+import os
+import shutil
+from pathlib import Path
+
+from minihuman.errors import LogError
+from minihuman.log.paths import LOG_SUFFIX
+from minihuman.log.record.claim import sync_folder
+
+URL_FILE_NAME = "logs.url"
+_S3 = "s3://"
+
+
+class ShelfError(LogError):
+    """What is on the shelf cannot be reached."""
+
+
+class Shelf(abc.ABC):
+    """Files by name, each whole or not at all."""
+
+    @abc.abstractmethod
+    def put(self, name: str, path: Path) -> None:
+        """Put a file there, in the place of what has its name.
+
+        Raises:
+            ShelfError: if that cannot be.
+        """
+
+    @abc.abstractmethod
+    def fetch(self, name: str, path: Path) -> None:
+        """Bring a file here; its folder is made.
+
+        Raises:
+            ShelfError: if that cannot be.
+        """
+
+    @abc.abstractmethod
+    def sizes(self, prefix: str) -> dict[str, int]:
+        """The bytes of each file whose name begins so.
+
+        Raises:
+            ShelfError: if that cannot be.
+        """
+
+    @abc.abstractmethod
+    def remove(self, name: str) -> None:
+        """Take a file away, if it is there.
+
+        Raises:
+            ShelfError: if that cannot be.
+        """
+
+
+class FolderShelf(Shelf):
+    """A folder that all machines have."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def put(self, name: str, path: Path) -> None:
+        """Copy it, durable before it has its name."""
+        try:
+            _copied(path, self._folder / name)
+        except OSError as error:
+            raise ShelfError(f"{path} cannot be put into {self._folder}: {error.strerror}") from error
+
+    def fetch(self, name: str, path: Path) -> None:
+        """Copy it."""
+        try:
+            _copied(self._folder / name, path)
+        except OSError as error:
+            raise ShelfError(f"{name} cannot be had from {self._folder}: {error.strerror}") from error
+
+    def sizes(self, prefix: str) -> dict[str, int]:
+        """The logs below."""
+        return sizes_in(self._folder, prefix)
+
+    def remove(self, name: str) -> None:
+        """Delete it."""
+        try:
+            (self._folder / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise ShelfError(f"{name} cannot be taken from {self._folder}: {error.strerror}") from error
+
+
+def shelf_of(data: Path) -> Shelf | None:
+    """The shelf that a data folder names; None where it names none."""
+    path = data / URL_FILE_NAME
+    if not path.is_file():
+        return None
+    url = path.read_text().strip()
+    if url.startswith(_S3):
+        from minihuman.lab.shelf_s3 import S3Shelf
+
+        return S3Shelf(url.removeprefix(_S3))
+    return FolderShelf(Path(url))
+
+
+def put_away(log: Path) -> None:
+    """Put a finished log on its study's shelf, if there is one.
+
+    Raises:
+        ShelfError: if it cannot be put there; the log stays here in any case.
+    """
+    data = log.absolute().parents[3]  # behind study, participant and session
+    shelf = shelf_of(data)
+    if shelf is not None:
+        shelf.put(str(log.absolute().relative_to(data)), log)
+
+
+def gather(data: Path, prefix: str) -> tuple[int, int]:
+    """Bring here what the shelf has, and put there what it has not; how many logs came and went.
+
+    A log grows with each of its segments: where both have one, the longer is the newer.
+
+    Args:
+        data: the data folder.
+        prefix: "study/" or "study/sub-07/".
+
+    Raises:
+        ShelfError: if the shelf cannot be reached.
+    """
+    shelf = shelf_of(data)
+    if shelf is None:
+        return 0, 0
+    there, here = shelf.sizes(prefix), sizes_in(data, prefix)
+    coming = [name for name, size in there.items() if size > here.get(name, -1)]
+    going = [name for name, size in here.items() if size > there.get(name, -1)]
+    for name in coming:
+        shelf.fetch(name, data / name)
+    for name in going:
+        shelf.put(name, data / name)
+    return len(coming), len(going)
+
+
+def take_away(data: Path, prefix: str) -> None:
+    """Take off the shelf, for ever, the logs whose names begin so.
+
+    Raises:
+        ShelfError: if that cannot be.
+    """
+    shelf = shelf_of(data)
+    if shelf is not None:
+        for name in shelf.sizes(prefix):
+            shelf.remove(name)
+
+
+def sizes_in(folder: Path, prefix: str) -> dict[str, int]:
+    """The bytes of each finished log in a folder whose path from there begins so."""
+    below = folder / prefix.rpartition("/")[0]
+    files = (path for path in below.rglob(f"*{LOG_SUFFIX}") if path.is_file())
+    named = ((path.relative_to(folder).as_posix(), path.stat().st_size) for path in sorted(files))
+    return {name: size for name, size in named if name.startswith(prefix)}
+
+
+def _copied(path: Path, to: Path) -> None:
+    to.parent.mkdir(parents=True, exist_ok=True)
+    beside = to.with_name(f".{to.name}.{os.getpid()}")
+    try:
+        with path.open("rb") as source, beside.open("wb") as target:
+            shutil.copyfileobj(source, target)
+            target.flush()
+            os.fsync(target.fileno())
+        beside.replace(to)
+    finally:
+        beside.unlink(missing_ok=True)
+    sync_folder(to.parent)

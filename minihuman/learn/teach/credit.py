@@ -1,0 +1,117 @@
+"""Credit: which step a press was about, and how long after the picture people press.
+
+The picture that shows what came of a step is seen when the next one's picture before it is: so a press of a person who
+takes ``d`` ms is about the step whose outcome was seen ``d`` ms before. How long that is can be found from the presses:
+their times after a picture tell it up to a whole number of steps, and of these the one is right by which what was
+judged explains best how it was judged.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import LearnError
+from minihuman.learn.teach.dataset import Dataset
+from minihuman.learn.teach.labelled import Steps, steps_of
+
+LONGEST_MS = 2000.0  # that a person takes; more is about something else
+SHORTEST_MS = 100.0
+UNKNOWN_DELAY_MS = 500.0  # the middle of TAMER's own 200 to 800 ms, where presses are too few to tell
+FEWEST = 12  # presses of which a delay can be told
+MOST = 600  # presses that are looked at, the last ones
+RIDGE = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Presses:
+    """Presses and the steps that each may be about."""
+
+    values: NDArray[np.float64]  # (presses,) 1 good, -1 bad
+    steps: NDArray[np.int64]  # (presses, candidates) rows of all lessons' steps; -1 where there is no more
+    after_ms: NDArray[np.float64]  # (presses, candidates) from the outcome's picture to the press; NaN likewise
+    period_ms: float  # between pictures
+
+    def about(self, delay_ms: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """For each press the step that fits a delay best, or -1, and its delay."""
+        away = np.abs(self.after_ms - delay_ms)
+        away[np.isnan(away)] = np.inf
+        best = away.argmin(axis=1)
+        each = np.arange(len(best))
+        near = away[each, best] <= self.period_ms
+        return np.where(near, self.steps[each, best], -1), self.after_ms[each, best]
+
+
+def presses_of(dataset: Dataset) -> tuple[Presses, Steps]:
+    """A data set's ratings beside its steps.
+
+    Raises:
+        LearnError: if it has none that follows a step's picture.
+    """
+    lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
+    first, shown, rows = 0, list[NDArray[np.int64]](), list[NDArray[np.int64]]()
+    periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
+    period_ns = int(np.median(periods)) if len(periods) else 0
+    for lesson in lessons:
+        shown.append(np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns))
+        rows.append(np.arange(first, first + len(lesson.actions)))
+        first += len(lesson.actions)
+    seen_ns, row = np.concatenate(shown), np.concatenate(rows)
+    candidates = max(1, int(np.ceil(LONGEST_MS * 1e6 / max(1, period_ns)))) + 1
+    steps = np.full((len(dataset.ratings), candidates), -1)
+    after = np.full((len(dataset.ratings), candidates), np.nan)
+    order = np.argsort(seen_ns, kind="stable")
+    for place, rating in enumerate(dataset.ratings):
+        last = int(np.searchsorted(seen_ns[order], rating.t_ns - SHORTEST_MS * 1e6, side="right"))
+        chosen = order[max(0, last - candidates) : last][::-1]
+        delays = (rating.t_ns - seen_ns[chosen]) / 1e6
+        chosen, delays = chosen[delays <= LONGEST_MS], delays[delays <= LONGEST_MS]
+        steps[place, : len(chosen)], after[place, : len(chosen)] = row[chosen], delays
+    fits = (steps >= 0).any(axis=1)
+    if not fits.any():
+        raise LearnError(f"none of {len(dataset.ratings)} ratings follows a picture by at most {LONGEST_MS:g} ms")
+    values = np.array([rating.value for rating in dataset.ratings])
+    return Presses(values[fits], steps[fits], after[fits], period_ns / 1e6), steps_of(lessons)
+
+
+def find_delay(presses: Presses, steps: Steps) -> float | None:
+    """The mean delay in ms; None where there are too few presses to tell."""
+    newest = presses.after_ms[:, 0]
+    if len(newest) < FEWEST or not presses.period_ms:
+        return None
+    turn = np.angle(np.exp(2j * np.pi * newest / presses.period_ms).mean()) / (2 * np.pi)
+    within = float(turn % 1 * presses.period_ms)
+    tries = [within + k * presses.period_ms for k in range(1 + int(LONGEST_MS // presses.period_ms))]
+    tries = [delay for delay in tries if SHORTEST_MS <= delay <= LONGEST_MS]
+    best = min(tries, key=lambda delay: _surprise(presses, steps, delay))
+    about, after = presses.about(best)
+    return float(after[about >= 0].mean())
+
+
+def _surprise(presses: Presses, steps: Steps, delay_ms: float) -> float:
+    """How badly presses, by this delay, are foretold by the others: the mean square error of leaving one out.
+
+    By ridge regression with a kernel that is 1 for the same action on the same picture, 0 for different actions.
+    """
+    about, _ = presses.about(delay_ms)
+    fits = np.flatnonzero(about >= 0)[-MOST:]
+    if len(fits) < FEWEST:
+        return float("inf")
+    rows = about[fits]
+    seen = steps.observations["image"][rows].flatten(1).numpy().astype(np.float64)
+    squares = (seen**2).sum(axis=1)
+    apart = np.maximum(squares[:, None] + squares - 2 * seen @ seen.T, 0)
+    actions = steps.actions[rows].numpy()
+    alike = np.exp(-apart / max(1.0, float(np.median(apart)))) * (actions[:, None] == actions)
+    inverse = np.linalg.inv(alike + RIDGE * np.eye(len(rows)))
+    values = presses.values[fits] - presses.values[fits].mean()
+    return float(np.mean((inverse @ values / np.diag(inverse)) ** 2))
+
+
+def weights_of(after_ms: NDArray[np.float64], delay_ms: float, spread_ms: float) -> NDArray[np.float64]:
+    """How much of each press belongs to each step it may be about: a normal density of delays, each row's sum 1."""
+    density = np.exp(-0.5 * ((after_ms - delay_ms) / spread_ms) ** 2)
+    density = np.nan_to_num(density)
+    sums = density.sum(axis=1, keepdims=True)
+    weights: NDArray[np.float64] = density / np.maximum(sums, 1e-12)
+    return weights

@@ -1,0 +1,161 @@
+"""What a policy was made from, written into its file, and the proof of it: making it again with equal weights."""
+
+import hashlib
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import minihuman
+from minihuman.errors import LearnError
+from minihuman.learn.agent.network import Policy
+from minihuman.learn.agent.observe import image_shape
+from minihuman.learn.agent.policy_file import PolicyCard, load_policy, save_policy
+from minihuman.learn.teach.dataset import Dataset
+from minihuman.learn.teach.port import Learned, eyes_for, make_learner
+
+UNLIMITED_S = float("inf")
+PACKAGE = Path(minihuman.__file__).parent
+DECIDES = ("learn/agent", "learn/teach", "worlds")  # the package's folders on which weights depend, beside the data
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A policy's file."""
+
+    path: Path
+    sha256: str
+    card: PolicyCard
+
+
+def make_policy(
+    dataset: Dataset,
+    learner: str,
+    out: Path,
+    *,
+    seed: int,
+    start: Path | None = None,
+    budget_s: float = UNLIMITED_S,
+    checkpoint: Path | None = None,
+) -> Made:
+    """Learn, and write the policy with all that it was made from. The file is whole or not there.
+
+    Args:
+        dataset: All that was taught so far.
+        learner: Its name, with settings after a colon.
+        out: The policy's file.
+        seed: Of all chance in it.
+        start: The file of the policy played last, for learners that go on from it.
+        budget_s: Seconds of learning, at most.
+        checkpoint: A file from which a learner that was stopped goes on.
+
+    Raises:
+        LearnError: if there is nothing to learn from, or ``start`` is of another world.
+    """
+    torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
+    before = None if start is None else _started_from(start, dataset)
+    learned = make_learner(learner).learn(dataset, before, np.random.default_rng(seed), budget_s, checkpoint=checkpoint)
+    card = _card(dataset, learner.partition(":")[0], learned, seed, "" if start is None else file_sha256(start))
+    save_policy(learned.policy, card, out)
+    return Made(out, file_sha256(out), card)
+
+
+def make_again(path: Path, dataset: Dataset, *, start: Path | None = None) -> list[str]:
+    """Learn a policy once more from the data it names; what differs, in words, nothing if the weights are equal.
+
+    Where the weights differ and other code made it, that is said first.
+
+    Raises:
+        LearnError: if the file does not say what it was made from, or nothing can be learned.
+    """
+    policy, card = load_policy(path)
+    made = card.notes.get("made")
+    if made is None:
+        raise LearnError(f"{path} does not say what it was made from; it was trained by {card.trained_by}")
+    found = {"data_sha256": dataset.sha256(), "start_sha256": "" if start is None else file_sha256(start)}
+    differs = [f"{name} is {value}, not {made[name]}" for name, value in found.items() if value != made[name]]
+    if differs:
+        return differs
+    settings = ",".join(f"{name}={value}" for name, value in made["settings"].items())
+    torch.set_num_threads(1)
+    again = make_learner(f"{made['learner']}:{settings}").learn(
+        dataset,
+        None if start is None else _started_from(start, dataset),
+        np.random.default_rng(made["seed"]),
+        UNLIMITED_S,
+    )
+    differs = _differences(policy, again.policy)
+    return [*_other_code(made.get("code", {})), *differs] if differs else []
+
+
+@cache
+def code() -> dict[str, str]:
+    """The code that decides what weights become: versions, and a fingerprint of our own sources."""
+    digest = hashlib.sha256()
+    for folder in DECIDES:
+        for path in sorted((PACKAGE / folder).rglob("*.py")):
+            digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return {name: version(name) for name in ("minihuman", "torch", "numpy")} | {"sources_sha256": digest.hexdigest()}
+
+
+def _other_code(made_by: dict[str, str]) -> list[str]:
+    """Which of the code that made a policy is another than what is here."""
+    here = code()
+    return [f"it was made by {name} {had}; here is {here[name]}" for name, had in made_by.items() if had != here[name]]
+
+
+def file_sha256(path: Path) -> str:
+    """A file's fingerprint."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _started_from(start: Path, dataset: Dataset) -> Policy:
+    policy, card = load_policy(start)
+    if card.world != dataset.world:
+        raise LearnError(f"{start} was trained for {card.world}; what was taught is of {dataset.world}")
+    return policy
+
+
+def _card(dataset: Dataset, learner: str, learned: Learned, seed: int, start_sha256: str) -> PolicyCard:
+    made: dict[str, Any] = {
+        "learner": learner,
+        "settings": learned.settings,
+        "seed": seed,
+        "code": code(),
+        "data_sha256": dataset.sha256(),
+        "start_sha256": start_sha256,
+        "sources": [asdict(source) for source in dataset.sources],
+        "selection": list(dataset.selection),
+        "lessons": len(dataset.lessons),
+        "steps": dataset.steps,
+        "labelled_steps": dataset.labelled_steps,
+        "ratings": len(dataset.ratings),
+        "comparisons": len(dataset.comparisons),
+        "found": learned.notes,
+    }
+    return PolicyCard(
+        world=dataset.world,
+        world_options=dataset.options,
+        action_names=dataset.action_names,
+        image_shape=image_shape(dataset.space),
+        eyesight=dataset.eyesight,
+        eyes=eyes_for(dataset),
+        trained_by=learner,
+        steps=0,
+        seed=seed,
+        notes={"made": made},
+    )
+
+
+def _differences(policy: Policy, again: Policy) -> list[str]:
+    other = again.state_dict()
+    return [
+        f"{name} differs by up to {float((values - other[name]).abs().max()):.3g}"
+        for name, values in policy.state_dict().items()
+        if not torch.equal(values, other[name])
+    ]

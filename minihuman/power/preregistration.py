@@ -1,0 +1,172 @@
+"""A preregistration's text from a protocol: what registries ask for, as far as the protocol fixes it.
+
+The order follows the OSF's and AsPredicted's forms. What only the researchers know is left as a line to fill in.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from minihuman.errors import ReportError
+from minihuman.report.results import MEASURES as MEANINGS
+from minihuman.study.allocation import allocation, allocation_sha256
+from minihuman.study.plan import SessionPlan
+from minihuman.study.protocol import Block, Exclusion, Protocol, decode
+from minihuman.study.strata import strata_of
+
+_POWER = {  # what the block table calls a measure, and what power does
+    "log_excess_steps_mean": "log_excess_steps", "spl_mean": "spl", "success": "success", "reward_mean": "reward",
+    "steps_at_limit_mean": "steps_at_limit",
+}  # fmt: skip
+_KEYS = {
+    "fresh": "on keys that are drawn for each participant and have to be found out",
+    "carry": "on the keys of the block before where one was played, else drawn; they have to be found out",
+    "kept": "on keys that are drawn once for each participant and kept; they have to be found out",
+    "shown": "on keys that are drawn for each participant and shown on the screen",
+    "fixed": "on keys that the protocol names",
+}
+_FILL_IN = "_To be written by the researchers._"
+
+
+def preregistration(protocol: Protocol, plan: SessionPlan, power: str = "") -> str:
+    """The text in Markdown; ``plan`` is anybody's, for the hashes, ``power`` what was said of the study's power."""
+    return "\n".join(_lines(protocol, plan, power)) + "\n"
+
+
+def write(protocol: Protocol, plan: SessionPlan, path: Path, power: str = "") -> Path:
+    """Write it to a new file.
+
+    Raises:
+        ReportError: if there is such a file.
+    """
+    if path.exists():
+        raise ReportError(f"{path} already exists; a preregistration is not written over")
+    path.write_text(preregistration(protocol, plan, power), encoding="utf-8")
+    return path
+
+
+def power_of(toml: bytes, effect: str, *, people: int = 60, studies: int = 500) -> str:
+    """What the study's power is at half of its places a group, and at half and twice that.
+
+    Raises:
+        ReportError: if the effect is none.
+    """
+    from minihuman.power.pool import play_pool
+    from minihuman.power.studies import Effect, power_curve, values_of
+    from minihuman.power.told import told
+
+    wanted, protocol = Effect.parse(effect), decode(toml, "protocol")
+    if protocol.analysis.primary and protocol.analysis.primary not in _POWER:
+        return f"Power of {protocol.analysis.primary} cannot be simulated; it can for {', '.join(_POWER)}."
+    size = max(protocol.study.participants // max(len(protocol.groups), 1), 4)
+    pool = play_pool(toml, people=people, player="human-like", seed=1, block=protocol.analysis.block or None)
+    measure = _POWER.get(protocol.analysis.primary, "log_excess_steps")
+    treated, untreated = (values_of(rows, measure) for rows in (wanted.of(pool.episodes), pool.episodes))
+    found = power_curve(measure, treated, untreated, (size // 2, size, 2 * size), studies=studies, seed=1)
+    return told(pool, wanted, found, player="human-like")
+
+
+def _lines(protocol: Protocol, plan: SessionPlan, power: str) -> Iterator[str]:
+    study, slots = protocol.study, allocation(protocol)
+    strata = strata_of(protocol)
+    yield f"# Preregistration of {study.name}, version {study.version}"
+    yield f"\nProtocol SHA-256 `{plan.protocol_sha256}`, in every session's log with the protocol itself."
+    yield "It holds every text that participants read; put the file beside this one."
+    yield f"\n## Hypotheses\n\n{_FILL_IN}\n\n## Have any data been collected?\n\n{_FILL_IN}"
+    yield "\n## Design\n"
+    for group in protocol.groups:
+        yield f"- Group {group.name}: {', '.join(group.blocks or group.parts)}."
+    yield ""
+    yield from (_block(block) for block in protocol.blocks)
+    yield "\n## Randomisation\n"
+    yield (
+        f"Groups, orders and keys come from a list of {len(slots)} places that was drawn from the seed {study.seed} "
+        f"before the first session. Its SHA-256 is `{plan.allocation_sha256 or allocation_sha256(slots)}`."
+    )
+    if strata is not None:
+        yield (
+            f"\nEverybody has a group only after the answer to {strata.question}: the next place of their stratum "
+            f"({', '.join(strata.names)}), each of which has {study.participants} places of its own in the list."
+        )
+    yield f"\n## Blinding\n\n{_FILL_IN}"
+    yield "\n## Sample size and stopping rule\n"
+    told = ", ".join(f"{sum(slot.group == group.name for slot in slots)} in {group.name}" for group in protocol.groups)
+    if strata is not None:
+        told = "groups in ratio " + ":".join(str(group.ratio) for group in protocol.groups)
+    yield f"{study.participants} places ({told}); sessions are run until they are taken. {_FILL_IN}"
+    yield "\n## Measures and analysis\n"
+    yield from _analysis(protocol)
+    yield "\n## Exclusions\n"
+    yield from (_exclusion(rule) for rule in protocol.exclusions)
+    yield "- Episodes that were not played to an end do not count; of several attempts at one, the last does."
+    yield "\n## Power\n"
+    yield f"```\n{power}\n```" if power else "Not worked out here: add --effect excess=0.7 to this command."
+    yield f"\n## Anything else\n\n{_FILL_IN}"
+
+
+def _block(block: Block) -> str:
+    options = "".join(f", {name} = {value!r}" for name, value in sorted(block.options.items()))
+    return (
+        f"- Block {block.name}: {block.episodes} episodes in {block.world}{options}, {block.view} view, at most "
+        f"{block.max_steps} steps each; {_layouts(block)}; actions {', '.join(block.actions)}, {_KEYS[block.key_map]}."
+    )
+
+
+def _layouts(block: Block) -> str:
+    if isinstance(block.seeds, tuple):
+        return f"layouts of the seeds {', '.join(map(str, block.seeds))}, the same for everybody"
+    drawn = "one layout for all episodes" if block.seeds == "same" else "a layout for every episode"
+    return f"{drawn}, drawn for each participant"
+
+
+def _compared_on(protocol: Protocol) -> str:
+    """The block that groups are compared on: the one that is named, or the last that all of them play."""
+    common = [
+        block.name
+        for block in protocol.blocks
+        if all(block.name in (group.blocks or group.parts) for group in protocol.groups)
+    ]
+    return protocol.analysis.block or (common[-1] if common else "")
+
+
+def _analysis(protocol: Protocol) -> Iterator[str]:
+    named = protocol.analysis
+    block = _compared_on(protocol)
+    where = f"block {block}" if block else "the last block that all groups play"
+    yield f"Groups are compared on {where}, one value a participant."
+    if named.primary:
+        yield f"\n- Primary: {named.primary}, by itself."
+        if named.equivalence is not None:
+            yield (
+                f"- Groups count as alike where two one-sided tests (Welch's t, 5 %) show {named.primary} to differ by "
+                f"less than {named.equivalence:g}."
+            )
+    else:
+        yield "\n- No primary measure is named: name one in `[analysis]`; else all are exploratory, corrected together."
+    if named.secondary:
+        yield f"- Secondary: {', '.join(named.secondary)}; Holm's correction over them."
+    if named.primary or named.secondary:
+        yield "- Everything else is exploratory; Holm's correction over it."
+    yield (
+        "- Test: two-sided permutation of |Welch's t| over participants, 5 %; interval of the difference: Welch's, "
+        "95 %. Who tells no value of a measure is not in its row, and the row says how many tell one."
+    )
+    yield (
+        "- A reward that is 0 where time ran out is compared in two parts too, exploratory: the odds of any, and how "
+        "much there was (generalised estimating equations, bias-reduced covariance), and a permutation test of both."
+    )
+    yield (
+        "- Change over the episodes: a line for each participant, slopes and levels compared by Welch's t. Time until "
+        "every key was found: log-rank test and restricted means, with those who never found them in it."
+    )
+    yield (
+        "- Left out unless named here: steps over the best way of successes alone, where an episode had none, and time "
+        "until every key was found, where somebody never did; either would make those who fail more look better."
+    )
+    named_too = [name for name in (named.primary, *named.secondary) if name]
+    yield from (f"- {name}: {MEANINGS[name]}." for name in named_too or MEANINGS)
+
+
+def _exclusion(rule: Exclusion) -> str:
+    bounds = [f"below {rule.below:g}"] if rule.below is not None else []
+    bounds += [f"above {rule.above:g}"] if rule.above is not None else []
+    return f"- A {rule.level} whose {rule.measure} is {' or '.join(bounds)}: {rule.reason}."

@@ -1,0 +1,1 @@
+"""Worlds by Wave Function Collapse: a small picture says what may lie beside what, chance does the rest."""

@@ -1,0 +1,66 @@
+"""Our worlds registered with Gymnasium: at once where it is there, else as soon as somebody imports it.
+
+So importing minihuman costs those commands nothing that never make a world, and ``gymnasium.make`` knows ours even so.
+"""
+
+import sys
+from collections.abc import Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import TYPE_CHECKING, cast
+
+if TYPE_CHECKING:
+    from importlib.abc import Loader  # it brings temporary files and archives, and no method that is needed here
+
+
+def register_in_time() -> None:
+    """Register every world before anybody can ask Gymnasium for one."""
+    if "gymnasium" in sys.modules:
+        _register()
+    elif not any(isinstance(finder, _Waiting) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Waiting())
+
+
+def _register() -> None:
+    from minihuman.worlds.catalogue import register  # a page for every world: not needed where none is made
+
+    register()
+
+
+class _Waiting:
+    """Finds Gymnasium as the other finders do, and has our worlds registered behind it."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname != "gymnasium":
+            return None
+        others = (finder for finder in sys.meta_path if finder is not self)
+        found = (finder.find_spec(fullname, path, target) for finder in others)
+        spec = next((one for one in found if one is not None), None)
+        if spec is not None and spec.loader is not None:
+            spec.loader = cast("Loader", _AndOurs(spec.loader, self))
+        return spec
+
+
+class _AndOurs:
+    """Loads Gymnasium as its own loader does, and leaves no trace but our worlds."""
+
+    def __init__(self, its_own: "Loader", waiting: _Waiting) -> None:
+        self._its_own = its_own
+        self._waiting = waiting
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        spec.loader = self._its_own
+        try:
+            return self._its_own.create_module(spec)
+        finally:
+            spec.loader = cast("Loader", self)
+
+    def exec_module(self, module: ModuleType) -> None:
+        assert module.__spec__ is not None
+        module.__spec__.loader = module.__loader__ = self._its_own
+        self._its_own.exec_module(module)
+        if self._waiting in sys.meta_path:
+            sys.meta_path.remove(self._waiting)
+        _register()

@@ -1,0 +1,60 @@
+"""A PostgreSQL server of a test's own, in a folder of its own, on a socket there."""
+
+import os
+import pwd
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+
+
+def _programs() -> Path:
+    """Where its programs are; without them the test is skipped, in CI it fails."""
+    for folder in sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True):
+        if (folder / "initdb").exists():
+            return folder
+    if found := shutil.which("initdb"):
+        return Path(found).parent
+    missing = "PostgreSQL is not installed, so nothing can be kept in it; apt-get install postgresql"
+    if os.environ.get("CI"):
+        pytest.fail(missing)
+    pytest.skip(missing)
+
+
+@contextmanager
+def database() -> Iterator[str]:
+    """A database's address."""
+    pytest.importorskip("psycopg")
+    programs = _programs()
+    as_whom = ["runuser", "-u", "postgres", "--"] if os.getuid() == 0 else []  # it refuses to run as root
+    with tempfile.TemporaryDirectory(prefix="mh-pg-", dir="/tmp") as name:  # a socket's path is short
+        folder = Path(name)
+        if as_whom:
+            os.chown(folder, pwd.getpwnam("postgres").pw_uid, -1)
+
+        def told(*words: str) -> None:
+            done = subprocess.run([*as_whom, *words], capture_output=True, text=True, cwd="/")
+            assert done.returncode == 0, done.stdout + done.stderr
+
+        told(f"{programs}/initdb", "-D", f"{name}/data", "-U", "tester", "-A", "trust", "--no-sync")
+        options = f"-c listen_addresses= -c unix_socket_directories={name} -c max_connections=60"
+        told(f"{programs}/pg_ctl", "-D", f"{name}/data", "-l", f"{name}/log", "-w", "-o", options, "start")
+        try:
+            yield f"postgresql://tester@/postgres?host={name}"
+        finally:
+            told(f"{programs}/pg_ctl", "-D", f"{name}/data", "-m", "immediate", "stop")
+
+
+def fresh(url: str) -> str:
+    """An empty database on the same server."""
+    import psycopg
+
+    name = f"test_{uuid4().hex[:12]}"
+    with psycopg.connect(url, autocommit=True) as connection:
+        connection.execute(f'create database "{name}"')
+    return url.replace("/postgres?", f"/{name}?")

@@ -1,0 +1,68 @@
+from pathlib import Path
+
+import pytest
+
+from minihuman.errors import ReportError
+from minihuman.power.preregistration import preregistration, write
+from minihuman.study.expand import enrol, expand
+from minihuman.study.protocol import decode
+from tests.seats.test_drawn_group import STUDY
+
+TOML = (Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml").read_bytes()
+NAMED = (
+    TOML
+    + b"""
+[analysis]
+primary = "log_excess_steps_mean"
+secondary = ["success"]
+equivalence = 0.1
+"""
+)
+
+
+def of(toml: bytes) -> str:
+    protocol = decode(toml)
+    return preregistration(protocol, expand(protocol, enrol(protocol, 0)), power="0.85 at 20")
+
+
+def test_what_the_protocol_fixes_is_in_it():
+    protocol = decode(NAMED)
+    plan = expand(protocol, enrol(protocol, 0))
+    said = of(NAMED)
+    for part in (
+        plan.protocol_sha256,
+        plan.allocation_sha256,
+        "Primary: log_excess_steps_mean",
+        "Secondary: success",
+        "less than 0.1",
+        "10 episodes in minihuman/MiniWorld-FourRooms-v0",
+        "A participant whose completed_share is below 0.5",
+        "60 places (30 in grid-first, 30 in direct)",
+        "0.85 at 20",
+        "Hypotheses",
+        "Groups are compared on block first-person",
+        "a layout for every episode, drawn for each participant",
+        "on the keys of the block before where one was played",
+        "Left out unless named here",
+    ):
+        assert part in said
+
+
+def test_a_study_that_names_no_primary_measure_is_told_so():
+    assert "No primary measure is named" in of(TOML)
+
+
+def test_a_preregistration_is_not_written_over(tmp_path):
+    protocol = decode(TOML)
+    plan = expand(protocol, enrol(protocol, 0))
+    assert write(protocol, plan, tmp_path / "out.md").read_text().startswith("# Preregistration of fourrooms-transfer")
+    with pytest.raises(ReportError, match="already exists"):
+        write(protocol, plan, tmp_path / "out.md")
+
+
+def test_strata_are_told_with_the_question_and_their_lists():
+
+    said = preregistration(STUDY, expand(STUDY, enrol(STUDY, 0)), power="")
+    assert "a list of 60 places" in said
+    assert "after the answer to you.hand: the next place of their stratum (left, right)" in said
+    assert "30 places (groups in ratio 2:1)" in said

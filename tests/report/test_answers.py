@@ -1,0 +1,118 @@
+"""What people answered is the same in the log, in the table and on the report's page, for every kind of question."""
+
+import json
+import re
+from collections import Counter
+from html import unescape
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from minihuman.data.store import Store
+from minihuman.data.study import Sessions
+from minihuman.log.read.open_log import open_log
+from minihuman.report.build import build
+from minihuman.report.html import number
+from minihuman.report.recorded import answers
+from minihuman.seats.simulate import simulate
+from minihuman.study.events import Answered
+from minihuman.study.protocol import decode
+
+PEOPLE = 5
+STUDY = """
+[study]
+name = "kinds"
+version = "1"
+seed = 5
+participants = 8
+[keys]
+check = false
+[[groups]]
+name = "everyone"
+parts = ["all", "quiz"]
+[[questions]]
+name = "all"
+items = [
+    { name = "pace", kind = "likert", ask = "Too fast?", points = 5 },
+    { name = "mood", kind = "likert", ask = "How are you?", options = ["Bad", "So so", "Good"] },
+    { name = "load", kind = "slider", ask = "How hard?" },
+    { name = "hand", kind = "choice", ask = "Which hand?", options = ["Left", "Right"], codes = ["left", "right"] },
+    { name = "pets", kind = "choices", ask = "Which pets?", options = ["Cat", "Dog", "None"] },
+    { name = "age", kind = "number", ask = "How old?" },
+    { name = "word", kind = "text", ask = "A word?" },
+    { name = "story", kind = "long_text", ask = "What happened?" },
+]
+[[questions]]
+name = "quiz"
+tries = 3
+items = [ { name = "goal", kind = "choice", ask = "Where to?", options = ["A", "B", "C"], right = 2 } ]
+"""
+MEASURED = ("pace", "mood", "load", "age")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    data = tmp_path_factory.mktemp("data")
+    assert len(list(simulate(decode(STUDY.encode()), data, participants=PEOPLE, seed=3, player="random"))) == PEOPLE
+    return data / "kinds"
+
+
+def logged(study: Path) -> list[Answered]:
+    logs = (open_log(path) for path in sorted(study.rglob("*.mcap")))
+    return [event for log in logs for event in log.part_events if isinstance(event, Answered)]
+
+
+def on_page(study: Path, out: Path) -> dict[str, tuple[str, int]]:
+    """Of each question, what the page says was answered and how often."""
+    page = build(Sessions(study, processes=1), out)[0].read_text()
+    rows = re.findall(r"<tr><td[^>]*>(?:all|quiz)</td><td[^>]*>(.*?)</td><td[^>]*>(.*?)</td><td[^>]*>(\d+)</td>", page)
+    return {item: (unescape(said), int(n)) for item, said, n in rows}
+
+
+@pytest.mark.program
+def test_log_table_and_page_agree_in_every_kind_of_question(study: Path, tmp_path: Path) -> None:
+    given = logged(study)
+    assert {event.kind for event in given} == {"likert", "slider", "choice", "choices", "number", "text", "long_text"}
+    with Store(Sessions(study, processes=1), with_shortest=False) as store:
+        rows = store.tables.table("answers").to_pylist()
+    assert [(row["questions"], row["item"], row["attempt"], row["said"]) for row in rows] == [
+        (event.part_name, event.item, event.attempt, event.words) for event in given
+    ]
+    for row, event in zip(rows, given, strict=True):
+        value = json.loads(event.value)
+        assert row["answer"] == (json.dumps(value) if isinstance(value, list) else str(value))
+        assert row["number"] == (value if isinstance(value, int | float) else None)
+    page = on_page(study, tmp_path)
+    for item in dict.fromkeys(event.item for event in given):
+        its = [event for event in given if event.item == item]
+        said, many = page[item]
+        assert many == len(its)
+        if item in MEASURED:
+            values = [json.loads(event.value) for event in its]
+            assert said == f"mean {number(sum(values) / len(values))}, {number(min(values))} to {number(max(values))}"
+        else:
+            told = Counter(event.words for event in its)
+            assert Counter(dict(re.findall(r"(?:^|, )([^()]*) \((\d+)\)", said))) == {
+                words: str(count) for words, count in told.items()
+            }
+
+
+def test_who_goes_back_and_answers_anew_is_counted_once() -> None:
+    row = {"participant": "sub-01", "session": 1, "questions": "all", "item": "age", "kind": "number", "attempt": 1}
+    row |= {"answer": "30", "number": 30.0, "said": "30", "right": None, "answer_ms": 900.0}
+    again = row | {"answer": "31", "number": 31.0, "said": "31"}
+    text = "".join(answers(pd.DataFrame([row, again])))
+    assert "mean 31.0, 31.0 to 31.0" in text
+    assert "<td>1</td>" in text or ">1</td>" in text
+
+
+def test_what_was_asked_on_two_days_has_a_row_for_each() -> None:
+    row = {"participant": "sub-01", "session": 1, "questions": "load", "item": "effort", "kind": "slider", "attempt": 1}
+    row |= {"answer": "20", "number": 20.0, "said": None, "right": None, "answer_ms": 900.0}
+    other = row | {"item": "age", "kind": "number", "answer": "30", "number": 30.0}
+    later = row | {"session": 2, "answer": "60", "number": 60.0}
+    text = "".join(answers(pd.DataFrame([row, other, later])))
+    told = re.findall(r"<td[^>]*>(effort|age)</td><td[^>]*>(\d)</td><td[^>]*>mean ([\d.]+),", text)
+    assert told == [("effort", "1", "20.0"), ("effort", "2", "60.0"), ("age", "1", "30.0")]
+    assert "session</th>" not in "".join(answers(pd.DataFrame([row, other])))

@@ -1,0 +1,29 @@
+"""The methods paragraph tells how people came to their groups."""
+
+from collections import Counter
+
+from minihuman.data.quality import Outline
+from minihuman.report.methods import methods
+from minihuman.study.expand import enrol, expand
+from tests.seats.test_drawn_group import STUDY
+from tests.study.sessions import corridor_plan
+
+
+def test_strata_are_named_with_their_question_and_who_is_in_them():
+    plans = [expand(STUDY, enrol(STUDY, index, stratum=name)) for index in range(3) for name in ("left", "right")]
+    plans = [plan for number, plan in enumerate(plans) if number != 5]
+    codes = [Outline.of(plan) for plan in plans]
+    outlines = [
+        Outline(*(getattr(one, name) if name != "participant" else f"sub-{number}" for name in one.__struct_fields__))
+        for number, one in enumerate(codes)
+    ]
+    many = Counter((plan.participant.stratum, plan.participant.group) for plan in plans)
+    told = "; ".join(f"{name}: a {many[name, 'a']}, b {many[name, 'b']}" for name in ("left", "right"))
+    text = methods(outlines, [])[0]
+    assert text.endswith(
+        f" Groups were drawn after the answer to you.hand, within strata that have a list each ({told})."
+    )
+
+
+def test_without_strata_nothing_is_said_of_them():
+    assert "strata" not in methods([Outline.of(corridor_plan())], [])[0]

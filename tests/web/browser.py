@@ -1,0 +1,126 @@
+"""A real browser for tests: Debian's Chromium, driven by Playwright, and a participant in it.
+
+With ``MINIHUMAN_BROWSER=/usr/bin/firefox-esr`` it is Firefox, by WebDriver BiDi, as far as Playwright can do that.
+"""
+
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from tests.counts import count
+
+PATIENCE_MS = count(60_000, 1_800_000)  # a long proof may run on a machine that is stopped for minutes
+_PLACES = ("chromium", "chromium-browser", "google-chrome")
+_ARGUMENTS = ("--no-sandbox", "--force-color-profile=srgb", "--disable-background-networking")
+_CODES = {
+    "enter": "Enter",
+    "escape": "Escape",
+    "tab": "Tab",
+    "space": "Space",
+    "period": "Period",
+    "backspace": "Backspace",
+} | {arrow: f"Arrow{arrow.capitalize()}" for arrow in ("left", "right", "up", "down")}
+
+
+def chromium() -> str:
+    """Where Chromium is; without one the test is skipped, in CI it fails."""
+    for name in _PLACES:
+        if found := shutil.which(name):
+            return found
+    missing = "Chromium is not installed, so no page can be tried; apt-get install chromium"
+    if os.environ.get("CI"):
+        pytest.fail(missing)
+    pytest.skip(missing)
+
+
+@contextmanager
+def browsing(
+    *,
+    headless: bool = True,
+    env: dict[str, str] | None = None,
+    size: tuple[int, int] | None = (1366, 768),
+    more: tuple[str, ...] = (),
+) -> Iterator[Any]:
+    """A browser with an empty profile; yields a maker of participants."""
+    other = os.environ.get("MINIHUMAN_BROWSER", "")
+    where = other or chromium()
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as driver:
+        own: dict[str, Any] = {"channel": "moz-firefox"} if "firefox" in other else {"args": [*_ARGUMENTS, *more]}
+        kind = driver.firefox if "firefox" in other else driver.chromium
+        browser = kind.launch(executable_path=where, headless=headless, env={**os.environ, **(env or {})}, **own)
+        try:
+            view: dict[str, Any] = (
+                {"no_viewport": True} if size is None else {"viewport": {"width": size[0], "height": size[1]}}
+            )
+            yield lambda url, **options: Somebody(browser.new_context(**view, **options), url)
+        finally:
+            browser.close()
+
+
+class Somebody:
+    """A person in front of a page."""
+
+    def __init__(self, context: Any, url: str) -> None:
+        self.page = context.new_page()
+        self.errors: list[str] = []
+        self.sockets: list[str] = []  # the addresses of those it opened
+        self.page.on("websocket", lambda socket: self.sockets.append(socket.url))
+        self.page.on("pageerror", self._failed)
+        self.page.set_default_timeout(PATIENCE_MS)
+        # what the page hears, whatever becomes of it: kept over reloads
+        self.page.add_init_script(
+            "addEventListener('keydown', (e) => { if (!e.repeat) sessionStorage.setItem('heard', "
+            "(sessionStorage.getItem('heard') ?? '') + e.code + ' '); }, true);"
+        )
+        self.page.goto(url)
+
+    def _failed(self, error: object) -> None:
+        """Keep what the page did not catch; that a line is cut is no error, though Firefox says so like one."""
+        if "ws://" not in str(error):
+            self.errors.append(str(error))
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return self.page.evaluate("minihuman.state")
+
+    def until(self, condition: str, *, patience_s: float = PATIENCE_MS / 1000) -> None:
+        """Wait until a condition of ``s``, the page's state, holds."""
+        until_s = time.monotonic() + patience_s
+        while not self.page.evaluate(f"(() => {{ const s = minihuman.state; return {condition}; }})()"):
+            assert time.monotonic() < until_s, f"never {condition}: {self.state}\n{self.screen()}\n{self.errors}"
+            self.page.wait_for_timeout(10)
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(_CODES.get(key) or (f"Digit{key}" if key.isdigit() else f"Key{key.upper()}"))
+
+    def screen(self) -> str:
+        """What is on the screen, in words."""
+        return self.page.inner_text("#screen")
+
+    def to_play(self) -> None:
+        """Go on with Enter through what is to be read, until an episode is played."""
+        self.until("s.welcomed && s.kind !== ''")
+        until_s = time.monotonic() + PATIENCE_MS / 1000
+        while not self.state["playing"]:
+            assert time.monotonic() < until_s, self.screen()
+            if self.page.locator(".keyboard").count():
+                self.press(*(cap for cap in self.page.locator(".keyboard li .cap span").all_inner_texts()))
+            else:
+                self.press("enter")
+            self.page.wait_for_timeout(60)
+        self.until("s.known && s.step >= 0")
+
+    def to_end(self) -> None:
+        """Go on with Enter until nothing follows."""
+        until_s = time.monotonic() + PATIENCE_MS / 1000
+        while not self.state["finished"]:
+            assert time.monotonic() < until_s, self.screen()
+            self.press("enter")
+            self.page.wait_for_timeout(100)

@@ -1,0 +1,91 @@
+"""A study served by the program itself, for tests of it from outside."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+GRID = """
+[study]
+name = "walk"
+version = "1"
+seed = 3
+consent = "May we?"
+[keys]
+check = false
+[web]
+picture_px = [96, 96]
+platforms = ["prolific"]
+{web}
+[[groups]]
+name = "all"
+{parts}
+[[blocks]]
+name = "walk"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+episodes = {episodes}
+max_steps = 20
+hold_ms = 0
+actions = ["left", "right", "forward"]
+{more}
+"""
+
+
+@dataclass
+class Served:
+    """A server that runs, and whom it offers a place."""
+
+    host: str
+    process: subprocess.Popen[str]
+    links: list[str]  # tokens
+    said: Path  # what it said on its standard error
+
+    def complaints(self) -> str:
+        """Its standard error so far."""
+        return self.said.read_text()
+
+
+@contextmanager
+def served(
+    folder: Path,
+    *,
+    links: int = 1,
+    web: str = "",
+    more: str = "",
+    parts: str = 'blocks = ["walk"]',
+    episodes: int = 2,
+    options: tuple[str, ...] = (),
+    before: tuple[str, ...] = (),
+) -> Iterator[Served]:
+    """Serve a walk in an empty room from a folder; the data are in ``folder / "data"``.
+
+    ``before`` goes before the command: a shell that sets limits, say.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path, said = folder / "walk.toml", folder / "said.txt"
+    path.write_text(GRID.format(web=web, more=more, parts=parts, episodes=episodes))
+    words = ("--data", str(folder / "data"), "--port", "0", "--links", str(links), *options)
+    command = [*before, sys.executable, "-m", "minihuman", "serve", str(path), *words]
+    with (
+        said.open("w") as errors,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+    ):
+        assert process.stdout is not None
+        lines: list[str] = []
+        while len(lines) < max(1, links):
+            line = process.stdout.readline()
+            assert line, f"it did not start: {said.read_text()}"
+            if re.search(r"http://\S+", line) and "watch" not in line:
+                lines.append(re.search(r"http://(\S+)", line)[1])  # type: ignore[index]
+        try:
+            host = lines[0].partition("/")[0]
+            yield Served(host, process, [line.partition("#t=")[2] for line in lines if "#t=" in line], said)
+        finally:
+            process.terminate()
+            try:
+                process.wait(timeout=30)
+            except subprocess.TimeoutExpired:
+                process.kill()

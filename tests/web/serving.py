@@ -1,0 +1,192 @@
+"""`minihuman serve` as a program, and a line to it that can be long, slow to answer, or cut."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from tests.counts import count
+
+_PATIENCE_S = count(60, 1_800)  # a long proof may run on a machine that is stopped for minutes
+
+
+class Serving:
+    """A server on a port that stays the same when it is killed and started again."""
+
+    def __init__(self, protocol: Path, data: Path, *, links: int = 1, options: tuple[str, ...] = ()) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = int(free.getsockname()[1])
+        self._command = [sys.executable, "-m", "minihuman", "serve", str(protocol), "--data", str(data)]
+        self._command += ["--port", str(self.port), *options]
+        self.tokens = [re.sub(r".*#t=", "", line) for line in self._start(links)]
+
+    def _start(self, links: int) -> list[str]:
+        self._process = subprocess.Popen(
+            [*self._command, "--links", str(links)], stdout=subprocess.PIPE, text=True, env={**os.environ}
+        )
+        assert self._process.stdout is not None
+        lines: list[str] = []
+        while len(lines) < max(1, links):
+            line = self._process.stdout.readline()
+            assert line, "the server ended before it had a link"
+            if not links or "#t=" in line:
+                lines.append(line.strip())
+        return lines if links else []
+
+    @property
+    def pid(self) -> int:
+        """Of the process that runs now."""
+        return self._process.pid
+
+    def kill(self) -> None:
+        """As a power cut ends it."""
+        self._process.send_signal(signal.SIGKILL)
+        self._ended()
+
+    def stop(self) -> int:
+        """As an operator ends it."""
+        return self.told(signal.SIGTERM)
+
+    def told(self, what: signal.Signals) -> int:
+        """Send a signal that ends it; its exit status."""
+        self._process.send_signal(what)
+        return self._ended()
+
+    def _ended(self) -> int:
+        with self._process:
+            return self._process.wait(timeout=_PATIENCE_S)
+
+    def again(self) -> None:
+        """Start it anew, on the same folder."""
+        self._start(0)
+
+
+def listens(port: int) -> bool:
+    """Whether something answers at a port of this machine."""
+    with socket.socket() as line:
+        return line.connect_ex(("127.0.0.1", port)) == 0
+
+
+@contextmanager
+def serving(protocol: Path, data: Path, *, links: int = 1) -> Iterator[Serving]:
+    served = Serving(protocol, data, links=links)
+    try:
+        yield served
+    finally:
+        with suppress(ProcessLookupError):
+            served.kill()
+
+
+class Line:
+    """A TCP proxy in front of a port: every byte takes ``one_way_s``, either way; it can be cut.
+
+    Each direction of a connection has two threads, one that reads and one that writes when it is time.
+    """
+
+    def __init__(self, port: int, *, one_way_s: float) -> None:
+        self.one_way_s = one_way_s
+        self.bytes_down = 0
+        self.deaf = False  # nothing comes down; what goes up arrives
+        self._to = port
+        self._open: set[socket.socket] = set()
+        self._lock = threading.Lock()
+        self._cut = False
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self._listening.getsockname()[1])
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def cut(self) -> None:
+        """Break all connections; new ones are refused until it is mended."""
+        self._cut = True
+        with self._lock:
+            for one in self._open:
+                with suppress(OSError):
+                    one.shutdown(socket.SHUT_RDWR)
+
+    def mend(self) -> None:
+        self._cut = False
+
+    def close(self) -> None:
+        self.cut()
+        self._listening.close()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                near, _ = self._listening.accept()
+            except OSError:
+                return
+            try:
+                if self._cut:
+                    raise OSError
+                far = socket.create_connection(("127.0.0.1", self._to))
+            except OSError:
+                near.close()
+                continue
+            for one in (near, far):
+                one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            with self._lock:
+                self._open |= {near, far}
+            self._carry(near, far, down=False)
+            self._carry(far, near, down=True)
+
+    def _carry(self, source: socket.socket, target: socket.socket, *, down: bool) -> None:
+        waiting: deque[tuple[float, bytes]] = deque()
+        arrived = threading.Condition()
+
+        def read() -> None:
+            data = b"x"
+            while data:
+                try:
+                    data = source.recv(65536)
+                except OSError:
+                    data = b""
+                with arrived:
+                    waiting.append((time.monotonic() + self.one_way_s, data))
+                    arrived.notify()
+
+        def write() -> None:
+            while True:
+                with arrived:
+                    while not waiting:
+                        arrived.wait()
+                    due_s, data = waiting.popleft()
+                time.sleep(max(0.0, due_s - time.monotonic()))
+                try:
+                    if self._cut or not data:
+                        raise OSError
+                    if down and self.deaf:
+                        continue
+                    target.sendall(data)
+                    if down:
+                        self.bytes_down += len(data)
+                except OSError:
+                    break
+            for one in (source, target):
+                with suppress(OSError):
+                    one.shutdown(socket.SHUT_RDWR)
+                one.close()
+                with self._lock:
+                    self._open.discard(one)
+
+        for work in (read, write):
+            threading.Thread(target=work, daemon=True).start()
+
+
+@contextmanager
+def line(port: int, *, rtt_ms: float = 0.0) -> Iterator[Line]:
+    """A line to a port of this machine."""
+    made = Line(port, one_way_s=rtt_ms / 2000)
+    try:
+        yield made
+    finally:
+        made.close()

@@ -1,0 +1,94 @@
+"""Behind Caddy with TLS, by the Caddyfile of docs/web.md: each page gets to its worker, and clocks are fine."""
+
+import re
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from minihuman.lab.prove import prove
+from minihuman.worlds.adapt.world import World
+from tests.web.browser import browsing
+from tests.web.protocols import study
+from tests.web.serving import Serving, listens
+
+pytestmark = [
+    pytest.mark.program,
+    pytest.mark.skipif(shutil.which("caddy") is None, reason="Caddy is not installed; apt-get install caddy"),
+]
+DOCS = Path(__file__).parents[2] / "docs" / "web.md"
+HERE = """
+{{
+	admin off
+	auto_https disable_redirects
+	skip_install_trust
+	storage file_system {folder}
+}}
+"""  # a certificate of its own, and nothing outside the folder
+
+
+def caddyfile(folder: Path, *, port: int, first: int) -> str:
+    """The docs' own for workers, for two of them and this machine's address."""
+    (block,) = re.findall(r"```\n(study\.example\.org \{\n.*?lb_policy.*?\n\}\n)```", DOCS.read_text(), re.S)
+    workers = f"127.0.0.1:{first} 127.0.0.1:{first + 1}"
+    there, replaced = re.subn(r"127\.0\.0\.1:8000 .*127\.0\.0\.1:8003", workers, block)
+    assert replaced == 1
+    site = there.replace("study.example.org {", f"https://localhost:{port} {{\n\ttls internal")
+    return HERE.format(folder=folder / "certificates") + site
+
+
+@contextmanager
+def caddy(folder: Path, text: str, port: int) -> Iterator[None]:
+    path = folder / "Caddyfile"
+    path.write_text(text)
+    command = ["caddy", "run", "--config", str(path), "--adapter", "caddyfile"]
+    with (folder / "caddy.log").open("w") as log, subprocess.Popen(command, stderr=log) as process:
+        try:
+            until_listens(port)
+            yield
+        finally:
+            process.terminate()
+
+
+def until_listens(port: int) -> None:
+    deadline_s = time.monotonic() + 120
+    while not listens(port):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.1)
+
+
+def test_people_come_by_tls_to_two_workers_and_each_stays_with_theirs(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = int(free.getsockname()[1])
+    address = f"https://localhost:{port}"
+    protocol = study(tmp_path, episodes=1, max_steps=4, web="picture_px = [96, 96]\nanyone = true")
+    served = Serving(protocol, tmp_path, links=2, options=("--workers", "2", "--address", address))
+    try:
+        until_listens(served.port + 1)
+        with caddy(tmp_path, caddyfile(tmp_path, port=port, first=served.port), port), browsing() as sit_down:
+            addresses = [*(f"{address}/#t={token}" for token in served.tokens), f"{address}/"]
+            people = [sit_down(each, ignore_https_errors=True) for each in addresses]
+            for somebody in people:
+                somebody.to_play()
+                somebody.press(*"1212")
+                somebody.until("!s.playing")
+                somebody.to_end()
+                assert somebody.page.evaluate("crossOriginIsolated"), "clocks have coarse steps"
+                assert all(opened.startswith(f"wss://localhost:{port}/socket?seat=") for opened in somebody.sockets)
+                assert somebody.errors == []
+            again = sit_down(people[-1].page.url, ignore_https_errors=True)
+            again.until("s.finished")
+            assert again.sockets[-1] == people[-1].sockets[-1], "another tab of the same person goes elsewhere"
+    finally:
+        served.stop()
+    logs = sorted(tmp_path.rglob("*.mcap"))
+    assert len(logs) == 3
+    assert [complaint for log in logs for complaint in prove(log, World)] == []
+    written = [path.read_bytes() for path in (tmp_path / "tried").rglob("*") if path.is_file()]
+    assert not any(b"127.0.0.1" in each or b"Mozilla" in each for each in written)

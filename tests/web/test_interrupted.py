@@ -1,0 +1,70 @@
+"""Nothing that a person did is lost or doubled, whatever is cut or killed. MINIHUMAN_LONG=1 does it a hundred times."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from minihuman.log.read.open_log import read_events
+from minihuman.study.again import OF_PAGE
+from minihuman.study.events import Noted, Stepped
+from tests.counts import count
+from tests.web.browser import PATIENCE_MS, browsing
+from tests.web.interrupted import interrupt
+from tests.web.protocols import study
+from tests.web.serving import line, serving
+
+CODES = {"Digit1": "1", "Digit2": "2", "Digit3": "3", "Enter": "enter"}
+
+HIGHEST = """() => {
+  globalThis.highest = 0;
+  setInterval(() => { highest = Math.max(highest, minihuman.state.step); }, 1);
+}"""  # step that was shown
+
+
+@pytest.mark.long
+@pytest.mark.program
+@pytest.mark.parametrize("seed", range(count(1, 10)))
+def test_cut_killed_and_loaded_again_each_press_is_logged_once_and_the_log_is_proven(tmp_path: Path, seed: int) -> None:
+    found = interrupt(tmp_path, times=count(4, 10), seed=seed)
+    assert found.logged == [CODES[code] for code in found.heard]
+    assert found.steps == found.accepted
+    assert found.complaints == []
+    assert found.notes == []
+    assert found.segments == 1
+
+
+@pytest.mark.program
+def test_presses_on_the_disk_of_a_server_that_was_killed_before_it_could_say_so_are_shown_once(tmp_path: Path) -> None:
+    with (
+        serving(study(tmp_path, max_steps=12), tmp_path) as served,
+        line(served.port) as wire,
+        browsing() as sit_down,
+    ):
+        somebody = sit_down(f"http://127.0.0.1:{wire.port}/#t={served.tokens[0]}")
+        somebody.to_play()
+        somebody.press("1", "2")
+        somebody.until("s.unsafe === 0 && s.step === 2")
+        wire.deaf = True
+        somebody.press("1", "2", "3", "1")
+        [part] = tmp_path.rglob("*.mcap.part")
+        until_s = time.monotonic() + PATIENCE_MS / 1000
+        while sum(isinstance(event, Stepped) for event in read_events(part)) < 6:
+            assert time.monotonic() < until_s
+            time.sleep(0.1)
+        somebody.page.evaluate(HIGHEST)
+        served.kill()
+        wire.cut()
+        wire.deaf = False
+        served.again()
+        wire.mend()
+        somebody.until("s.welcomed && s.unsafe === 0 && s.confirmed === 6 && s.step === 6")
+        somebody.page.wait_for_timeout(500)
+        assert somebody.page.evaluate("highest") == 6, "it was shown further than they went"
+        somebody.press("2")
+        somebody.until("s.unsafe === 0 && s.confirmed === 7")
+        assert somebody.errors == []
+        served.stop()
+    events = list(read_events(part))
+    assert [event.text for event in events if isinstance(event, Noted) and event.kind == OF_PAGE] == []
+    assert sum(isinstance(event, Stepped) for event in events) == 7

@@ -1,0 +1,95 @@
+"""A thousand people at several servers, each slot played once, every log proven. MINIHUMAN_LONG=1 takes them all."""
+
+import multiprocessing
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from minihuman.lab.journals import URL_FILE_NAME
+from minihuman.lab.prove import prove
+from minihuman.lab.register_lines import read_register
+from minihuman.lab.seal import note_end
+from minihuman.log.read.open_log import open_log
+from minihuman.log.record.group_sync import GroupSync
+from minihuman.study.protocol import decode
+from minihuman.web.arrivals import Arrival, Arrivals, Seated
+from minihuman.web.seating import Disk, begin
+from minihuman.web.telling import Settings
+from minihuman.worlds.adapt.world import World
+from tests.counts import count
+from tests.lab.database import database, fresh
+from tests.web.page_model import PageModel, Press
+from tests.web.protocols import study
+
+pytestmark = [pytest.mark.program, pytest.mark.long]
+SERVERS, PEOPLE = count(2, 8), count(4, 1_000)
+MS = 1_000_000
+SETTINGS = Settings(picture_px=(96, 96), deepest=0)
+WEB = "picture_px = [96, 96]\nanyone = true"
+
+
+@pytest.mark.parametrize("register", ["files", "database"][count(1, 0) :])
+def test_everybody_plays_a_slot_of_their_own_at_one_of_several_servers(tmp_path: Path, register: str) -> None:
+    if register == "files":
+        served_by([tmp_path] * SERVERS)
+        return
+    with database() as url:
+        machines = [tmp_path / f"machine-{number}" for number in range(SERVERS)]
+        for machine in machines:
+            machine.mkdir()
+        address = fresh(url)
+        for machine in machines:
+            (machine / URL_FILE_NAME).write_text(address + "\n")
+        served_by(machines)
+
+
+def served_by(folders: list[Path]) -> None:
+    """A server a folder; the same one for servers on one machine."""
+    for folder in dict.fromkeys(folders):
+        path = study(folder, episodes=1, max_steps=4, web=WEB)
+        path.write_text(path.read_text().replace("participants = 500", "participants = 1000"))
+    spawn = multiprocessing.get_context("spawn")
+    each = PEOPLE // SERVERS
+    servers = [spawn.Process(target=serve, args=(str(folder), each)) for folder in folders]
+    for server in servers:
+        server.start()
+    for server in servers:
+        server.join()
+    assert [server.exitcode for server in servers] == [0] * SERVERS
+    lines = read_register(folders[0] / "tried")
+    assert sorted(line.index for line in lines) == list(range(each * SERVERS))
+    logs = [path for folder in dict.fromkeys(folders) for path in folder.rglob("*.mcap")]
+    played = Counter(path.name.partition("_")[0] for path in logs)
+    assert played == Counter(line.participant for line in lines), "each of them once, at one server"
+
+
+def serve(folder: str, people: int) -> None:
+    """Seat people one after the other, in a process of its own; each log is proven when it is there."""
+    data = Path(folder)
+    protocol = decode((data / "tried.toml").read_bytes())
+    arrivals, disk = Arrivals(protocol, data), Disk(protocol, data, GroupSync())
+    for _ in range(people):
+        seated = arrivals.arrive(Arrival())
+        assert isinstance(seated, Seated), seated
+        log = plays(seated, arrivals, disk)
+        assert list(prove(log, World)) == []
+
+
+def plays(seated: Seated, arrivals: Arrivals, disk: Disk) -> Path:
+    """A whole session through a seat; its log."""
+    made = begin(seated.plan or arrivals.plan(seated), disk, {"window": "web"}, SETTINGS, at_sync=lambda: None)
+    PageModel(made.seat, presses(), frame_ns=16 * MS).run()
+    log = made.recorder.close()
+    made.seat.close()
+    assert log is not None
+    note_end(log)
+    assert open_log(log).end_reason == "complete"
+    return log
+
+
+def presses() -> list[Press]:
+    """Enter where there is something to be read, keys that mean something where there is not."""
+    keys = ["enter", "1", "2", "3", "1", "enter", "enter", "enter"]
+    times = [(1 + number) * 400 * MS for number in range(len(keys))]
+    return [press for t, key in zip(times, keys, strict=True) for press in ((t, key, True), (t + 50 * MS, key, False))]

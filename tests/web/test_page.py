@@ -1,0 +1,37 @@
+"""The page in a real browser: what somebody does there is in the log, and the log is proven."""
+
+from pathlib import Path
+
+import pytest
+
+from minihuman.lab.prove import prove
+from minihuman.log.read.open_log import open_log
+from minihuman.worlds.adapt.world import World
+from tests.web.browser import browsing
+from tests.web.protocols import FIRST_PERSON, GRID, study
+from tests.web.serving import serving
+
+pytestmark = pytest.mark.program
+
+
+@pytest.mark.parametrize("world", [GRID, FIRST_PERSON], ids=["grid", "first-person"])
+def test_two_episodes_in_the_browser_are_a_log_that_verifies(tmp_path: Path, world) -> None:
+    with serving(study(tmp_path, world, max_steps=8), tmp_path) as served, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        for _ in range(2):
+            somebody.to_play()
+            for _ in range(8):
+                somebody.press("1")
+            somebody.until("!s.playing")
+        somebody.to_end()
+        assert somebody.errors == []
+        assert "Thank you" in somebody.screen()
+    log = the_log(tmp_path)
+    assert [episode.outcome for episode in log.episodes] == ["timeout", "timeout"]
+    assert log.plan.participant.id == "sub-01"
+    assert list(prove(log.path, World)) == []
+
+
+def the_log(data: Path):
+    (path,) = data.rglob("*.mcap")
+    return open_log(path)

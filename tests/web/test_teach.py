@@ -1,0 +1,95 @@
+"""A person teaches in a real browser: takes over, hands back, rates, compares; and the log is proven."""
+
+import re
+import time
+from pathlib import Path
+
+import pytest
+
+from minihuman.lab.prove import prove
+from minihuman.log.read.open_log import open_log
+from minihuman.recorded.taught import Taught
+from minihuman.study.events import Noted
+from minihuman.worlds.adapt.world import World
+from tests.counts import count
+from tests.web.browser import Somebody, browsing
+from tests.web.serving import line, serving
+
+pytestmark = pytest.mark.program
+STUDY = Path(__file__).parents[2] / "protocols" / "teach-fourrooms.toml"
+PATIENCE_S = 300.0
+
+
+def shortened(folder: Path) -> Path:
+    """The study with an agent that plays from the start, and few and short episodes."""
+    text = STUDY.read_text()
+    for what, instead in {
+        r'policy = ""': 'policy = "optimal:0.3"',
+        r'learner = "hg-dagger:updates=300"\n': "",
+        r"step_ms = [67]00": "step_ms = 400",
+        r"episodes = \d+": "episodes = 2",
+        r"max_steps = \d+": "max_steps = 10",
+        r"pairs = 8\nsteps = 12": "pairs = 2\nsteps = 4",
+    }.items():
+        text, found = re.subn(what, instead, text)
+        assert found, what
+    path = folder / "teach.toml"
+    path.write_text(text)
+    return path
+
+
+def take_part(somebody: Somebody) -> None:
+    """Take over from the second step on and hand back; rate now and then; prefer the left."""
+    until_s, done = time.monotonic() + PATIENCE_S, ("", -1)
+    corrected: set[str] = set()
+    while not somebody.state["finished"]:
+        assert time.monotonic() < until_s, somebody.screen()
+        state, words = somebody.state, somebody.screen()
+        if somebody.page.locator(".keyboard").count():
+            somebody.press("left", "right", "up")
+        elif "Show what" in words:
+            somebody.press("left", "space")
+        elif state["kind"] == "play" and state["playing"]:
+            if (words, state["step"]) != done:
+                done = words, state["step"]
+                if "good" in words:
+                    somebody.press(*("j" if state["step"] == 2 else "f") * (state["step"] % 2 == 0))
+                elif state["step"] == 2 and "You play" not in words:
+                    for key in ("left", "space") * 4:  # changes its mind more quickly than the line and the agent are
+                        somebody.press(key)
+                        somebody.page.wait_for_timeout(130)
+                elif state["step"] >= 2:
+                    somebody.press("space" if "You play" in words else "left")
+        elif state["kind"] == "film":
+            somebody.press(*(["enter"] if words in corrected else ["period", "period", "space"]))
+            corrected.add(words)
+            somebody.page.wait_for_timeout(700)
+        elif state["kind"] == "pair":
+            somebody.press("f")
+        elif state["kind"] in ("page", "text"):
+            somebody.press("enter")
+        somebody.page.wait_for_timeout(60)
+
+
+@pytest.mark.parametrize("rtt_ms", [300, 0][: count(1, 2)])
+def test_a_person_teaches_in_the_browser_and_the_log_verifies(tmp_path: Path, rtt_ms: int) -> None:
+    with (
+        serving(shortened(tmp_path), tmp_path) as served,
+        line(served.port, rtt_ms=rtt_ms) as wire,
+        browsing() as sit_down,
+    ):
+        somebody = sit_down(f"http://127.0.0.1:{wire.port}/#t={served.tokens[0]}")
+        take_part(somebody)
+        assert somebody.errors == []
+    [path] = tmp_path.rglob("*.mcap")
+    log = open_log(path)
+    assert log.end_reason == "complete"
+    assert list(prove(path, World)) == []
+    assert [note.text for note in log.notes if isinstance(note, Noted) and note.kind == "page"] == []
+    teaching = [episode.taught for episode in log.episodes[:2]]
+    assert all(isinstance(taught, Taught) and taught.by_person.any() for taught in teaching)
+    assert any("hand_back" in [change.reason for change in taught.controls] for taught in teaching if taught)
+    assert all(episode.taught and episode.taught.ratings for episode in log.episodes[2:])
+    assert log.corrections
+    assert {its.episode for its in log.corrections} <= {0, 1}
+    assert [compared.said.answer for compared in log.comparisons] == ["left", "left"]

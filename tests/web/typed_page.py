@@ -1,0 +1,277 @@
+"""A page without a browser: says what the real one says, presses keys at a rate, and counts.
+
+It goes ahead of the server as the page does: a press whose scene is known is shown at once.
+"""
+
+import asyncio
+import json
+import random
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from websockets.asyncio.client import ClientConnection, connect
+
+from minihuman.web.wire import VERSION
+
+FACTS = {"browser": "Chromium", "browser_version": "156", "window_px": "1366 x 768", "mouse": True, "touch": False}
+HOLD_S = 0.08
+FLIP_S = 0.008  # from a picture's being known to its being seen
+
+
+@dataclass
+class Counts:
+    """What one page did and saw."""
+
+    presses: int = 0  # in episodes
+    others: int = 0  # outside of them
+    steps: int = 0
+    ahead: int = 0  # presses whose picture was there
+    bytes: int = 0  # that came over the line
+    acked_s: list[float] = field(default_factory=list)  # from a press to its being on the disk
+    over: str = ""  # how it ended
+    refused: str = ""
+
+
+class TypedPage:
+    """One participant.
+
+    Args:
+        host: "127.0.0.1:8000".
+        token: of their link.
+        keys_per_s: how often they press.
+        rtt_s: how long the line takes, there and back.
+        rng: decides which keys.
+        platform: the parameters of a recruiting platform's link.
+        most_presses: after so many they leave, if the session is not over.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        token: str,
+        *,
+        keys_per_s: float = 2.0,
+        rtt_s: float = 0.0,
+        rng: random.Random | None = None,
+        platform: dict[str, str] | None = None,
+        most_presses: int = 10**9,
+    ) -> None:
+        self.counts = Counts()
+        self.told: dict[str, Any] = {}  # at the end
+        self.idle = False  # they press nothing at all
+        self.declines = False  # they do not agree
+        self.enough = False  # they press no more, and leave when all is acknowledged
+        self.screen: dict[str, Any] = {}
+        self._host, self._token = host, token
+        self._between_s, self._line_s = 1 / keys_per_s, rtt_s / 2
+        self._rng = rng or random.Random(0)
+        self._platform = platform or {}
+        self._most_presses = most_presses
+        self._zero_s: float | None = None
+        self._last_ns = self._said = self._heard = 0
+        self._heard_told = self._acked = 0
+        self._sent_s: dict[int, float] = {}  # presses that are not acknowledged
+        self._rules: dict[int, dict[str, Any]] = {}
+        self._edges: dict[
+            tuple[int, int, int], tuple[int, bool]
+        ] = {}  # episode, scene, action -> scene, whether it ends
+        self._now: dict[str, Any] | None = None
+        self._trail: list[tuple[int, int]] = []  # message and action of what is not confirmed
+        self._due_ns: int | None = None
+        self._told_due_ns = 0
+        self._line: asyncio.Queue[tuple[float, str]] = asyncio.Queue()
+        self._done = asyncio.Event()
+
+    async def take_part(self) -> Counts:
+        """Take part, to the end of the session or of the presses."""
+        address, origin = f"ws://{self._host}/socket", f"http://{self._host}"
+        quiet = {
+            "compression": None,
+            "ping_interval": None,
+        }  # a ping draws from `random`, which Hypothesis watches over
+        async with connect(address, origin=origin, max_size=None, open_timeout=60, **quiet) as socket:
+            hello = {"t": "hello", "version": VERSION, "token": self._token, "platform": self._platform}
+            await socket.send(json.dumps({**hello, "stream": f"{id(self):x}", "facts": FACTS}))
+            doing = [asyncio.create_task(work) for work in (self._hear(socket), self._send(socket), self._live(socket))]
+            waiting = asyncio.create_task(self._done.wait())
+            try:
+                await asyncio.wait([*doing, waiting], return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for task in (*doing, waiting):
+                    task.cancel()
+                found = await asyncio.gather(*doing, return_exceptions=True)
+            broke = [one for one in found if isinstance(one, Exception)]
+            if broke and not self._done.is_set():
+                raise broke[0]
+        return self.counts
+
+    # What is said
+
+    def _now_ns(self) -> int:
+        assert self._zero_s is not None
+        return max(self._last_ns + 1, round((time.monotonic() - self._zero_s) * 1e9))
+
+    def say(self, **what: object) -> int:
+        """Say something, numbered."""
+        self._said += 1
+        self._last_ns = self._now_ns()
+        message = {"t": "n", "n": self._said, "at": self._last_ns, "what": what}
+        self._line.put_nowait((time.monotonic() + self._line_s, json.dumps(message)))
+        return self._said
+
+    async def _send(self, socket: ClientConnection) -> None:
+        while True:
+            due_s, text = await self._line.get()
+            await asyncio.sleep(max(0.0, due_s - time.monotonic()))
+            await socket.send(text)
+
+    async def _press(self, key: str) -> None:
+        self.say(t="key", key=key, down=True, stamp=self._now_ns())
+        self.counts.others += 1
+        await asyncio.sleep(HOLD_S)
+        self.say(t="key", key=key, down=False, stamp=self._now_ns())
+
+    # What is heard
+
+    async def _hear(self, socket: ClientConnection) -> None:
+        arriving: asyncio.Queue[tuple[float, str | bytes]] = asyncio.Queue()
+
+        async def read() -> None:
+            async for data in socket:
+                arriving.put_nowait((time.monotonic() + self._line_s, data))
+            arriving.put_nowait((0.0, ""))
+
+        reading = asyncio.create_task(read())
+        try:
+            while True:
+                due_s, data = await arriving.get()
+                if data == "":
+                    self._done.set()
+                    return
+                await asyncio.sleep(max(0.0, due_s - time.monotonic()))
+                self._take(data)
+        finally:
+            reading.cancel()
+
+    def _take(self, data: str | bytes) -> None:
+        self.counts.bytes += len(data)
+        if isinstance(data, bytes):
+            self._heard = int.from_bytes(data[:4], "little")
+            return
+        message = json.loads(data)
+        if "n" in message:
+            self._heard, message = message["n"], message["m"]
+        match message["t"]:
+            case "welcome":
+                self._zero_s = time.monotonic() - message["now"] / 1e9
+                self.say(t="tick")
+            case "refused":
+                self.counts.refused, self.told = message["reason"], message
+                self._done.set()
+            case "acked":
+                self._acked = message["through"]
+                for number in [n for n in self._sent_s if n <= message["through"]]:
+                    self.counts.acked_s.append(time.monotonic() - self._sent_s.pop(number))
+            case "screen":
+                self._shown(message)
+            case "rules":
+                self._rules[message["episode"]] = message
+            case "ahead":
+                for scene, action, to, ends in message["edges"]:
+                    self._edges[message["episode"], scene, action] = to, ends
+            case "now":
+                self._due_ns = message["tick"]
+                self._confirmed(message)
+            case "ask":
+                self.say(t="asked", number=message["number"])
+            case "over":
+                self.counts.over, self.told = message["end"], message
+                self._done.set()
+
+    def _shown(self, message: dict[str, Any]) -> None:
+        self.screen, self._due_ns = message["screen"], message["tick"]
+        at_ns = self._now_ns()
+        if self.screen["kind"] != "play" or "picture" in self.screen:
+            self._now = None
+        if self.screen["kind"] != "play":
+            self.say(t="shown", submit=at_ns, flip=at_ns, screen=message["id"])
+
+    def _confirmed(self, now: dict[str, Any]) -> None:
+        if now["step"] < 0:
+            self._now = None
+            return
+        self.counts.steps += now["step"] > 0 and (self._now is None or now["step"] != self._now["step"])
+        self._now = now
+        self._trail = [(number, action) for number, action in self._trail if number > now["through"]]
+
+    # What is done
+
+    async def _live(self, socket: ClientConnection) -> None:
+        ticking = asyncio.create_task(self._tick(socket))
+        try:
+            await asyncio.sleep(self._rng.random() * self._between_s)
+            while self.counts.presses < self._most_presses and not self.enough:
+                await asyncio.sleep(self._between_s * (0.6 + 0.8 * self._rng.random()))
+                if self._zero_s is None or not self.screen or self.idle:
+                    continue
+                if self.declines:
+                    self.say(t="pointer", what="pressed", x=0.5, y=0.5, target="decline")
+                    await self._done.wait()
+                await (self._step() if self._now is not None else self._go_on())
+            while self._acked < self._said:
+                await asyncio.sleep(0.05)
+            self._done.set()
+        finally:
+            ticking.cancel()
+
+    async def _step(self) -> None:
+        """Press a key that does something, and see where it leads if that is known."""
+        assert self._now is not None
+        episode, step, scene = self._now["episode"], self._now["step"], self._now["node"]
+        known = True
+        for _, action in self._trail:
+            scene, ended = self._edges.get((episode, scene, action), (-1, False))
+            step, known = step + 1, known and scene >= 0
+            if ended:
+                return  # the page waits, too
+        rules = self._rules[episode]
+        key = self._rng.choice(sorted(rules["actions"]))
+        action = rules["actions"][key]
+        number = self.say(t="key", key=key, down=True, stamp=self._now_ns())
+        self._sent_s[number] = time.monotonic()
+        self._trail.append((number, action))
+        self.counts.presses += 1
+        led = self._edges.get((episode, scene, action)) if known else None
+        if led is not None:
+            self.counts.ahead += 1
+            submit_ns = self._now_ns()
+            await asyncio.sleep(FLIP_S)
+            self.say(t="shown", submit=submit_ns, flip=self._now_ns(), episode=episode, step=step + 1, node=led[0])
+        await asyncio.sleep(HOLD_S)
+        self.say(t="key", key=key, down=False, stamp=self._now_ns())
+
+    async def _go_on(self) -> None:
+        """Do what the present screen asks for."""
+        match self.screen["kind"]:
+            case "text" if waiting := _names(self.screen.get("keys", ())):
+                await self._press(waiting[0])
+            case "text" | "page":
+                await self._press("enter")
+
+    async def _tick(self, socket: ClientConnection) -> None:
+        while True:
+            await asyncio.sleep(0.02)
+            due_ns = self._due_ns
+            if due_ns is not None and self._zero_s is not None and self._told_due_ns != due_ns <= self._now_ns():
+                self._told_due_ns = due_ns
+                self.say(t="tick")
+            if self._heard > self._heard_told:
+                self._heard_told = self._heard
+                await socket.send(json.dumps({"t": "heard", "n": self._heard}))
+
+
+def _names(keys: Iterable[dict[str, Any]]) -> list[str]:
+    """The keys of a keyboard check that have not been pressed yet."""
+    return [key["key"] for key in keys if not key["pressed"]]

@@ -1,0 +1,68 @@
+"""A window on a real display draws while the log is written, and flips when it is."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from minihuman.errors import LogError
+from minihuman.study.inputs import Input
+from minihuman.study.screens import TextScreen
+from minihuman.windows.blocking import BlockingWindow
+from minihuman.windows.compose import Box, Size, compose
+
+SIZE_PX = (320, 240)
+
+
+class Kept(BlockingWindow):
+    """Keeps what its display shows."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: 0)
+        self.display = np.zeros((SIZE_PX[1], SIZE_PX[0], 3), np.uint8)
+        self.flips = 0
+
+    @property
+    def size_px(self) -> Size:
+        return SIZE_PX
+
+    def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
+        left, top, right, bottom = changed
+        self.display[top:bottom, left:right] = frame[top:bottom, left:right]
+        self.flips += 1
+
+    def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        return []
+
+    def _want(self, *, text: bool, pointer: bool) -> None:
+        pass
+
+    def post_key(self, key: str) -> None:
+        pass
+
+    def facts(self) -> dict[str, str]:
+        return {}
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_screen_is_flipped_when_its_log_is_written() -> None:
+    window, flips = Kept(), []
+    window.show_after(TextScreen("one", "words", ""), lambda: flips.append(window.flips))
+    assert (flips, window.flips) == ([0], 1)
+
+
+def test_what_was_drawn_and_could_not_be_written_leaves_no_trace() -> None:
+    window = Kept()
+    window.show(TextScreen("one", "words", ""))
+    before = window.display.copy()
+
+    def full() -> None:
+        raise LogError("no space left")
+
+    with pytest.raises(LogError):
+        window.show_after(TextScreen("two", "words", ""), full)
+    assert np.array_equal(window.display, before)
+    said = TextScreen("one", "no room", "")
+    window.show(said)
+    assert np.array_equal(window.display, compose(said, SIZE_PX))

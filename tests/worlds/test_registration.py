@@ -1,0 +1,47 @@
+"""Worlds are known to Gymnasium whoever imports what first, and minihuman alone does not bring Gymnasium in."""
+
+import subprocess
+import sys
+
+import pytest
+
+KNOWN = "assert 'minihuman/MiniGrid-FourRooms-v0' in gymnasium.registry"
+ORDERS = {
+    "ours first": f"import minihuman; import gymnasium; {KNOWN}",
+    "Gymnasium first": f"import gymnasium; import minihuman; {KNOWN}",
+    "a part of Gymnasium first": f"import minihuman; from gymnasium import spaces; import gymnasium; {KNOWN}",
+    "by the catalogue": f"import minihuman.worlds.catalogue, gymnasium; {KNOWN}",
+    "by the id's module": "import gymnasium; gymnasium.make('minihuman:minihuman/MiniGrid-Empty-5x5-v0')",
+}
+
+
+def python(code: str) -> None:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("code", ORDERS.values(), ids=ORDERS)
+def test_gymnasium_knows_our_worlds(code):
+    python(code)
+
+
+@pytest.mark.program
+def test_nothing_but_its_worlds_is_to_be_seen_of_that_in_gymnasium():
+    python(
+        "import sys, minihuman, gymnasium; from importlib.machinery import SourceFileLoader; "
+        "assert type(gymnasium.__spec__.loader) is type(gymnasium.__loader__) is SourceFileLoader; "
+        "assert not any('minihuman' in type(finder).__module__ for finder in sys.meta_path)"
+    )
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("what", ["minihuman", "minihuman.cli", "minihuman.lab.status"])
+def test_what_makes_no_world_brings_neither_gymnasium_nor_numpy_nor_pandas(what):
+    python(f"import sys, {what}; assert not {{'gymnasium', 'numpy', 'pandas', 'mcap'}} & set(sys.modules)")
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("what", ["minihuman.log.read.open_log", "minihuman.data.store", "minihuman.export.tables"])
+def test_what_only_reads_logs_does_not_bring_gymnasium(what):
+    python(f"import sys, {what}; assert 'gymnasium' not in sys.modules")
