@@ -170,11 +170,16 @@ def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
     for batch in found:
         waiting.append(batch)
         if sum(map(len, waiting)) >= _ROWS:
-            whole = pa.concat_batches(waiting)
+            whole = _one(waiting)
             yield whole.slice(0, _ROWS)
             waiting = [whole.slice(_ROWS)]
     if any(map(len, waiting)):
-        yield pa.concat_batches(waiting)
+        yield _one(waiting)
+
+
+def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
+    [one] = pa.Table.from_batches(batches).combine_chunks().to_batches()
+    return one
 
 
 @cache
