@@ -33,7 +33,7 @@ def watch(
     from minihuman.seats.watch.server import WatchServer
 
     server = WatchServer(study, port)
-    os.nice(10)  # the participants come first; of the idle class it would see nothing beside two busy programs
+    os.nice(10)  # what it does not do aside, too
     print(f"open {server.url}   (Ctrl-C ends it; the sessions go on)", flush=True)
     try:
         server.serve()

@@ -17,6 +17,7 @@ from minihuman.errors import LogError
 from minihuman.lab.recruits import Recruits
 from minihuman.lab.status import status_lines
 from minihuman.seats.desk import Request, ask
+from minihuman.seats.watch.aside import Aside
 from minihuman.seats.watch.seldom import Seldom
 from minihuman.seats.watch.sessions import RunningSessions
 
@@ -52,6 +53,7 @@ class WatchServer:
         self._recruits = Recruits(study_dir)
         self._status = Seldom(self._lines)
         self._one_at_a_time = Lock()
+        self._aside = Aside()  # the participants come first
         word = secrets.token_urlsafe(16)
         try:
             self._server = ThreadingHTTPServer((ADDRESS, port), _handler(f"/{word}/", self._answer))
@@ -77,9 +79,9 @@ class WatchServer:
                     kind = _KINDS[asked.rpartition(".")[2]]
                     return f"{kind}; charset=utf-8", (files(__package__) / (asked or "page.html")).read_bytes()
                 case "state", None:
-                    return "application/json", json.dumps(self._state()).encode()
+                    return "application/json", self._aside(lambda: json.dumps(self._state()).encode())
                 case "picture", None:
-                    return "image/png", self._sessions.picture(name)
+                    return "image/png", self._aside(lambda: self._sessions.picture(name))
                 case "ask", bytes():
                     log = self._sessions.log_of(name)
                     if log is None:
