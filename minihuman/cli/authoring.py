@@ -1,26 +1,30 @@
 """Commands to write a protocol with: new, schema."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from minihuman.cli.declared import Argument, Option
 
 if TYPE_CHECKING:
+    from typer import Typer
+
     from minihuman.lab.new_study import Draft
 
 
-def add_to(app: typer.Typer) -> None:
+def add_to(app: "Typer") -> None:
     """Add these commands."""
-    app.command()(new)
-    app.command()(schema)
+    from minihuman.cli.typed import add
+
+    add(app, new, schema)
 
 
 def new(
-    folder: Annotated[Path, typer.Argument(help="Where the file is to be; made if absent.")] = Path(),
-    name: Annotated[str, typer.Option(help="The study's name.")] = "",
-    world: Annotated[str, typer.Option(help="A Gymnasium id; `minihuman worlds` lists ours.")] = "",
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing; take what is usual.")] = False,
+    folder: Annotated[Path, Argument(help="Where the file is to be; made if absent.")] = Path(),
+    name: Annotated[str, Option(help="The study's name.")] = "",
+    world: Annotated[str, Option(help="A Gymnasium id; `minihuman worlds` lists ours.")] = "",
+    yes: Annotated[bool, Option("--yes", "-y", help="Ask nothing; take what is usual.")] = False,
 ) -> None:
     """Write a protocol that runs, from a few questions.
 
@@ -46,13 +50,19 @@ def new(
 
 
 def _asked(usual: "Draft") -> "Draft":
+    import typer
+
     from minihuman.lab.new_study import Draft, study_name
 
-    name = study_name(typer.prompt("Name of the study", default=usual.name))
-    world = typer.prompt("World (`minihuman worlds` lists ours)", default=usual.world)
-    episodes = typer.prompt("Episodes each", default=usual.episodes, type=int)
-    participants = typer.prompt("Participants", default=usual.participants, type=int)
-    shown = typer.confirm("Show which key does what?", default=False)
+    try:
+        name = study_name(typer.prompt("Name of the study", default=usual.name))
+        world = typer.prompt("World (`minihuman worlds` lists ours)", default=usual.world)
+        episodes = typer.prompt("Episodes each", default=usual.episodes, type=int)
+        participants = typer.prompt("Participants", default=usual.participants, type=int)
+        shown = typer.confirm("Show which key does what?", default=False)
+    except typer.Abort:
+        print("Aborted.", file=sys.stderr)
+        raise SystemExit(1) from None
     return Draft(name, world, episodes, participants, "shown" if shown else "fresh")
 
 

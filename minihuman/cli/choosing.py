@@ -1,11 +1,12 @@
 """Which episodes a command takes: the same options everywhere."""
 
 import inspect
+import sys
 from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import Annotated, Any
 
-import typer
+from minihuman.cli.declared import Option
 
 _WORDS = {
     "outcome": "Only episodes that ended so: goal, timeout, failure; may be repeated.",
@@ -48,10 +49,10 @@ def choosing(**defaults: tuple[str, ...]) -> Callable[[Callable[..., None]], Cal
 
 
 def _option(name: str) -> Any:
-    return typer.Option(f"--{name.rstrip('_')}", help=_WORDS[name], rich_help_panel="Which episodes")
+    return Option(f"--{name.rstrip('_')}", help=_WORDS[name], panel="Which episodes")
 
 
 def say(lines: Iterable[str]) -> None:
     """Print what an output is made of, and what was left out and why, apart from what it prints itself."""
     for line in lines:
-        typer.echo(line, err=True)
+        print(line, file=sys.stderr, flush=True)

@@ -1,26 +1,27 @@
 """Commands for the experimenter's desk: watch, withdraw, replace, bonus."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from minihuman.cli.declared import Argument, Option
 
-Code = Annotated[str, typer.Argument(metavar="CODE", help="The participant's code, such as sub-07.")]
-StudyFolder = Annotated[Path, typer.Option("--study", help="The study's folder, such as sessions/fourrooms-transfer.")]
+if TYPE_CHECKING:
+    from typer import Typer
+
+Code = Annotated[str, Argument(metavar="CODE", help="The participant's code, such as sub-07.")]
+StudyFolder = Annotated[Path, Option("--study", help="The study's folder, such as sessions/fourrooms-transfer.")]
 
 
-def add_to(app: typer.Typer) -> None:
+def add_to(app: "Typer") -> None:
     """Add these commands."""
-    app.command()(watch)
-    app.command()(withdraw)
-    app.command()(replace)
-    app.command()(bonus)
-    app.command()(gather)
+    from minihuman.cli.typed import add
+
+    add(app, watch, withdraw, replace, bonus, gather)
 
 
 def watch(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study's folder.")],
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page; 0 takes a free one.")] = 0,
+    study: Annotated[Path, Argument(metavar="STUDY", help="The study's folder.")],
+    port: Annotated[int, Option(min=0, max=65535, help="Of the page; 0 takes a free one.")] = 0,
 ) -> None:
     """Show every running session on a page of this machine: picture, keys, reaction times, notes, pause, abort.
 
@@ -44,8 +45,8 @@ def watch(
 def withdraw(
     code: Code,
     study: StudyFolder,
-    erase: Annotated[bool, typer.Option("--erase", help="Delete all that there is of them.")] = False,
-    seal: Annotated[Path | None, typer.Option(help="Move it into this ZIP archive, outside of the study.")] = None,
+    erase: Annotated[bool, Option("--erase", help="Delete all that there is of them.")] = False,
+    seal: Annotated[Path | None, Option(help="Move it into this ZIP archive, outside of the study.")] = None,
 ) -> None:
     """Take a participant out of a study: their data count nowhere any more, and their slot is offered again.
 
@@ -71,7 +72,7 @@ def replace(code: Code, study: StudyFolder) -> None:
     print(f"the next `minihuman run` offers {code}'s slot")
 
 
-def gather(study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study's folder.")]) -> None:
+def gather(study: Annotated[Path, Argument(metavar="STUDY", help="The study's folder.")]) -> None:
     """Bring a study's finished logs here from the shelf that several machines share, and put there what it lacks.
 
     Example: minihuman gather sessions/fourrooms-transfer
@@ -83,8 +84,8 @@ def gather(study: Annotated[Path, typer.Argument(metavar="STUDY", help="The stud
 
 
 def bonus(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study's folder.")],
-    platform: Annotated[str, typer.Option(help="Only lines of id,amount for this one: prolific, sona, mturk.")] = "",
+    study: Annotated[Path, Argument(metavar="STUDY", help="The study's folder.")],
+    platform: Annotated[str, Option(help="Only lines of id,amount for this one: prolific, sona, mturk.")] = "",
 ) -> None:
     """Print what each session earned as CSV, with who its participant is on the platform they came from.
 

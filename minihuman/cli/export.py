@@ -1,30 +1,34 @@
 """The command that writes other formats: export."""
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any
 
 from minihuman.cli.choosing import choosing, say
+from minihuman.cli.declared import Argument, Option
+
+if TYPE_CHECKING:
+    from typer import Typer
 
 
-def add_to(app: typer.Typer) -> None:
+def add_to(app: "Typer") -> None:
     """Add these commands."""
-    app.command()(export)
+    from minihuman.cli.typed import add
+
+    add(app, export)
 
 
 @choosing()
 def export(
     format_name: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="FORMAT", help="csv, parquet, minari, lerobot, imitation, bids, psych-ds, frictionless, croissant."
         ),
     ],
-    source: Annotated[Path, typer.Argument(metavar="SRC", help="A log, or a folder with logs in it.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A folder that does not exist yet.")],
+    source: Annotated[Path, Argument(metavar="SRC", help="A log, or a folder with logs in it.")],
+    out: Annotated[Path, Argument(metavar="OUT", help="A folder that does not exist yet.")],
     stored_frames: Annotated[
-        bool, typer.Option("--stored-frames", help="Take the observations that the logs hold; do not play them again.")
+        bool, Option("--stored-frames", help="Take the observations that the logs hold; do not play them again.")
     ] = False,
     *,
     selection: Any,

@@ -10,6 +10,7 @@ import typer
 from minihuman.cli import teach
 from minihuman.cli.choosing import choosing
 from minihuman.cli.training import SightChoice, command_line, need_torch
+from minihuman.cli.typed import typed
 from minihuman.errors import LearnError
 
 learn = typer.Typer(help="Train agents: the transfer study, and policies that people teach.", no_args_is_help=True)
@@ -120,6 +121,7 @@ def report(
 
 
 @learn.command()
+@typed
 @choosing(outcome=("goal",))
 def clone(
     source: Annotated[Path, typer.Argument(metavar="STUDY", help="A study's folder of logs, or one log.")],

@@ -2,24 +2,25 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from minihuman.cli.declared import Argument, Option
 from minihuman.errors import printable
 
+if TYPE_CHECKING:
+    from typer import Typer
 
-def add_to(app: typer.Typer) -> None:
+
+def add_to(app: "Typer") -> None:
     """Add these commands."""
-    app.command()(info)
-    app.command()(verify)
-    app.command()(recover)
-    app.command()(seal)
+    from minihuman.cli.typed import add
+
+    add(app, info, verify, recover, seal)
 
 
 def info(
-    log: Annotated[Path, typer.Argument(help="A session log, live file or session folder.")],
-    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
+    log: Annotated[Path, Argument(help="A session log, live file or session folder.")],
+    json: Annotated[bool, Option("--json", help="Print JSON instead of lines.")] = False,
 ) -> None:
     """Say what is in a session's log.
 
@@ -33,17 +34,13 @@ def info(
 
 
 def verify(
-    logs: Annotated[list[Path], typer.Argument(help="Session logs; with --seal a study's folder.")],
-    seal: Annotated[
-        str | None, typer.Option(help="A study's digest, or its seal's file: nothing may have changed.")
-    ] = None,
-    trust: Annotated[
-        list[str] | None, typer.Option(help="A module whose worlds may be imported; may be repeated.")
-    ] = None,
+    logs: Annotated[list[Path], Argument(help="Session logs; with --seal a study's folder.")],
+    seal: Annotated[str | None, Option(help="A study's digest, or its seal's file: nothing may have changed.")] = None,
+    trust: Annotated[list[str] | None, Option(help="A module whose worlds may be imported; may be repeated.")] = None,
     policies: Annotated[
-        bool, typer.Option("--policies", help="Ask the agents' policy files again what they would do in each state.")
+        bool, Option("--policies", help="Ask the agents' policy files again what they would do in each state.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON object a line of what is found.")] = False,
+    json: Annotated[bool, Option("--json", help="Print a JSON object a line of what is found.")] = False,
 ) -> None:
     """Play logs again from seeds and inputs and compare everything; exit 1 if anything differs.
 
@@ -60,11 +57,11 @@ def verify(
             differ = differ or not fine
             told = {"log": str(path), "fine": fine, "said": line}
             print(msgspec.json.encode(told).decode() if json else printable(f"{path}: {line}"), flush=True)
-    raise typer.Exit(int(differ))
+    raise SystemExit(int(differ))
 
 
 def seal(
-    study: Annotated[Path, typer.Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
+    study: Annotated[Path, Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
 ) -> None:
     """Seal a study: one digest to publish, by which any later change to any of its files is noticed.
 
@@ -76,7 +73,7 @@ def seal(
 
 
 def recover(
-    logs: Annotated[list[Path], typer.Argument(help="Cut-off or damaged logs, or folders of cut-off ones.")],
+    logs: Annotated[list[Path], Argument(help="Cut-off or damaged logs, or folders of cut-off ones.")],
 ) -> None:
     """Finish cut-off logs and rewrite damaged ones; says what was kept of each. Exit 1 if one was damaged.
 
@@ -95,4 +92,4 @@ def recover(
             codes.append(int(became.damaged))
     if len(codes) == 1:
         print("no cut-off logs")
-    raise typer.Exit(max(codes))
+    raise SystemExit(max(codes))

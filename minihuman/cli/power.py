@@ -1,28 +1,32 @@
 """How many participants a study needs, and who they are: power, fit."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from minihuman.cli.declared import Argument, Option
+
+if TYPE_CHECKING:
+    from typer import Typer
 
 
-def add_to(app: typer.Typer) -> None:
+def add_to(app: "Typer") -> None:
     """Add this command."""
-    app.command()(power)
-    app.command()(fit)
+    from minihuman.cli.typed import add
+
+    add(app, power, fit)
 
 
 def power(
-    protocol: Annotated[Path, typer.Argument(help="The study's TOML file.")],
-    effect: Annotated[str, typer.Option(help="excess=0.7 for 30 % fewer excess steps in one group; or none.")],
-    groups: Annotated[str, typer.Option(help="Participants a group to try.")] = "10,20,30,40",
-    measure: Annotated[str, typer.Option(help="A measure, or all.")] = "log_excess_steps",
-    block: Annotated[str | None, typer.Option(help="The block to look at; by default the last.")] = None,
-    studies: Annotated[int, typer.Option(min=10, help="How many studies to draw of each size.")] = 1000,
-    people: Annotated[int, typer.Option(min=4, help="How many simulated people to draw them from.")] = 60,
-    player: Annotated[str, typer.Option(help="Who plays.")] = "human-like",
-    seed: Annotated[int, typer.Option(help="Of the people and of the studies drawn.")] = 1,
-    out: Annotated[Path | None, typer.Option(help="A folder for the table as CSV and the figure.")] = None,
+    protocol: Annotated[Path, Argument(help="The study's TOML file.")],
+    effect: Annotated[str, Option(help="excess=0.7 for 30 % fewer excess steps in one group; or none.")],
+    groups: Annotated[str, Option(help="Participants a group to try.")] = "10,20,30,40",
+    measure: Annotated[str, Option(help="A measure, or all.")] = "log_excess_steps",
+    block: Annotated[str | None, Option(help="The block to look at; by default the last.")] = None,
+    studies: Annotated[int, Option(min=10, help="How many studies to draw of each size.")] = 1000,
+    people: Annotated[int, Option(min=4, help="How many simulated people to draw them from.")] = 60,
+    player: Annotated[str, Option(help="Who plays.")] = "human-like",
+    seed: Annotated[int, Option(help="Of the people and of the studies drawn.")] = 1,
+    out: Annotated[Path | None, Option(help="A folder for the table as CSV and the figure.")] = None,
 ) -> None:
     """Say how likely a study of so many participants finds an effect, with the report's own test.
 
@@ -52,12 +56,10 @@ def power(
 
 
 def fit(
-    study_dir: Annotated[Path, typer.Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
-    out: Annotated[Path | None, typer.Option(help="A CSV file for everybody's values and intervals.")] = None,
-    search: Annotated[
-        int, typer.Option(min=0, help="Simulated people to tell from how people look; 0: times alone.")
-    ] = 200,
-    seed: Annotated[int, typer.Option(help="Of the simulated people.")] = 1,
+    study_dir: Annotated[Path, Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
+    out: Annotated[Path | None, Option(help="A CSV file for everybody's values and intervals.")] = None,
+    search: Annotated[int, Option(min=0, help="Simulated people to tell from how people look; 0: times alone.")] = 200,
+    seed: Annotated[int, Option(help="Of the simulated people.")] = 1,
 ) -> None:
     """Fit a simulated person to logged people, reaction times and search, and say how well held-out episodes are told.
 

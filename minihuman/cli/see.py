@@ -3,27 +3,30 @@
 import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any
 
 from minihuman.cli.choosing import choosing, say
+from minihuman.cli.declared import Argument, Option
 
-Logs = Annotated[list[Path], typer.Argument(help="Session logs, or their folders.", metavar="LOG...")]
+if TYPE_CHECKING:
+    from typer import Typer
+
+Logs = Annotated[list[Path], Argument(help="Session logs, or their folders.", metavar="LOG...")]
 
 
-def add_to(app: typer.Typer) -> None:
+def add_to(app: "Typer") -> None:
     """Add these commands."""
-    for command in (replay, plot, mark, report, query):
-        app.command()(command)
+    from minihuman.cli.typed import add
+
+    add(app, replay, plot, mark, report, query)
 
 
 @choosing(with_=("unfinished", "rules"))
 def replay(
     logs: Logs,
-    save: Annotated[Path | None, typer.Option(help="Write the recording here and open nothing.")] = None,
-    web: Annotated[bool, typer.Option("--web", help="Show it in the browser, served on 127.0.0.1 only.")] = False,
-    view: Annotated[bool, typer.Option(help="Draw what the participant saw, checked against the log.")] = False,
+    save: Annotated[Path | None, Option(help="Write the recording here and open nothing.")] = None,
+    web: Annotated[bool, Option("--web", help="Show it in the browser, served on 127.0.0.1 only.")] = False,
+    view: Annotated[bool, Option(help="Draw what the participant saw, checked against the log.")] = False,
     *,
     selection: Any,
 ) -> None:
@@ -41,7 +44,7 @@ def replay(
     sessions, account = readable(logs, selection)
     say(account.lines())
     if save is not None:
-        typer.echo(save_recording(sessions, save, with_view=view))
+        print(save_recording(sessions, save, with_view=view))
         return
     with tempfile.TemporaryDirectory() as folder:
         show(save_recording(sessions, Path(folder) / "replay.rrd", with_view=view), web=web)
@@ -49,9 +52,9 @@ def replay(
 
 @choosing()
 def plot(
-    source: Annotated[Path, typer.Argument(help="A session log, or a folder of them.", metavar="SRC")],
-    out: Annotated[Path, typer.Option(help="Folder for the figures.")],
-    each: Annotated[bool, typer.Option("--each", help="Of a folder: every session's paths and overview too.")] = False,
+    source: Annotated[Path, Argument(help="A session log, or a folder of them.", metavar="SRC")],
+    out: Annotated[Path, Option(help="Folder for the figures.")],
+    each: Annotated[bool, Option("--each", help="Of a folder: every session's paths and overview too.")] = False,
     *,
     selection: Any,
 ) -> None:
@@ -64,16 +67,16 @@ def plot(
 
     sessions = Sessions(source, selection)
     for path in draw_all(sessions, out, each=each):
-        typer.echo(path)
+        print(path, flush=True)
     say(sessions.account.lines())
 
 
 def mark(
-    log: Annotated[Path, typer.Argument(help="A session log.", metavar="LOG")],
-    tag: Annotated[str, typer.Option(help='One word, such as "exclude".')],
-    episode: Annotated[int | None, typer.Option(help="Number as in the figures; the whole session if absent.")] = None,
-    note: Annotated[str, typer.Option(help="Why.")] = "",
-    take_back: Annotated[bool, typer.Option("--take-back", help="Undo an earlier mark of this tag.")] = False,
+    log: Annotated[Path, Argument(help="A session log.", metavar="LOG")],
+    tag: Annotated[str, Option(help='One word, such as "exclude".')],
+    episode: Annotated[int | None, Option(help="Number as in the figures; the whole session if absent.")] = None,
+    note: Annotated[str, Option(help="Why.")] = "",
+    take_back: Annotated[bool, Option("--take-back", help="Undo an earlier mark of this tag.")] = False,
 ) -> None:
     """Mark an episode, or a whole session, in a file beside the log; the log itself stays as it is.
 
@@ -83,13 +86,13 @@ def mark(
     from minihuman.log.read.open_log import open_log
 
     at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    typer.echo(add_mark(open_log(log), Mark(tag, at, episode=episode, note=note, taken_back=take_back)))
+    print(add_mark(open_log(log), Mark(tag, at, episode=episode, note=note, taken_back=take_back)))
 
 
 @choosing()
 def report(
-    study: Annotated[Path, typer.Argument(help="A study's folder.", metavar="STUDY")],
-    out: Annotated[Path, typer.Option(help="Folder for the page, the tables and the figures.")],
+    study: Annotated[Path, Argument(help="A study's folder.", metavar="STUDY")],
+    out: Annotated[Path, Option(help="Folder for the page, the tables and the figures.")],
     *,
     selection: Any,
 ) -> None:
@@ -102,14 +105,14 @@ def report(
 
     sessions = Sessions(study, selection)
     for path in build(sessions, out):
-        typer.echo(path)
+        print(path, flush=True)
     say(sessions.account.lines())
 
 
 def query(
-    study: Annotated[Path, typer.Argument(help="A study's folder.", metavar="STUDY")],
-    sql: Annotated[str, typer.Argument(help="What to ask of its tables, in DuckDB's SQL.", metavar="SQL")],
-    csv: Annotated[bool, typer.Option("--csv", help="Print every row as CSV.")] = False,
+    study: Annotated[Path, Argument(help="A study's folder.", metavar="STUDY")],
+    sql: Annotated[str, Argument(help="What to ask of its tables, in DuckDB's SQL.", metavar="SQL")],
+    csv: Annotated[bool, Option("--csv", help="Print every row as CSV.")] = False,
 ) -> None:
     """Ask a study's tables anything: steps, episodes, participants and the others, as an export or a report has them.
 
@@ -125,5 +128,5 @@ def query(
     sessions = Sessions(study)
     with Store(sessions, with_shortest=True) as store:
         found = store.tables.query(sql)
-    typer.echo(as_csv(found) if csv else "\n".join(as_lines(found)), nl=not csv)
+    print(as_csv(found) if csv else "\n".join(as_lines(found)), end="" if csv else "\n")
     say(one.line() for one in sessions.account.skipped)

@@ -1,27 +1,31 @@
 """The command that lets people take part in a browser: serve."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from minihuman.cli.declared import Option
 from minihuman.cli.session import DataFolder, ProtocolFile
 from minihuman.cli.waiting import waiting
 
+if TYPE_CHECKING:
+    from typer import Typer
 
-def add_to(app: typer.Typer) -> None:
+
+def add_to(app: "Typer") -> None:
     """Add this command."""
-    app.command()(serve)
+    from minihuman.cli.typed import add
+
+    add(app, serve)
 
 
 def serve(
     protocol: ProtocolFile,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Where on this machine; 0 takes a free one.")] = 8000,
+    port: Annotated[int, Option(min=0, max=65535, help="Where on this machine; 0 takes a free one.")] = 8000,
     data: DataFolder = Path("sessions"),
-    links: Annotated[int, typer.Option(min=0, help="So many new links, one a participant.")] = 1,
-    address: Annotated[str, typer.Option(help="Of the proxy in front, for the links: https://study.example.org")] = "",
-    workers: Annotated[int, typer.Option(min=1, max=64, help="Processes, on this port and those after it.")] = 1,
-    watch: Annotated[bool, typer.Option("--watch", help="Open the experimenter's page, too.")] = False,
+    links: Annotated[int, Option(min=0, help="So many new links, one a participant.")] = 1,
+    address: Annotated[str, Option(help="Of the proxy in front, for the links: https://study.example.org")] = "",
+    workers: Annotated[int, Option(min=1, max=64, help="Processes, on this port and those after it.")] = 1,
+    watch: Annotated[bool, Option("--watch", help="Open the experimenter's page, too.")] = False,
 ) -> None:
     """Let people take part in a browser: print links, and serve the study on this machine until Ctrl-C.
 

@@ -1,35 +1,36 @@
 """Commands that run sessions: run, simulate, check, status."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from minihuman.cli.declared import Argument, Option
 from minihuman.cli.waiting import waiting
 from minihuman.errors import printable
 
-ProtocolFile = Annotated[Path, typer.Argument(help="A protocol's TOML file.")]
-DataFolder = Annotated[Path, typer.Option(help="Where sessions are kept.")]
+if TYPE_CHECKING:
+    from typer import Typer
+
+ProtocolFile = Annotated[Path, Argument(help="A protocol's TOML file.")]
+DataFolder = Annotated[Path, Option(help="Where sessions are kept.")]
 
 
-def add_to(app: typer.Typer) -> None:
+def add_to(app: "Typer") -> None:
     """Add these commands."""
-    app.command()(run)
-    app.command()(simulate)
-    app.command()(check)
-    app.command()(status)
+    from minihuman.cli.typed import add
+
+    add(app, run, simulate, check, status)
 
 
 def run(
     protocol: ProtocolFile,
-    participant: Annotated[str | None, typer.Option(help="A code such as sub-07; else the next free slot.")] = None,
-    group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
-    session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
-    any_day: Annotated[bool, typer.Option(help="Run a later session however few or many days have passed.")] = False,
+    participant: Annotated[str | None, Option(help="A code such as sub-07; else the next free slot.")] = None,
+    group: Annotated[str | None, Option(help="A group, against the allocation list.")] = None,
+    session: Annotated[int, Option(min=1, help="Which of the participant's sessions.")] = 1,
+    any_day: Annotated[bool, Option(help="Run a later session however few or many days have passed.")] = False,
     data: DataFolder = Path("sessions"),
-    window: Annotated[str, typer.Option(help="auto, pygame, pyglet, or one of your own.")] = "auto",
-    fullscreen: Annotated[bool, typer.Option("--fullscreen/--windowed", help="The whole screen or a window.")] = True,
-    lsl: Annotated[bool, typer.Option("--lsl", help="Send markers by the Lab Streaming Layer too.")] = False,
+    window: Annotated[str, Option(help="auto, pygame, pyglet, or one of your own.")] = "auto",
+    fullscreen: Annotated[bool, Option("--fullscreen/--windowed", help="The whole screen or a window.")] = True,
+    lsl: Annotated[bool, Option("--lsl", help="Send markers by the Lab Streaming Layer too.")] = False,
 ) -> None:
     """Run a participant's session, or the rest of one that was cut short.
 
@@ -67,11 +68,11 @@ def run(
 
 def simulate(
     protocol: ProtocolFile,
-    participants: Annotated[int, typer.Option(min=1, help="How many, in the next free slots.")] = 10,
+    participants: Annotated[int, Option(min=1, help="How many, in the next free slots.")] = 10,
     data: DataFolder = Path("sessions"),
-    seed: Annotated[int, typer.Option(min=0, help="Every choice of the players derives from it.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Every choice of the players derives from it.")] = 0,
     player: Annotated[
-        str, typer.Option(help="human-like, optimal, random, supervisor; human-like:lapse=0.1 sets one up.")
+        str, Option(help="human-like, optimal, random, supervisor; human-like:lapse=0.1 sets one up.")
     ] = ("human-like"),
 ) -> None:
     """Let simulated participants play a study: the same session, no window, no waiting.
@@ -97,14 +98,14 @@ def simulate(
 
 def check(
     protocol: ProtocolFile,
-    participant: Annotated[str, typer.Option(help="Whose plan to print.")] = "sub-01",
-    group: Annotated[str | None, typer.Option(help="A group, against the allocation list.")] = None,
-    stratum: Annotated[str | None, typer.Option(help="Whose answer; else the first stratum.")] = None,
-    session: Annotated[int, typer.Option(min=1, help="Which of the participant's sessions.")] = 1,
-    json: Annotated[bool, typer.Option("--json", help="Print the whole plan as JSON.")] = False,
-    pictures: Annotated[Path | None, typer.Option(help="Draw every screen into this folder, too.")] = None,
-    preregistration: Annotated[Path | None, typer.Option(help="Write what registries ask for into this file.")] = None,
-    effect: Annotated[str, typer.Option(help="With --preregistration: excess=0.7 works out its power.")] = "",
+    participant: Annotated[str, Option(help="Whose plan to print.")] = "sub-01",
+    group: Annotated[str | None, Option(help="A group, against the allocation list.")] = None,
+    stratum: Annotated[str | None, Option(help="Whose answer; else the first stratum.")] = None,
+    session: Annotated[int, Option(min=1, help="Which of the participant's sessions.")] = 1,
+    json: Annotated[bool, Option("--json", help="Print the whole plan as JSON.")] = False,
+    pictures: Annotated[Path | None, Option(help="Draw every screen into this folder, too.")] = None,
+    preregistration: Annotated[Path | None, Option(help="Write what registries ask for into this file.")] = None,
+    effect: Annotated[str, Option(help="With --preregistration: excess=0.7 works out its power.")] = "",
 ) -> None:
     """Check a protocol and its worlds, and print everything that a participant will play.
 
@@ -141,9 +142,9 @@ def check(
 
 
 def status(
-    study_dir: Annotated[Path, typer.Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
-    due: Annotated[bool, typer.Option("--due", help="Only of whom a session is expected, or the rest of one.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines; with --due.")] = False,
+    study_dir: Annotated[Path, Argument(help="A study's folder, such as sessions/fourrooms-transfer.")],
+    due: Annotated[bool, Option("--due", help="Only of whom a session is expected, or the rest of one.")] = False,
+    json: Annotated[bool, Option("--json", help="Print JSON instead of lines; with --due.")] = False,
 ) -> None:
     """Say who has taken part, how far each session came, and which were cut off.
 

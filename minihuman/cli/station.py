@@ -2,9 +2,12 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from minihuman.cli.declared import Argument, Option
+
+if TYPE_CHECKING:
+    from typer import Typer
 
 
 class ViewChoice(StrEnum):
@@ -21,19 +24,19 @@ class PaletteChoice(StrEnum):
     COLOUR_SAFE = "colour-safe"
 
 
-WindowOption = Annotated[str, typer.Option("--window", help="auto, pygame or pyglet.")]
-FullscreenOption = Annotated[bool, typer.Option("--fullscreen", help="Take the whole screen.")]
+WindowOption = Annotated[str, Option("--window", help="auto, pygame or pyglet.")]
+FullscreenOption = Annotated[bool, Option("--fullscreen", help="Take the whole screen.")]
 
 
-def add_to(app: typer.Typer) -> None:
+def add_to(app: "Typer") -> None:
     """Add these commands."""
-    app.command()(demo)
-    app.command()(play)
-    app.command()(doctor)
+    from minihuman.cli.typed import add
+
+    add(app, demo, play, doctor)
 
 
 def demo(
-    data: Annotated[Path, typer.Option(help="Where the session is kept.")] = Path("sessions"),
+    data: Annotated[Path, Option(help="Where the session is kept.")] = Path("sessions"),
     window: WindowOption = "auto",
     fullscreen: FullscreenOption = False,
 ) -> None:
@@ -51,10 +54,10 @@ def demo(
 
 
 def play(
-    world_id: Annotated[str, typer.Argument(help="A Gymnasium id; `minihuman worlds` lists ours.")],
-    seed: Annotated[int, typer.Option(help="The first layout's seed.")] = 0,
-    view: Annotated[ViewChoice, typer.Option(help="As the agent sees it, or all from above.")] = ViewChoice.PARTIAL,
-    palette: Annotated[PaletteChoice, typer.Option(help="The colours.")] = PaletteChoice.CLASSIC,
+    world_id: Annotated[str, Argument(help="A Gymnasium id; `minihuman worlds` lists ours.")],
+    seed: Annotated[int, Option(help="The first layout's seed.")] = 0,
+    view: Annotated[ViewChoice, Option(help="As the agent sees it, or all from above.")] = ViewChoice.PARTIAL,
+    palette: Annotated[PaletteChoice, Option(help="The colours.")] = PaletteChoice.CLASSIC,
     window: WindowOption = "auto",
     fullscreen: FullscreenOption = False,
 ) -> None:
@@ -73,13 +76,13 @@ def play(
 
 
 def doctor(
-    protocol: Annotated[Path | None, typer.Argument(help="A study, whose own worlds are then drawn, too.")] = None,
-    data: Annotated[Path, typer.Option(help="Where sessions are to be kept.")] = Path("sessions"),
+    protocol: Annotated[Path | None, Argument(help="A study, whose own worlds are then drawn, too.")] = None,
+    data: Annotated[Path, Option(help="Where sessions are to be kept.")] = Path("sessions"),
     window: WindowOption = "auto",
     fullscreen: Annotated[
-        bool | None, typer.Option("--fullscreen/--windowed", help="As `run` has it; with a study the whole screen.")
+        bool | None, Option("--fullscreen/--windowed", help="As `run` has it; with a study the whole screen.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
+    json: Annotated[bool, Option("--json", help="Print JSON instead of lines.")] = False,
 ) -> None:
     """Measure whether this machine is fit to run participants, or a study's; exit 1 if it is not.
 
@@ -98,4 +101,4 @@ def doctor(
         if not json:
             print(finding.line(), flush=True)
     print(msgspec.json.encode(findings).decode() if json else verdict(findings))
-    raise typer.Exit(1 if any(finding.unfit_because for finding in findings) else 0)
+    raise SystemExit(1 if any(finding.unfit_because for finding in findings) else 0)

@@ -8,6 +8,7 @@ import typer
 
 from minihuman.cli.choosing import choosing
 from minihuman.cli.training import SightChoice, command_line, need_torch
+from minihuman.cli.typed import add
 from minihuman.errors import LearnError
 
 Name = TypeVar("Name", bound=str)
@@ -15,8 +16,7 @@ Name = TypeVar("Name", bound=str)
 
 def add_to(learn: typer.Typer) -> None:
     """Add these commands to those of learning."""
-    for command in (teach, takeovers, ratings, comparisons):
-        learn.command()(command)
+    add(learn, teach, takeovers, ratings, comparisons)
 
 
 @choosing()

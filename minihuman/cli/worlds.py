@@ -1,17 +1,21 @@
 """Commands about what there is: worlds, plugins."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from minihuman.cli.declared import Option
+
+if TYPE_CHECKING:
+    from typer import Typer
 
 
-def add_to(app: typer.Typer) -> None:
+def add_to(app: "Typer") -> None:
     """Add these commands."""
-    app.command()(worlds)
-    app.command()(plugins)
+    from minihuman.cli.typed import add
+
+    add(app, worlds, plugins)
 
 
-def worlds(json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False) -> None:
+def worlds(json: Annotated[bool, Option("--json", help="Print JSON instead of lines.")] = False) -> None:
     """List every world of ours.
 
     Example: minihuman worlds
