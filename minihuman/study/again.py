@@ -132,7 +132,11 @@ def differences(events: Sequence[Event], make_world: MakeWorld) -> Iterator[str]
 
 
 def taken_up(
-    events: Sequence[Event], make_world: MakeWorld, *, picture_px: tuple[int, int] | None
+    events: Sequence[Event],
+    make_world: MakeWorld,
+    *,
+    picture_px: tuple[int, int] | None,
+    draws_steps: bool = True,
 ) -> tuple[Session, list[Event]]:
     """The machine that said a segment's events, to go on with, and what it says beyond them.
 
@@ -146,7 +150,7 @@ def taken_up(
     first = told[0] if told else None
     if not isinstance(first, SessionStarted):
         raise LogError("a segment starts with its plan")
-    session = Session(first.plan, make_world, first.facts, picture_px=picture_px)
+    session = Session(first.plan, make_world, first.facts, picture_px=picture_px, draws_steps=draws_steps)
     expected: deque[Event] = deque()
     while told:
         if not expected:

@@ -19,10 +19,18 @@ ENTER = ("enter", "kp_enter")
 class Stage:
     """The state that outlives a part, the worlds, and the events of the input that is being dealt with."""
 
-    def __init__(self, plan: SessionPlan, make_world: MakeWorld, picture_px: tuple[int, int] | None) -> None:
+    def __init__(
+        self,
+        plan: SessionPlan,
+        make_world: MakeWorld,
+        picture_px: tuple[int, int] | None,
+        *,
+        draws_steps: bool = True,
+    ) -> None:
         self.plan = plan
         self.words = Words(plan.language, plan.words, plan.fonts)
         self.picture_px = picture_px
+        self.draws_steps = draws_steps
         self.now_ns = 0
         self.next_episode = plan.first_episode  # index of the episode being played or to be played next
         self.completed = 0  # episodes of this segment

@@ -37,11 +37,16 @@ def is_undrawn(plan: SessionPlan) -> bool:
 
 
 def session_of(
-    plan: SessionPlan, make_world: MakeWorld, facts: Mapping[str, str], *, picture_px: tuple[int, int] | None
+    plan: SessionPlan,
+    make_world: MakeWorld,
+    facts: Mapping[str, str],
+    *,
+    picture_px: tuple[int, int] | None,
+    draws_steps: bool = True,
 ) -> Session:
     """A session by a plan; one that waits for its draw where the plan is of somebody without a group."""
     kind = UndrawnSession if is_undrawn(plan) else Session
-    return kind(plan, make_world, facts, picture_px=picture_px)
+    return kind(plan, make_world, facts, picture_px=picture_px, draws_steps=draws_steps)
 
 
 def waits_for_draw(session: Session) -> bool:
@@ -57,6 +62,7 @@ class UndrawnSession(Session):
         make_world: as a session's.
         facts: as a session's.
         picture_px: as a session's.
+        draws_steps: as a session's.
     """
 
     def __init__(
@@ -66,8 +72,9 @@ class UndrawnSession(Session):
         facts: Mapping[str, str],
         *,
         picture_px: tuple[int, int] | None = (640, 480),
+        draws_steps: bool = True,
     ) -> None:
-        super().__init__(plan, make_world, facts, picture_px=picture_px)
+        super().__init__(plan, make_world, facts, picture_px=picture_px, draws_steps=draws_steps)
         strata = strata_of(decode(plan.protocol_toml))
         assert strata is not None, "only a study with strata has plans without a group"
         self._strata = strata

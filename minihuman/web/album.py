@@ -3,6 +3,7 @@
 import hashlib
 import io
 import zlib
+from collections import OrderedDict
 from typing import Literal
 
 import numpy as np
@@ -16,6 +17,30 @@ ZLIB, JPEG = 0, 1
 JPEG_QUALITY = 85
 _FLAT = 0.12  # of its bytes: what zlib makes smaller than this is drawn of few colours, and stays exact
 _EVERY = 8  # rows; a picture is judged by these first
+_SHARED_BYTES = 32 * 2**20  # of packed pictures that are kept for everybody
+
+
+class _Shared:
+    """Packed pictures by what they show, the latest: in grids many people see the same ones."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[tuple[bytes, Encoding], tuple[int, bytes]] = OrderedDict()
+        self._bytes = 0
+
+    def of(self, digest: bytes, encoding: Encoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
+        """A picture's packing and its bytes."""
+        known = self._kept.get((digest, encoding))
+        if known is not None:
+            self._kept.move_to_end((digest, encoding))
+            return known
+        packed = self._kept[digest, encoding] = _packed(encoding, picture)
+        self._bytes += len(packed[1])
+        while self._bytes > _SHARED_BYTES:
+            self._bytes -= len(self._kept.popitem(last=False)[1][1])
+        return packed
+
+
+_SHARED = _Shared()
 
 
 class Album:
@@ -40,7 +65,9 @@ class Album:
         if known is None:
             known = self._numbers[digest] = self.next
             self.next += 1
-            self._packed[known] = self._pack(known, raw)
+            packing, packed = _SHARED.of(digest, self._encoding, raw)
+            self.used.add("lossless" if packing == ZLIB else f"JPEG {JPEG_QUALITY}")
+            self._packed[known] = Picture(known, packing, raw.shape[1], raw.shape[0], packed)
         return known
 
     def forget(self) -> None:
@@ -52,17 +79,15 @@ class Album:
         new, self._packed = list(self._packed.values()), {}
         return new
 
-    def _pack(self, number: int, picture: NDArray[np.uint8]) -> Picture:
-        height, width = picture.shape[:2]
-        if self._encoding == "lossless" or (self._encoding == "auto" and _may_be_flat(picture)):
-            packed = zlib.compress(picture.data, 1)
-            if self._encoding == "lossless" or len(packed) < _FLAT * picture.nbytes:
-                self.used.add("lossless")
-                return Picture(number, ZLIB, width, height, packed)
-        out = io.BytesIO()
-        Image.fromarray(picture).save(out, "JPEG", quality=JPEG_QUALITY)
-        self.used.add(f"JPEG {JPEG_QUALITY}")
-        return Picture(number, JPEG, width, height, out.getvalue())
+
+def _packed(encoding: Encoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
+    if encoding == "lossless" or (encoding == "auto" and _may_be_flat(picture)):
+        packed = zlib.compress(picture.data, 1)
+        if encoding == "lossless" or len(packed) < _FLAT * picture.nbytes:
+            return ZLIB, packed
+    out = io.BytesIO()
+    Image.fromarray(picture).save(out, "JPEG", quality=JPEG_QUALITY)
+    return JPEG, out.getvalue()
 
 
 def _may_be_flat(picture: NDArray[np.uint8]) -> bool:

@@ -154,6 +154,11 @@ class Place:
             self.blind = True
             return False
 
+    def tell_found(self) -> None:
+        """Tell the page what was found ahead."""
+        self.seat.tell_found()
+        self.changed.set()
+
     def look_at_desk(self) -> None:
         """Hand on what the experimenter asks for: to the page, or at once where there is none."""
         for request in self._desk.asked():

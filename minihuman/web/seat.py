@@ -283,6 +283,10 @@ class Seat:
         """Look one scene, or one screen, further ahead; False if there is nothing to look at."""
         return self._telling.grow(self._link.rtt_ns or _FAR_RTT_NS, self._rate.hz)
 
+    def tell_found(self) -> None:
+        """Tell the page what was found ahead since it was told last."""
+        self._telling.tell_found()
+
     def begin_again(self) -> None:
         """The page is another one, or knows nothing any more: tell it all from the start."""
         self._telling.begin_again(self._asked, begun=self._begun)

@@ -76,7 +76,7 @@ def begin(
         return files[0]
 
     refuse_taken(SegmentPath.of_plan(disk.data, plan))
-    session = session_of(plan, World, facts, picture_px=settings.picture_px)
+    session = session_of(plan, World, facts, picture_px=settings.picture_px, draws_steps=False)
     recorder = HeldRecorder(plan, opened)
     seat = Seat(session, recorder, World, settings, agent=agent_seat(disk.protocol, plan, disk.data))
     return Made(seat, recorder, started_ns, _name(disk.data, plan), files)
@@ -93,7 +93,7 @@ def go_on(part: Path, disk: Disk, facts: Mapping[str, str], settings: Settings, 
     left = take_up(part)
     try:
         _refuse_other_rules(part, left.events, facts)
-        session, unwritten = taken_up(left.events, World, picture_px=settings.picture_px)
+        session, unwritten = taken_up(left.events, World, picture_px=settings.picture_px, draws_steps=False)
     except BaseException:
         left.close()
         raise

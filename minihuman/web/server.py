@@ -35,6 +35,8 @@ LOG = logging.getLogger("minihuman")
 KEPT_S = 600.0  # a seat whose session is over, for pages that come again
 LOOK_S = 1.0
 POLL_S = 0.1
+GROW_S = 0.01  # so long what lies ahead of a seat is looked for before the page is told of it, and others have a turn
+TOGETHER_BYTES = 65_536  # of messages that go over the line as one
 # Codes of a closed socket after which the page does not come again by itself.
 ANOTHER, REFUSED, FOREIGN = 4001, 4003, 4004
 BUSY = 4100  # the page tries again in a while
@@ -170,12 +172,18 @@ class Server:
                 await line.close(ANOTHER)
                 return
             safe = place.seat.safe()  # before what is said: who is told that a key is safe has been told where it led
+            parts, size = [], 0
             for told, message in saying.after(sent):
-                await line.say(wire.numbered(told, message))
-                sent = told
+                parts.append(wire.numbered(told, message))
+                sent, size = told, size + len(parts[-1])
+                if size > TOGETHER_BYTES:
+                    await line.say(b"".join(parts))
+                    parts, size = [], 0
             if safe > acked:
                 acked = safe
-                await line.say(wire.plain(wire.Acked(acked)))
+                parts.append(wire.acked(acked))
+            if parts:
+                await line.say(b"".join(parts))
 
     # Ends
 
@@ -253,10 +261,15 @@ class Server:
             if not self._growing:
                 self._to_grow.clear()
                 await self._to_grow.wait()
-            place = self._growing.popleft()
-            if place.here and place.grow():
-                self._growing.append(place)
-                place.changed.set()
+            place, until_s, grown = self._growing.popleft(), time.monotonic() + GROW_S, False
+            while place.here and place.grow():
+                grown = True
+                if time.monotonic() > until_s:
+                    self._want_more(place)
+                    break
+                await asyncio.sleep(0)
+            if grown:
+                place.tell_found()
             await asyncio.sleep(0)
 
 

@@ -114,6 +114,7 @@ class Telling:
         plan = play.plan
         if self._lookout is not None and self._lookout.plan is plan:
             return
+        self.tell_found()  # as long as its pictures are known
         actions = {key: play.world.action_names.index(name) for key, name in plan.key_map.keys.items()}
         noop = None if plan.noop is None else play.world.action_names.index(plan.noop)
         self._album.forget()
@@ -161,6 +162,8 @@ class Telling:
     def grow(self, rtt_ns: int, rate_hz: float) -> bool:
         """Draw one picture of a film, or look one scene or screen further ahead; False if nothing is left.
 
+        What was found is told by ``tell_found``, or with whatever is told before.
+
         Args:
             rtt_ns: how long the line takes, there and back.
             rate_hz: keys a second.
@@ -174,10 +177,6 @@ class Telling:
             self.saying.say(frame)
             return True
         if self._session.play is None and self._settings.deepest and self._ways.grow(rtt_ns):
-            new = self._ways.take_new()
-            self._tell_pictures()
-            if new is not None:
-                self.saying.say(new)
             return True
         if lookout is None:
             return False
@@ -186,10 +185,16 @@ class Telling:
         looks_on = isinstance(part, AgentPlaying) and not part.takes_over  # no key leads anywhere
         depth = 0 if looks_on else depth_for(rtt_ns, rate_hz)
         lookout.depth = min(deepest, depth)
-        if not lookout.grow():
-            return False
-        self._tell_ahead()
-        return True
+        return lookout.grow()
+
+    def tell_found(self) -> None:
+        """Tell the page what was found ahead."""
+        new = self._ways.take_new()
+        self._tell_pictures()
+        if new is not None:
+            self.saying.say(new)
+        if self._lookout is not None:
+            self._tell_ahead()
 
     def begin_again(self, asked: Iterable[int], *, begun: bool) -> None:
         """Tell everything from the start.

@@ -13,9 +13,10 @@ from msgspec import Meta
 
 from minihuman.errors import MinihumanError
 
-VERSION = 2
+VERSION = 3
 MOST_BYTES = 16 * 1024  # of a message of the page's
 _PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
+_PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
 
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
@@ -312,14 +313,24 @@ class _Carried(msgspec.Struct):
     m: Told
 
 
-def numbered(number: int, message: Told | Picture) -> str | bytes:
-    """A message of the server's stream as it goes over the line: text, or bytes for a picture."""
+def numbered(number: int, message: Told | Picture) -> bytes:
+    """A message of the server's stream, as part of what goes over the line."""
     if isinstance(message, Picture):
         head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
-        return head + message.data
-    return _ENCODER.encode(_Carried(number, message)).decode()
+        return _PART.pack(1, len(head) + len(message.data)) + head + message.data
+    return _text(_Carried(number, message))
 
 
-def plain(message: Welcome | Refused | Acked | Pong) -> str:
+def acked(through: int) -> bytes:
+    """Word of what is on the disk, as part of what goes over the line with messages of the stream."""
+    return _text(Acked(through))
+
+
+def plain(message: Welcome | Refused | Pong) -> str:
     """A message beside the stream."""
     return _ENCODER.encode(message).decode()
+
+
+def _text(message: _Carried | Acked) -> bytes:
+    text = _ENCODER.encode(message)
+    return _PART.pack(0, len(text)) + text

@@ -60,6 +60,7 @@ class PageModel:
         self._seat.receive(self.sent[-1].n, self.sent[-1].at, what)
         while self._seat.grow():
             pass
+        self._seat.tell_found()
         self._read()
 
     def _read(self) -> None:

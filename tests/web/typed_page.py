@@ -6,8 +6,9 @@ It goes ahead of the server as the page does: a press whose scene is known is sh
 import asyncio
 import json
 import random
+import struct
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,7 @@ from minihuman.web.wire import VERSION
 
 FACTS = {"browser": "Chromium", "browser_version": "156", "window_px": "1366 x 768", "mouse": True, "touch": False}
 HOLD_S = 0.08
+HEARD_S = 0.25  # so often a page says what it has heard, if there is more
 FLIP_S = 0.008  # from a picture's being known to its being seen
 
 
@@ -157,10 +159,16 @@ class TypedPage:
 
     def _take(self, data: str | bytes) -> None:
         self.counts.bytes += len(data)
-        if isinstance(data, bytes):
-            self._heard = int.from_bytes(data[:4], "little")
+        if isinstance(data, str):
+            self._take_one(json.loads(data))
             return
-        message = json.loads(data)
+        for is_picture, part in parts_of(data):
+            if is_picture:
+                self._heard = int.from_bytes(part[:4], "little")
+            else:
+                self._take_one(json.loads(part))
+
+    def _take_one(self, message: dict[str, Any]) -> None:
         if "n" in message:
             self._heard, message = message["n"], message["m"]
         match message["t"]:
@@ -261,15 +269,25 @@ class TypedPage:
                 await self._press("enter")
 
     async def _tick(self, socket: ClientConnection) -> None:
+        heard_s = 0.0
         while True:
             await asyncio.sleep(0.02)
             due_ns = self._due_ns
             if due_ns is not None and self._zero_s is not None and self._told_due_ns != due_ns <= self._now_ns():
                 self._told_due_ns = due_ns
                 self.say(t="tick")
-            if self._heard > self._heard_told:
-                self._heard_told = self._heard
+            if self._heard > self._heard_told and time.monotonic() >= heard_s + HEARD_S:
+                self._heard_told, heard_s = self._heard, time.monotonic()
                 await socket.send(json.dumps({"t": "heard", "n": self._heard}))
+
+
+def parts_of(data: bytes) -> Iterator[tuple[bool, bytes]]:
+    """The messages in one of the server's: whether it is a picture, and its bytes."""
+    at = 0
+    while at < len(data):
+        is_picture, size = struct.unpack_from("<BI", data, at)
+        yield bool(is_picture), data[at + 5 : at + 5 + size]
+        at += 5 + size
 
 
 def _names(keys: Iterable[dict[str, Any]]) -> list[str]:

@@ -3,6 +3,7 @@
 Two threads stand between a session and a file. One writes: what it has written survives the process, however that
 ends. One fsyncs behind it: what it has done survives the power. Neither can hold a picture up for longer than a bound:
 a write that the disk does not take by then goes on by itself, and until it is done nobody waits for the next ones.
+Where nobody waits for a write at all, since only what is durable counts, one thread does both.
 """
 
 import fcntl
@@ -82,10 +83,12 @@ class Disk:
         self._unsynced: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._file = threading.Lock()  # held while the file is written, or written again
         self._rest = threading.Condition()
+        self._broken = False  # it cannot be fsynced
+        both = (("write", self._write_all), ("sync", self._sync_all))
         # Daemons, so that a crash of the program is not held up; what was written stays and is recovered.
         self._threads = [
             threading.Thread(target=run, name=f"minihuman-log-{name}", daemon=True)
-            for name, run in (("write", self._write_all), ("sync", self._sync_all))
+            for name, run in (both if bound_s is not None else (("write", self._write_and_sync_all),))
         ]
         for thread in self._threads:
             thread.start()
@@ -131,18 +134,35 @@ class Disk:
 
     def _write_all(self) -> None:
         while (job := self._jobs.get()) is not None:
-            if self.failure is None or isinstance(self.failure, TimeoutError):
-                try:
-                    for piece in job.pieces:
-                        self._append(piece)
-                    job.whole = True
-                except Exception as error:  # handed to the session at this write or the next
-                    self.failure = error
-            self._written += 1
-            job.over = True
-            job.done.release()
+            self._write(job)
             self._unsynced.put(job)
         self._unsynced.put(None)
+
+    def _sync_all(self) -> None:
+        closing = False
+        while not closing:
+            written, closing = _waiting(self._unsynced)
+            self._make_durable(written, closing=closing)
+
+    def _write_and_sync_all(self) -> None:
+        closing = False
+        while not closing:
+            jobs, closing = _waiting(self._jobs)
+            for job in jobs:
+                self._write(job)
+            self._make_durable(jobs, closing=closing)
+
+    def _write(self, job: _Job) -> None:
+        if self.failure is None or isinstance(self.failure, TimeoutError):
+            try:
+                for piece in job.pieces:
+                    self._append(piece)
+                job.whole = True
+            except Exception as error:  # handed to the session at this write or the next
+                self.failure = error
+        self._written += 1
+        job.over = True
+        job.done.release()
 
     def _append(self, piece: Piece) -> None:
         if piece.room_for is not None:
@@ -154,28 +174,21 @@ class Disk:
                 rest = rest[taken:]
             self.crc = zlib.crc32(piece.data, self.crc)
 
-    def _sync_all(self) -> None:
-        closing, broken = False, False
-        while not closing:
-            jobs = [self._unsynced.get()]
-            while not self._unsynced.empty():
-                jobs.append(self._unsynced.get())
-            closing = jobs[-1] is None
-            written = [job for job in jobs if job is not None]
-            if not broken and (written or closing):
-                try:
-                    self._sync(self._fd)
-                    self._stay_there()
-                    self.durable_steps = max([self.durable_steps, *(job.steps for job in written if job.whole)])
-                    if all(job.whole for job in written):
-                        self.durable_writes += len(written)
-                except Exception as error:
-                    broken, self.failure = True, self.failure or error
-            with self._rest:
-                self._settled += len(written)
-                self._rest.notify_all()
-            if written:
-                self._at_sync()
+    def _make_durable(self, written: Sequence[_Job], *, closing: bool) -> None:
+        if not self._broken and (written or closing):
+            try:
+                self._sync(self._fd)
+                self._stay_there()
+                self.durable_steps = max([self.durable_steps, *(job.steps for job in written if job.whole)])
+                if all(job.whole for job in written):
+                    self.durable_writes += len(written)
+            except Exception as error:
+                self._broken, self.failure = True, self.failure or error
+        with self._rest:
+            self._settled += len(written)
+            self._rest.notify_all()
+        if written:
+            self._at_sync()
 
     def _stay_there(self) -> None:
         """Where somebody took the file away or moved it, write it again from the open handle."""
@@ -206,3 +219,11 @@ class Disk:
         for folder in self._part.parents[:4]:
             sync_folder(folder)
         return copied
+
+
+def _waiting(jobs: "queue.SimpleQueue[_Job | None]") -> tuple[list[_Job], bool]:
+    """All jobs that wait, one at least, and whether there will be no more."""
+    found = [jobs.get()]
+    while not jobs.empty():
+        found.append(jobs.get())
+    return [job for job in found if job is not None], found[-1] is None

@@ -26,7 +26,7 @@ from minihuman.study.activities.port import Activity, Ended, Kind, Want
 from minihuman.study.events import KindEvent, Noted, PauseReason
 from minihuman.study.inputs import Input, KeyDown, Shown
 from minihuman.study.phases import Phase
-from minihuman.study.play import Play, world_calls
+from minihuman.study.play import NO_PICTURE, Play, world_calls
 from minihuman.study.screens import FilmScreen, PlayScreen, Screen
 from minihuman.study.stage import ENTER
 
@@ -291,7 +291,7 @@ class Correction(Activity):
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
         end = words.labels((self._plan.begin,))[0][1] or self._plan.begin
         return PlayScreen(
-            picture=play.picture(),
+            picture=play.picture() if self.stage.draws_steps else NO_PICTURE,
             mission=words.fill("correction.show", end=end),
             progress=words.fill("progress.of_one", episode=self._number + 1, episodes=self._plan.episodes),
             legend=tuple((key, words.action(action)) for key, action in legend),

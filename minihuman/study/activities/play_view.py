@@ -6,7 +6,7 @@ from minihuman.study import texts
 from minihuman.study.activities.pages import Reader
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.phases import Phase
-from minihuman.study.play import Play
+from minihuman.study.play import NO_PICTURE, Play
 from minihuman.study.screens import BlankScreen, PlayScreen, Screen, TextScreen
 from minihuman.study.stage import Stage
 
@@ -62,7 +62,7 @@ class View:
         words = self._stage.words
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
         return PlayScreen(
-            picture=play.picture(),
+            picture=play.picture() if held or self._stage.draws_steps else NO_PICTURE,
             mission=self._mission(play),
             progress=self._progress(play),
             legend=tuple((key, words.action(action)) for key, action in legend),

@@ -3,7 +3,7 @@
 
 import { Onward } from "./onward.js";
 
-const VERSION = 2;
+const VERSION = 3;
 const main = document.getElementById("screen");
 const line = document.getElementById("line");
 const ns = (ms) => Math.round(ms * 1e6);
@@ -137,13 +137,21 @@ function leave(why) {
 }
 
 function receive(data) {
-  if (data instanceof ArrayBuffer) {
-    const head = new DataView(data);
-    if (!isNext(head.getUint32(0, true))) return;
-    takePicture(head.getUint32(4, true), head.getUint8(8), head.getUint16(10, true), head.getUint16(12, true), data);
-    return;
+  if (!(data instanceof ArrayBuffer)) { take(JSON.parse(data)); return; }
+  const view = new DataView(data);
+  for (let at = 0; at < data.byteLength;) { // several as one
+    const isPicture = view.getUint8(at), size = view.getUint32(at + 1, true), from = at + 5;
+    at = from + size;
+    if (!isPicture) { take(JSON.parse(utf8.decode(new Uint8Array(data, from, size)))); continue; }
+    if (!isNext(view.getUint32(from, true))) continue;
+    const number = view.getUint32(from + 4, true), encoding = view.getUint8(from + 8);
+    const width = view.getUint16(from + 10, true), height = view.getUint16(from + 12, true);
+    takePicture(number, encoding, width, height, new Uint8Array(data.slice(from + 14, at)));
   }
-  const message = JSON.parse(data);
+}
+
+const utf8 = new TextDecoder();
+function take(message) {
   if (message.n !== undefined) {
     if (isNext(message.n)) told[message.m.t](message.m);
   } else {
@@ -158,7 +166,7 @@ function isNext(n) {
   hearing ??= setTimeout(() => {
     hearing = null;
     if (welcomed) socket.send(JSON.stringify({ t: "heard", n: heard }));
-  }, 100);
+  }, 250);
   return true;
 }
 
@@ -243,8 +251,8 @@ const drawnLately = new Map(); // number -> picture with a bitmap, the latest la
 const MOST_BITMAPS = 160;
 const UNPACKED_STEPS = 2;
 
-function takePicture(number, encoding, width, height, data) {
-  const picture = { number, encoding, width, height, bytes: new Uint8Array(data, 14), bitmap: null, ready: null };
+function takePicture(number, encoding, width, height, bytes) {
+  const picture = { number, encoding, width, height, bytes, bitmap: null, ready: null };
   pictures.set(number, picture);
 }
 
