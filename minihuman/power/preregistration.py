@@ -4,8 +4,10 @@ The order follows the OSF's and AsPredicted's forms. What only the researchers k
 """
 
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 
+from minihuman import __version__
 from minihuman.errors import ReportError
 from minihuman.report.results import MEASURES as MEANINGS
 from minihuman.study.allocation import allocation, allocation_sha256
@@ -25,6 +27,15 @@ _KEYS = {
     "fixed": "on keys that the protocol names",
 }
 _FILL_IN = "_To be written by the researchers._"
+_FORMULAS = {  # of one episode, where a measure's name does not tell it; a participant's value is the mean
+    "log_excess_steps_mean": "ln(1 + steps - best), best being the steps of the best way that is known",
+    "spl_mean": "best / steps with the goal, 0 without",
+    "reward_mean": "the world's own, summed over the episode",
+    "reward_slope": "slope of a straight line",
+    "excess_steps_mean": "steps - best",
+    "reaction_median_ms": "from a picture to the key that it was answered with",
+    "in_vain_share": "steps that left the world as it was",
+}
 
 
 def preregistration(protocol: Protocol, plan: SessionPlan, power: str = "") -> str:
@@ -70,11 +81,15 @@ def _lines(protocol: Protocol, plan: SessionPlan, power: str) -> Iterator[str]:
     strata = strata_of(protocol)
     yield f"# Preregistration of {study.name}, version {study.version}"
     yield f"\nProtocol SHA-256 `{plan.protocol_sha256}`, in every session's log with the protocol itself."
-    yield "It holds every text that participants read; put the file beside this one."
-    yield f"\n## Hypotheses\n\n{_FILL_IN}\n\n## Have any data been collected?\n\n{_FILL_IN}"
+    yield "It holds every text that participants read; put the file beside this one. Sessions and analysis are those of"
+    yield f"minihuman {__version__}: `minihuman report` makes all that is named below from the logs and the protocol."
+    yield f"\n## Hypotheses\n\n{_hypothesis(protocol)}\n\n## Have any data been collected?\n\n{_FILL_IN}"
+    yield f"\n## Participants\n\nWho may take part, how they are found and what they get: {_FILL_IN}"
     yield "\n## Design\n"
+    if len(protocol.groups) > 1:
+        yield f"{len(protocol.groups)} groups, compared between participants; everybody is in one.\n"
     for group in protocol.groups:
-        yield f"- Group {group.name}: {', '.join(group.blocks or group.parts)}."
+        yield f"- Group {group.name} goes through {', then '.join(group.blocks or group.parts)}."
     yield ""
     yield from (_block(block) for block in protocol.blocks)
     yield "\n## Randomisation\n"
@@ -92,10 +107,12 @@ def _lines(protocol: Protocol, plan: SessionPlan, power: str) -> Iterator[str]:
     told = ", ".join(f"{sum(slot.group == group.name for slot in slots)} in {group.name}" for group in protocol.groups)
     if strata is not None:
         told = "groups in ratio " + ":".join(str(group.ratio) for group in protocol.groups)
-    yield f"{study.participants} places ({told}); sessions are run until they are taken. {_FILL_IN}"
+    yield f"{study.participants} places ({told}); no session starts when all are taken."
+    yield f"\nWhy so many, and what else ends the study: {_FILL_IN}"
     yield "\n## Measures and analysis\n"
     yield from _analysis(protocol)
     yield "\n## Exclusions\n"
+    yield "By these rules of the protocol, before groups are compared; the report says who was left out and why.\n"
     yield from (_exclusion(rule) for rule in protocol.exclusions)
     yield "- Episodes that were not played to an end do not count; of several attempts at one, the last does."
     yield "\n## Power\n"
@@ -132,7 +149,8 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
     named = protocol.analysis
     block = _compared_on(protocol)
     where = f"block {block}" if block else "the last block that all groups play"
-    yield f"Groups are compared on {where}, one value a participant."
+    yield f"Groups are compared on {where}, one value a participant: the mean over the episodes that count, unless"
+    yield f"something else is said. {_direction(protocol)}"
     if named.primary:
         yield f"\n- Primary: {named.primary}, by itself."
         if named.equivalence is not None:
@@ -141,14 +159,17 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
                 f"less than {named.equivalence:g}."
             )
     else:
-        yield "\n- No primary measure is named: name one in `[analysis]`; else all are exploratory, corrected together."
+        yield (
+            "\n- No primary measure is named: name one in the protocol's `[analysis]`. Else all are exploratory, with "
+            "Holm's correction over all of them."
+        )
     if named.secondary:
         yield f"- Secondary: {', '.join(named.secondary)}; Holm's correction over them."
     if named.primary or named.secondary:
         yield "- Everything else is exploratory; Holm's correction over it."
     yield (
         "- Test: two-sided permutation of |Welch's t| over participants, 5 %; interval of the difference: Welch's, "
-        "95 %. Who tells no value of a measure is not in its row, and the row says how many tell one."
+        "95 %. A participant without a value of a measure is not in its row; every row says how many are."
     )
     yield (
         "- A reward that is 0 where time ran out is compared in two parts too, exploratory: the odds of any, and how "
@@ -163,7 +184,32 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
         "until every key was found, where somebody never did; either would make those who fail more look better."
     )
     named_too = [name for name in (named.primary, *named.secondary) if name]
-    yield from (f"- {name}: {MEANINGS[name]}." for name in named_too or MEANINGS)
+    yield f"\nThe measures{' that are named' if named_too else ''}:\n"
+    yield from (f"- `{name}`: {MEANINGS[name]}{_formula(name)}." for name in named_too or MEANINGS)
+
+
+def _formula(measure: str) -> str:
+    return f"; {_FORMULAS[measure]}" if measure in _FORMULAS else ""
+
+
+def _hypothesis(protocol: Protocol) -> str:
+    """What is left to be said of groups: which way they differ on what they are compared on."""
+    if len(protocol.groups) < 2:
+        return _FILL_IN
+    primary = protocol.analysis.primary or "the primary measure"
+    names = " and ".join(group.name for group in protocol.groups)
+    return f"How {names} differ on {primary} of block {_compared_on(protocol) or '...'}, and why: {_FILL_IN}"
+
+
+def _direction(protocol: Protocol) -> str:
+    """Which group is taken from which, as the report does it."""
+    if len(protocol.groups) < 2:
+        return "There is one group, so nothing is compared."
+    blocks = {block.name for block in protocol.blocks}
+    played = {group.name: len(blocks & set(group.blocks or group.parts)) for group in protocol.groups}
+    most_first = sorted(protocol.groups, key=lambda group: (-played[group.name], group.name))
+    pairs = (f"{one.name} minus {other.name}" for one, other in combinations(most_first, 2))
+    return f"Differences are {', '.join(pairs)}."
 
 
 def _exclusion(rule: Exclusion) -> str:

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+import minihuman
 from minihuman.errors import ReportError
 from minihuman.power.preregistration import preregistration, write
 from minihuman.study.expand import enrol, expand
@@ -44,12 +45,23 @@ def test_what_the_protocol_fixes_is_in_it():
         "a layout for every episode, drawn for each participant",
         "on the keys of the block before where one was played",
         "Left out unless named here",
+        "Differences are grid-first minus direct.",
+        "Group grid-first goes through grid, then first-person.",
+        f"minihuman {minihuman.__version__}",
+        "Holm's correction",
+        "ln(1 + steps - best)",
     ):
         assert part in said
 
 
 def test_a_study_that_names_no_primary_measure_is_told_so():
     assert "No primary measure is named" in of(TOML)
+    assert "with Holm's correction over all of them" in of(TOML)
+
+
+def test_one_group_is_compared_with_nobody():
+    alone = TOML[: TOML.index(b'[[groups]]\nname = "direct"')] + TOML[TOML.index(b"[[blocks]]") :]
+    assert "There is one group, so nothing is compared." in of(alone)
 
 
 def test_a_preregistration_is_not_written_over(tmp_path):
