@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from minihuman.figures.style import SERIES, blank, our_style
+from minihuman.statistics.shares import wilson
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,6 +34,18 @@ def mean_and_band(
         spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (there - 1)) / np.sqrt(there)
         half = np.where(there > 1, stdtrit(np.maximum(there - 1, 1), 0.5 + level / 2) * spread, np.nan)
     return mean, mean - half, mean + half
+
+
+def share_and_band(
+    values: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Share of ones and its 95 % interval (Wilson), each (episodes,), from (participants, episodes) of 0, 1 and NaN."""
+    there, ones = (~np.isnan(values)).sum(axis=0), np.nansum(values, axis=0)
+    with np.errstate(invalid="ignore"):
+        share = ones / there
+    low, high = np.array([wilson(int(of), int(n)) for of, n in zip(ones, there, strict=True)]).T
+    nobody = np.where(there, 0.0, np.nan)
+    return share, low + nobody, high + nobody
 
 
 def learning_curves(episodes: "pd.DataFrame", measure: str = "reward") -> dict[str, NDArray[np.float64]]:
@@ -64,11 +77,13 @@ def draw_learning(
 ) -> Axes:
     """Draw each group's mean over its participants against the episode in the block, counted from 1.
 
-    ``curves`` maps a group to (participants, episodes). Bands are cut at ``limits``, which the measure cannot leave.
+    ``curves`` maps a group to (participants, episodes). Where every value is 0 or 1, means are shares and bands
+    Wilson's, of 95 %. Others are Student's, cut at ``limits``, which the measure cannot leave.
     """
+    shares = all(np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values())
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]
-        mean, low, high = mean_and_band(values, level=level)
+        mean, low, high = share_and_band(values) if shares else mean_and_band(values, level=level)
         if limits is not None:
             low, high = np.clip(low, *limits), np.clip(high, *limits)
         numbers = np.arange(1, values.shape[1] + 1)

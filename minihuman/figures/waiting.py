@@ -10,7 +10,6 @@ from minihuman.figures.style import SERIES, blank, our_style
 from minihuman.statistics.survival import Waited, curve
 
 _DASHES = ("-", "--", ":", "-.")
-_TIMES = 5  # at which it is told how many are still waiting
 
 
 def draw_waiting(ax: Axes, groups: Mapping[str, Waited], *, label: str) -> Axes:
@@ -38,10 +37,11 @@ def waiting_figure(groups: Mapping[str, Waited], *, label: str) -> Figure:
         draw_waiting(axes, groups, label=label)
         below.set(xlim=axes.get_xlim(), ylim=(-0.6, len(groups) + 0.4))
         below.axis("off")
-        at = np.linspace(0, max(float(waited.times.max()) for waited in groups.values()), _TIMES)
+        last = max(float(waited.times.max()) for waited in groups.values())
+        at = np.array([tick for tick in axes.get_xticks() if 0 <= tick <= last])
         for place, (group, waited) in enumerate(groups.items()):
             line, colour = len(groups) - 1 - place, SERIES[place % len(SERIES)]
             for time, count in zip(at, waited.waiting(at), strict=True):
-                below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6)
-            below.text(0, line + 0.45, f"still waiting, {group}:", ha="left", va="center", color=colour, fontsize=5)
+                below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6.5)
+            below.text(0, line + 0.45, f"still waiting, {group}:", ha="left", va="center", color=colour, fontsize=6)
     return figure

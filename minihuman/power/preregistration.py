@@ -9,6 +9,7 @@ from pathlib import Path
 
 from minihuman import __version__
 from minihuman.errors import ReportError
+from minihuman.report.results import FORMULAS
 from minihuman.report.results import MEASURES as MEANINGS
 from minihuman.study.allocation import allocation, allocation_sha256
 from minihuman.study.plan import SessionPlan
@@ -27,15 +28,6 @@ _KEYS = {
     "fixed": "on keys that the protocol names",
 }
 _FILL_IN = "_To be written by the researchers._"
-_FORMULAS = {  # of one episode, where a measure's name does not tell it; a participant's value is the mean
-    "log_excess_steps_mean": "ln(1 + steps - best), best being the steps of the best way that is known",
-    "spl_mean": "best / steps with the goal, 0 without",
-    "reward_mean": "the world's own, summed over the episode",
-    "reward_slope": "slope of a straight line",
-    "excess_steps_mean": "steps - best",
-    "reaction_median_ms": "from a picture to the key that it was answered with",
-    "in_vain_share": "steps that left the world as it was",
-}
 
 
 def preregistration(protocol: Protocol, plan: SessionPlan, power: str = "") -> str:
@@ -189,7 +181,7 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
 
 
 def _formula(measure: str) -> str:
-    return f"; {_FORMULAS[measure]}" if measure in _FORMULAS else ""
+    return f"; {FORMULAS[measure]}" if measure in FORMULAS else ""
 
 
 def _hypothesis(protocol: Protocol) -> str:

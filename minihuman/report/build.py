@@ -20,7 +20,7 @@ from minihuman.figures.waiting import waiting_figure
 from minihuman.log.read.open_log import open_log
 from minihuman.report.clauses import clauses_done
 from minihuman.report.flow import flow_section
-from minihuman.report.methods import methods
+from minihuman.report.methods import knew_the_keys, methods
 from minihuman.report.page import Page, page
 from minihuman.report.published import is_papers
 from minihuman.report.results import Results, results
@@ -76,6 +76,7 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
         simulated=simulated,
         flow=flow_section(sessions.source, participants),
         methods=methods(outlines, qualities, simulated),
+        knew=knew_the_keys(outlines),
         figures=figures,
         tables=tables,
         qualities=qualities,

@@ -6,6 +6,7 @@ from importlib.metadata import version
 from itertools import pairwise
 
 from minihuman.data.quality import Outline, Quality
+from minihuman.report.results import FORMULAS, MEASURES
 from minihuman.study.plan import EpisodePlan
 
 _STATISTICS = ("pandas", "scipy")
@@ -17,7 +18,17 @@ _KEY_MAPS = {
 
 def methods(plans: Sequence[Outline], qualities: Sequence[Quality], simulated: int = 0) -> list[str]:
     """The paragraphs; ``plans`` and ``qualities`` are the sessions', ``simulated`` of which no person played."""
-    return [_people(plans, simulated), *_blocks(plans), _software(plans, qualities), _statistics()]
+    return [_people(plans, simulated), *_blocks(plans), _measures(), _software(plans, qualities), _statistics()]
+
+
+def knew_the_keys(plans: Sequence[Outline]) -> dict[str, list[str]]:
+    """By block, the groups who came to it with the keys of the one before, which they knew by then."""
+    found: dict[str, set[str]] = {}
+    for plan in plans:
+        for before, one in pairwise(plan.blocks):
+            if set(one.key_map.keys) == set(before.key_map.keys):
+                found.setdefault(one.block_name, set()).add(plan.group)
+    return {block: sorted(groups) for block, groups in found.items()}
 
 
 def _people(plans: Sequence[Outline], simulated: int) -> str:
@@ -57,21 +68,15 @@ def _nobody(plans: Sequence[Outline], simulated: int) -> str:
 
 def _blocks(plans: Sequence[Outline]) -> list[str]:
     first: dict[str, EpisodePlan] = {}
-    for plan in plans:
+    for plan in sorted(plans, key=lambda plan: -len(plan.blocks)):  # in the order of those who played most
         for episode in plan.blocks:
             first.setdefault(episode.block_name, episode)
-    return [_block(name, episode, _carried(name, plans)) for name, episode in first.items()]
+    knew = knew_the_keys(plans)
+    return [_block(name, episode, _carried(knew.get(name, []))) for name, episode in first.items()]
 
 
-def _carried(name: str, plans: Sequence[Outline]) -> str:
-    """The groups who came to a block with the keys of the one before, which they knew by then."""
-    knew = {
-        plan.group
-        for plan in plans
-        for before, one in pairwise(plan.blocks)
-        if one.block_name == name and set(one.key_map.keys) == set(before.key_map.keys)
-    }
-    return f" (not by {', '.join(sorted(knew))}: the keys were those of the block before)" if knew else ""
+def _carried(knew: Sequence[str]) -> str:
+    return f" (not by {', '.join(knew)}: the keys were those of the block before)" if knew else ""
 
 
 def _block(name: str, one: EpisodePlan, carried: str) -> str:
@@ -87,6 +92,11 @@ def _block(name: str, one: EpisodePlan, carried: str) -> str:
         f"{len(one.key_map.keys) + len(one.key_map.spare_keys)}; {_KEY_MAPS[one.show_keys]}"
         f"{'' if one.show_keys else carried}."
     )
+
+
+def _measures() -> str:
+    told = "; ".join(f"{MEASURES[name]}: {formula}" for name, formula in FORMULAS.items())
+    return f"A participant's value is the mean over the episodes that count, unless something else is said. {told}."
 
 
 def _software(plans: Sequence[Outline], qualities: Sequence[Quality]) -> str:

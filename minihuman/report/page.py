@@ -44,6 +44,7 @@ class Page:
     windows: Mapping[str, int]  # what they sat at, and how many sessions there
     flow: Sequence[str]  # how many came, left, were screened out and count; empty without a register
     methods: Sequence[str]
+    knew: Mapping[str, Sequence[str]]  # block: the groups who came to it with the keys of the one before
     figures: Sequence[tuple[str, Path, str]]  # its block, "" for all; a PNG and its caption
     tables: Sequence[Path]
     qualities: Sequence[Quality]
@@ -140,8 +141,10 @@ def _block(one: BlockResults, facts: Page, found_groups: Sequence[str], *, is_ta
         f"<h2>Block {escape(one.block)}</h2>",
         f'<p class="lead">{worlds}{one.episodes} episodes count{compared}.</p>',
         *(f'<p class="key">{escape(difference_statement(each, one.block))}</p>' for each in one.headline),
+        _unnamed(one),
         f'<div class="beside">{_measures(one)}{_subjects(one)}</div>',
         _comparisons(one.comparisons, one.roles, one.block),
+        _known(one, facts.knew.get(one.block, ())),
         _set_aside(one.set_aside),
         *(f'<p class="key">{escape(alike_statement(each, one.roles))}</p>' for each in one.alike),
         waiting(one.waits),
@@ -150,6 +153,26 @@ def _block(one: BlockResults, facts: Page, found_groups: Sequence[str], *, is_ta
         *(f"<p>{escape(power_statement(each))}</p>" for each in one.powers),
         *(figure(path, caption) for block, path, caption in facts.figures if block == one.block),
     ]
+
+
+def _unnamed(one: BlockResults) -> str:
+    """That nobody said beforehand what would count."""
+    if not one.comparisons or "primary" in one.roles.values():
+        return ""
+    return (
+        '<p class="few">The protocol names no primary measure of this block, so all that is compared here is '
+        "exploratory, and the p above is not corrected.</p>"
+    )
+
+
+def _known(one: BlockResults, groups: Sequence[str]) -> str:
+    """Who had no keys to find."""
+    if not groups or not one.comparisons:
+        return ""
+    return (
+        f'<p class="few">{escape(", ".join(groups))} came with the keys of the block before: their time until every '
+        "key was found is the time until they first used each.</p>"
+    )
 
 
 def _published_beside(one: BlockResults) -> list[str]:
@@ -196,11 +219,17 @@ def _comparisons(found: Sequence[Comparison], roles: Mapping[str, Role], block: 
     if not found:
         return ""
     named = set(roles.values()) != {"exploratory"}
+    pairs = {
+        (one.first, one.second): f"{one.first}\N{NO-BREAK SPACE}\N{MINUS SIGN}\N{NO-BREAK SPACE}{one.second}"
+        for one in found
+    }
+    several = len(pairs) > 1
+    which = "" if several else f" ({next(iter(pairs.values()))})"
     rows = [
         (
             MEASURES[one.measure], *((roles[one.measure],) if named else ()),
-            f"{one.first}\N{NO-BREAK SPACE}\N{MINUS SIGN}\N{NO-BREAK SPACE}{one.second}",
-            f"{one.n[0]}, {one.n[1]}", f"{number(one.means[0])}, {number(one.means[1])}",
+            *((pairs[one.first, one.second],) if several else ()), f"{one.n[0]}, {one.n[1]}",
+            *((f"{number(one.means[0])}, {number(one.means[1])}",) if several else map(number, one.means)),
             _with_interval(one.difference, one.interval),
             p_value(one.p), p_value(one.p_holm), p_value(one.smallest_p),
             _with_interval(one.g, one.g_interval, 2),
@@ -208,12 +237,14 @@ def _comparisons(found: Sequence[Comparison], roles: Mapping[str, Role], block: 
         for one in found
     ]  # fmt: skip
     heads = (
-        *("measure", *(("named before",) if named else ()), "groups", "n", "means", "difference"),
+        *("measure", *(("named before",) if named else ()), *(("groups",) if several else ()), "n"),
+        *(("means",) if several else (f"mean, {group}" for pair in pairs for group in pair)),
+        "difference",
         *("p", "p (Holm)", "smallest p", "g"),
     )
     apart = ", within the primary measure, within the secondary ones, and within the rest, which nobody named before"
     caption = (
-        f"Groups compared in block {block}, one value a participant, 95 % intervals in brackets. p: two-sided "
+        f"Groups compared in block {block}{which}, one value a participant, 95 % intervals in brackets. p: two-sided "
         "permutation test of Welch's t; interval of the difference: Welch's; smallest p: what groups of these sizes "
         f"can come to; g: Hedges'. p is corrected for how many there are (Holm){apart if named else ''}."
     )
@@ -221,7 +252,7 @@ def _comparisons(found: Sequence[Comparison], roles: Mapping[str, Role], block: 
         f"{MEASURES[one.measure]}, {one.first} \N{MINUS SIGN} {one.second}: {one.reason}" for one in found if one.reason
     ]
     because = f'<p class="few">Not compared, or not in every way: {escape("; ".join(reasons))}.</p>' if reasons else ""
-    return f'<div class="wide">{table(caption, heads, rows, words=3 if named else 2)}</div>{because}'
+    return f'<div class="wide">{table(caption, heads, rows, words=1 + named + several)}</div>{because}'
 
 
 def _set_aside(why: Mapping[str, str]) -> str:

@@ -26,7 +26,7 @@ def parts_section(found: Sequence[TwoParts]) -> str:
         (
             f"{one.first} \N{MINUS SIGN} {one.second}",
             f"{one.n[0]}, {one.n[1]}",
-            f"{one.shares[0]:.0%}, {one.shares[1]:.0%}",
+            f"{one.shares[0]:.1%}, {one.shares[1]:.1%}",
             _told(one.any),
             p_value(one.any.p),
             _told(one.amount),

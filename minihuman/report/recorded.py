@@ -49,7 +49,7 @@ def answers(found: pd.DataFrame) -> list[str]:
 
 def quality(qualities: Sequence[Quality]) -> str:
     """Late presses, pictures, focus, pauses, display."""
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             one.participant, str(one.session), str(one.presses),
             *((f"{one.late}", number(one.latest_ms)) if _sat(one) else ("n/a", "n/a")),
@@ -60,10 +60,12 @@ def quality(qualities: Sequence[Quality]) -> str:
         )
         for one in qualities
     ]  # fmt: skip
-    heads = (
+    heads: tuple[str, ...] = (
         "participant", "session", "presses", f"late (over {LATE_MS:g} ms)", "latest (ms)", "pictures missing",
         "key to flip: median", "95 %", "99 % (ms)", "focus lost", "pauses", "segments",
     )  # fmt: skip
+    if not any(map(_sat, qualities)):  # nothing was timed
+        rows, heads = [row[:3] + row[9:] for row in rows], heads[:3] + heads[9:]
     displays = sorted({", ".join(f"{name} {value}" for name, value in one.display.items()) for one in qualities})
     sat = [one for one in qualities if _sat(one)]
     presses = sum(one.presses for one in sat)

@@ -32,7 +32,15 @@ MEASURES = {  # columns of the block table that groups are compared on, and what
     "in_vain_share": "share of steps in vain",
     "found_all_s": "time until every key was found (s)",
 }
-
+FORMULAS = {  # of one episode, where a measure's name does not tell it
+    "log_excess_steps_mean": "ln(1 + steps - best), best being the steps of the best way that is known",
+    "spl_mean": "best / steps with the goal, 0 without",
+    "reward_mean": "the world's own, summed over the episode",
+    "reward_slope": "slope of a straight line",
+    "excess_steps_mean": "steps - best",
+    "reaction_median_ms": "from a picture to the key that it was answered with",
+    "in_vain_share": "steps that left the world as it was",
+}
 
 _LOG_EXCESS = "log of the steps over the best way"
 
@@ -123,7 +131,8 @@ def block_results(
     block: str, rows: pd.DataFrame, episodes: pd.DataFrame, order: list[str], analysis: Analysis
 ) -> BlockResults:
     """One block's, from its rows of the block table and its episodes."""
-    rows = rows.sort_values(["group", "participant", "session"])
+    order = [group for group in order if (rows["group"] == group).any()]
+    rows = _groups_in(order, rows.sort_values(["participant", "session"]))
     aside = {
         name: why
         for name, why in _set_aside(rows, episodes).items()
@@ -131,7 +140,6 @@ def block_results(
     }
     told = [measure for measure in MEASURES if rows[measure].notna().any() and measure not in aside]
     each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
-    order = [group for group in order if (each["group"] == group).any()]
     roles = _roles(told, analysis)
     comparisons = tuple(
         one
@@ -147,8 +155,8 @@ def block_results(
         subjects=rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]].reset_index(
             drop=True
         ),
-        groups=group_rewards(each),
-        measures=_measures(each, told),
+        groups=_groups_in(order, group_rewards(each)),
+        measures=_measures(_groups_in(order, each), told),
         comparisons=comparisons,
         roles=roles,
         alike=_alike(each, analysis, order),
@@ -226,8 +234,14 @@ def exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFra
     return both.reindex(columns=["left_out", "level", "participant", "session", "episode", "attempt"])
 
 
+def _groups_in(order: Sequence[str], rows: pd.DataFrame) -> pd.DataFrame:
+    """The same rows, group after group."""
+    places = {group: place for place, group in enumerate(order)}
+    return rows.sort_values("group", key=lambda groups: groups.map(places), kind="stable").reset_index(drop=True)
+
+
 def _measures(rows: pd.DataFrame, told: list[str]) -> pd.DataFrame:
     long = rows.melt("group", told, var_name="measure")
-    table = long.groupby(["measure", "group"])["value"].agg(n="count", mean="mean", sd="std").reset_index()
+    table = long.groupby(["measure", "group"], sort=False)["value"].agg(n="count", mean="mean", sd="std").reset_index()
     order = {name: place for place, name in enumerate(MEASURES)}
     return table.sort_values("measure", key=lambda names: names.map(order), kind="stable").reset_index(drop=True)

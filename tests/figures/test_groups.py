@@ -8,8 +8,11 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from minihuman.figures.learning import draw_learning, learning_curves, mean_and_band
+from minihuman.figures.learning import draw_learning, learning_curves, mean_and_band, share_and_band
 from minihuman.figures.occupancy import draw_occupancy, occupancy
+from minihuman.figures.waiting import waiting_figure
+from minihuman.statistics.shares import wilson
+from minihuman.statistics.survival import Waited
 from tests.builders import episode, grid_map, made, plan, session
 
 
@@ -72,6 +75,25 @@ def test_each_group_has_its_line_its_band_and_its_size_in_the_legend():
 def test_a_band_never_leaves_what_the_measure_can_be_but_blocks_no_value():
     ax = draw_learning(Figure().subplots(), {"all": session_rewards()}, measure="reward")
     assert list(ax.lines[0].get_ydata()) == pytest.approx(session_rewards().mean(axis=0))
+
+
+def test_a_share_of_everybody_has_an_interval_too():
+    values = np.array([[1.0, 0.0, math.nan], [1.0, 1.0, math.nan]])
+    share, low, high = share_and_band(values)
+    assert list(share[:2]) == [1.0, 0.5]
+    assert (low[0], high[0]) == wilson(2, 2)
+    assert np.isnan([share[2], low[2], high[2]]).all()
+    ax = draw_learning(Figure().subplots(), {"all": values[:, :2]}, measure="success", limits=(0, 1))
+    assert ax.collections[0].get_paths()[0].vertices[:, 1].min() == pytest.approx(wilson(1, 2)[0])
+
+
+def test_how_many_wait_is_told_below_the_axis_numbers_that_it_is_of():
+    waited = Waited(np.array([30.0, 120.0, 250.0]), np.array([True, True, False]))
+    axes, below = waiting_figure({"a": waited}, label="steps").axes
+    told = {float(text.get_position()[0]): text.get_text() for text in below.texts if text.get_text().isdigit()}
+    assert set(told) == {float(tick) for tick in axes.get_xticks() if 0 <= tick <= 250}
+    assert told[0.0] == "3"
+    assert told[100.0] == "2"
 
 
 def session_rewards():

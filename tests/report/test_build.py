@@ -87,6 +87,10 @@ def test_the_page_holds_everything_and_fetches_nothing(built):
         "No difference between groups of these sizes could have come to p &lt; 0.05.",
         "Power: with 2 and 2",
         "needs two participants of a group",
+        "The protocol names no primary measure of this block",
+        "Groups compared in block room (direct",
+        "<th>mean, direct</th><th>mean, grid_first</th>",
+        "ln(1 + steps - best)",
     ):
         assert words in text
     assert "Published: Chevalier-Boisvert" in text

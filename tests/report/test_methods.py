@@ -3,8 +3,10 @@
 from collections import Counter
 
 from minihuman.data.quality import Outline
-from minihuman.report.methods import methods
+from minihuman.lab.shipped import shipped_protocol
+from minihuman.report.methods import knew_the_keys, methods
 from minihuman.study.expand import enrol, expand
+from minihuman.study.protocol import decode
 from tests.seats.test_drawn_group import STUDY
 from tests.study.sessions import corridor_plan
 
@@ -23,6 +25,17 @@ def test_strata_are_named_with_their_question_and_who_is_in_them():
     assert text.endswith(
         f" Groups were drawn after the answer to you.hand, within strata that have a list each ({told})."
     )
+
+
+def test_who_came_with_the_keys_of_the_block_before_is_named():
+    protocol = shipped_protocol("fourrooms-transfer").read_bytes()
+    study = decode(protocol)
+    plans = [Outline.of(expand(study, enrol(study, index))) for index in range(4)]
+    assert {plan.group for plan in plans} == {"grid-first", "direct"}
+    assert knew_the_keys(plans) == {"first-person": ["grid-first"]}
+    grid, rooms = methods(plans, [])[1:3]  # in the order of play, whoever came first
+    assert grid.startswith("Block grid")
+    assert "not by grid-first: the keys were those of the block before" in rooms
 
 
 def test_without_strata_nothing_is_said_of_them():

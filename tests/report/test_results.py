@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 
 from minihuman.report.published import published
-from minihuman.report.results import MEASURES, block_results, exclusions, group_rewards, target_block
+from minihuman.report.results import FORMULAS, MEASURES, block_results, exclusions, group_rewards, target_block
 from minihuman.study import analysis as judged
 from minihuman.study.analysis import Analysis
 
@@ -86,6 +86,14 @@ def test_without_a_word_before_everything_is_corrected_together():
 
 def test_the_measures_of_a_protocol_are_the_reports():
     assert set(judged.MEASURES) == set(MEASURES)
+    assert set(FORMULAS) <= set(MEASURES)
+
+
+def test_groups_stand_in_one_order_in_all_tables():
+    found = block_results("grid", *played(3), ["b", "a"], Analysis())
+    for table in (found.subjects, found.groups, found.measures[found.measures["measure"] == "success"]):
+        assert list(dict.fromkeys(table["group"])) == ["b", "a"]
+    assert (found.comparisons[0].first, found.comparisons[0].second) == ("b", "a")
 
 
 @pytest.mark.parametrize(
