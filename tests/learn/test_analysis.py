@@ -55,6 +55,19 @@ def test_the_curve_of_cloning_is_made_and_goes_on_where_it_was(tmp_path):
     assert sorted(again, key=str) == sorted(points, key=str)
 
 
+def test_clones_of_people_who_search_are_tabled_and_go_on_where_they_were(tmp_path):
+    command = [sys.executable, "-W", "ignore", "analysis/clone_searching.py", tmp_path, "--quick", "--episodes", "4"]
+    subprocess.run([*command, "--seeds", "1"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    kept = tmp_path / "clone_searching.json"
+    points = json.loads(kept.read_text())
+    assert len(points) == 3 * 2 * 2  # who demonstrated, what is seen, how often
+    table = (tmp_path / "clone_searching.md").read_text()
+    assert table.count("| human-like, ") == table.count("| exploring, ") == table.count("| optimal, ") == 2
+    kept.write_text(json.dumps(points[1:]))
+    subprocess.run([*command, "--seeds", "1"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    assert sorted(json.loads(kept.read_text()), key=str) == sorted(points, key=str)
+
+
 def test_policies_of_either_worlds_pictures_play_both(tmp_path):
     out = tmp_path / "found.json"
     command = [sys.executable, "-W", "ignore", "analysis/pictures_transfer.py", out, "--episodes", "2", "--tests", "1"]
