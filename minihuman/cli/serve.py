@@ -46,3 +46,4 @@ def serve(
     others = other_processes(protocol, data / study.study.name, port=port, workers=workers, watch=watch)
     with beside(others):
         run(study, data, socket, links=links, address=address, say=lambda line: print(line, flush=True))
+    print("ended; whoever was not done goes on at the very step when the study is served again", flush=True)

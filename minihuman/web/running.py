@@ -2,6 +2,7 @@
 
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import uvicorn
@@ -56,7 +57,10 @@ def listen(port: int) -> socket.socket:
 def run(
     protocol: Protocol, data: Path, taken: socket.socket, *, links: int, say: Callable[[str], None], address: str = ""
 ) -> None:
-    """Serve a study until the process is told to stop; ``say`` is given each link, to ``address`` or this machine."""
+    """Serve a study until the process is told to stop; ``say`` is given each link, to ``address`` or this machine.
+
+    Ctrl-C is such a word: sessions are left as they are, for the next server to go on with.
+    """
     arrivals = Arrivals(protocol, data)
     address = f"{address.rstrip('/')}/" if address else f"http://{HOST}:{taken.getsockname()[1]}/"
     for token in arrivals.recruits.issue(links):
@@ -76,4 +80,5 @@ def run(
         log_level="warning",
         timeout_graceful_shutdown=2,
     )
-    uvicorn.Server(config).run(sockets=[taken])
+    with suppress(KeyboardInterrupt):  # uvicorn has ended in order, and says again what it was told
+        uvicorn.Server(config).run(sockets=[taken])

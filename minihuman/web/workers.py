@@ -51,6 +51,7 @@ class _Kept:
     def __init__(self, words: Sequence[str]) -> None:
         self._command = [sys.executable, "-m", "minihuman", *words]
         self._stopped = threading.Event()
+        self._starting = threading.Lock()  # held while it is started again: never once it was told to stop
         self._process = self._started()
         self._thread = threading.Thread(target=self._keep, name=f"minihuman-{words[0]}", daemon=True)
         self._thread.start()
@@ -61,11 +62,14 @@ class _Kept:
     def _keep(self) -> None:
         while not self._stopped.is_set():
             self._process.wait()
-            if not self._stopped.wait(_AGAIN_S):
-                self._process = self._started()
+            self._stopped.wait(_AGAIN_S)
+            with self._starting:
+                if not self._stopped.is_set():
+                    self._process = self._started()
 
     def stop(self) -> None:
-        self._stopped.set()
+        with self._starting:
+            self._stopped.set()
         self._process.terminate()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_PATIENCE_S)

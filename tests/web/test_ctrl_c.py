@@ -1,0 +1,63 @@
+"""Ctrl-C at a server's terminal while people play: it goes to the server and all that it has begun, at once."""
+
+import asyncio
+import os
+import random
+import signal
+import socket
+from pathlib import Path
+
+import pytest
+
+from minihuman.lab.prove import prove
+from minihuman.log.read.open_log import read_events
+from minihuman.study.events import KeyPressed
+from minihuman.worlds.adapt.world import World
+from tests.web.served import Served, served
+from tests.web.test_workers import below, runs, until
+from tests.web.typed_page import TypedPage
+
+PRESSES = 12  # of each of them, when it comes
+
+
+async def interrupted(server: Served, pages: list[TypedPage]) -> None:
+    """Let them play, and press Ctrl-C meanwhile."""
+    playing = [asyncio.create_task(page.take_part()) for page in pages]
+    while any(page.counts.presses < PRESSES for page in pages):
+        assert not any(task.done() for task in playing), "somebody's page broke"
+        await asyncio.sleep(0.01)
+    os.killpg(server.process.pid, signal.SIGINT)
+    await asyncio.to_thread(server.process.wait, 60)
+    for task in playing:
+        task.cancel()
+    await asyncio.gather(*playing, return_exceptions=True)
+
+
+def free_port() -> int:
+    """A port that nobody has; the one after it is taken to be free, too."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_while_people_play_loses_nothing_that_was_acknowledged(tmp_path: Path, workers: int) -> None:
+    options = () if workers == 1 else ("--port", str(free_port()), "--workers", str(workers), "--watch")
+    with served(tmp_path, links=3, episodes=1000, options=options, before=("setsid",)) as server:
+        others = below(server.process.pid)
+        pages = [
+            TypedPage(server.host, token, keys_per_s=8, rng=random.Random(number))
+            for number, token in enumerate(server.links)
+        ]
+        asyncio.run(asyncio.wait_for(interrupted(server, pages), 120))
+        assert server.process.returncode == 0
+        assert "Traceback" not in server.complaints()
+        until(lambda: not any(map(runs, others)))
+    parts = sorted(tmp_path.rglob("*.mcap.part"))
+    assert len(parts) == len(pages), "every session is left to be gone on with"
+    for part, page in zip(parts, pages, strict=True):
+        keys = [event for event in read_events(part) if isinstance(event, KeyPressed) and event.down]
+        logged = sum(key.action is not None and key.phase == "playing" for key in keys)
+        assert PRESSES // 2 < len(page.counts.acked_s) <= logged <= page.counts.presses
+        assert list(prove(part, World)) == []
