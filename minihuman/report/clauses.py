@@ -6,9 +6,8 @@ import pandas as pd
 
 from minihuman.report.html import interval, number, records, table
 from minihuman.statistics.shares import wilson
-from minihuman.worlds.grid.instructions.language import Clause, GoTo, Open, Pickup, PutNext, clauses, parse
 
-VERBS: dict[type[Clause], str] = {GoTo: "go to", Open: "open", Pickup: "pick up", PutNext: "put next to"}
+VERBS = {"GoTo": "go to", "Open": "open", "Pickup": "pick up", "PutNext": "put next to"}  # by a clause's type
 _ATTEMPT = ["participant", "session", "segment", "episode"]  # one of an episode: a segment has one at most
 
 
@@ -25,16 +24,28 @@ def clauses_done(episodes: pd.DataFrame, starts: pd.DataFrame, done: pd.DataFram
     """
     counted = episodes.loc[episodes["left_out"].isna(), [*_ATTEMPT, "block", "group"]]
     counted = counted.merge(starts[[*_ATTEMPT, "mission"]], on=_ATTEMPT)
-    rows = [
-        {**dict(zip([*_ATTEMPT, "block", "group"], row[:-1], strict=True)), "clause": at, "verb": VERBS[type(clause)]}
-        for row in counted[counted["block"].isin(_blocks(counted, done))].itertuples(index=False)
-        for at, clause in enumerate(clauses(parse(str(row.mission))), start=1)
-    ]
-    if not rows:
+    counted = counted[counted["block"].isin(_blocks(counted, done))]
+    if counted.empty:
         return pd.DataFrame(columns=["block", "verb", "group", "asked", "done", "median_step"])
-    asked = pd.DataFrame(rows).merge(done[[*_ATTEMPT, "clause", "step"]], on=[*_ATTEMPT, "clause"], how="left")
+    steps = done[[*_ATTEMPT, "clause", "step"]]
+    asked = pd.DataFrame(_asked(counted)).merge(steps, on=[*_ATTEMPT, "clause"], how="left")
     grouped = asked.groupby(["block", "verb", "group"], sort=False)["step"]
     return grouped.agg(asked="size", done="count", median_step="median").reset_index()
+
+
+def _asked(counted: pd.DataFrame) -> list[dict[str, Any]]:
+    """A row a clause of each episode's mission."""
+    from minihuman.worlds.grid.instructions.language import clauses, parse  # brings Numba, which few reports need
+
+    return [
+        {
+            **dict(zip([*_ATTEMPT, "block", "group"], row[:-1], strict=True)),
+            "clause": at,
+            "verb": VERBS[type(clause).__name__],
+        }
+        for row in counted.itertuples(index=False)
+        for at, clause in enumerate(clauses(parse(str(row.mission))), start=1)
+    ]
 
 
 def _blocks(counted: pd.DataFrame, done: pd.DataFrame) -> Any:

@@ -10,9 +10,11 @@ from minihuman.lab.flow import Counts, Flow, flow
 from minihuman.lab.register_lines import register_of
 from minihuman.report.html import table
 
+_TITLE = "<h2>Who took part</h2>"
+
 
 def flow_section(source: Path, participants: pd.DataFrame) -> list[str]:
-    """The table; nothing where the report is not of a study's whole folder, with its register.
+    """The table, or why there is none; nothing where the report is not of a study's whole folder, with its register.
 
     Args:
         source: what the report is of.
@@ -22,15 +24,18 @@ def flow_section(source: Path, participants: pd.DataFrame) -> list[str]:
         if not source.is_dir() or not register_of(source).begun:
             return []
         found = flow(source)
-    except AllocationError:  # a register that cannot be read: `status` says so, and no number here leans on it
-        return []
+    except AllocationError:  # no other number here leans on it; what is wrong names folders, so it is not said here
+        return [
+            _TITLE,
+            '<p class="lead">Not told: the register cannot be read; <code>minihuman status</code> says why.</p>',
+        ]
     counting = participants[participants["left_out"].isna()].groupby("group")["participant"].nunique()
     told = (
         "Numbers of participants, from the study's register and sessions. Whoever left before anything was recorded "
         "and came again is counted each time: nothing is kept that could tell."
     )
     counts = {str(group): int(n) for group, n in counting.items()}
-    return ["<h2>Who took part</h2>", f'<p class="lead">{told}</p>', flow_table(found, counts)]
+    return [_TITLE, f'<p class="lead">{told}</p>', flow_table(found, counts)]
 
 
 def flow_table(found: Flow, counting: Mapping[str, int]) -> str:

@@ -131,3 +131,14 @@ def test_logs_without_their_register_have_no_such_section(tmp_path: Path) -> Non
     (tmp_path / "days" / FILE_NAME).unlink()
     participants = pd.DataFrame({"participant": ["sub-01"], "group": "all", "left_out": [None]})
     assert flow_section(tmp_path / "days", participants) == []
+
+
+def test_a_register_that_cannot_be_read_is_said_so_in_the_report(tmp_path: Path) -> None:
+    list(simulate(TWO_DAYS, tmp_path, participants=1, seed=1, player="random"))
+    register = tmp_path / "days" / FILE_NAME
+    register.write_text("sub-01 {}\n" + register.read_text())
+    participants = pd.DataFrame({"participant": ["sub-01"], "group": "all", "left_out": [None]})
+    title, said = flow_section(tmp_path / "days", participants)
+    assert title == "<h2>Who took part</h2>"
+    assert "register cannot be read" in said
+    assert "sub-" not in said
