@@ -1,7 +1,4 @@
-"""A real browser for tests: Debian's Chromium, driven by Playwright, and a participant in it.
-
-With ``MINIHUMAN_BROWSER=/usr/bin/firefox-esr`` it is Firefox, by WebDriver BiDi, as far as Playwright can do that.
-"""
+"""A real browser for tests: Debian's Chromium, driven by Playwright, and a participant in it. Firefox: `firefox`."""
 
 import os
 import shutil
@@ -47,13 +44,13 @@ def browsing(
     more: tuple[str, ...] = (),
 ) -> Iterator[Any]:
     """A browser with an empty profile; yields a maker of participants."""
-    other = os.environ.get("MINIHUMAN_BROWSER", "")
-    where = other or chromium()
+    where = chromium()
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as driver:
-        own: dict[str, Any] = {"channel": "moz-firefox"} if "firefox" in other else {"args": [*_ARGUMENTS, *more]}
-        kind = driver.firefox if "firefox" in other else driver.chromium
-        browser = kind.launch(executable_path=where, headless=headless, env={**os.environ, **(env or {})}, **own)
+        args = [*_ARGUMENTS, *more]
+        browser = driver.chromium.launch(
+            executable_path=where, headless=headless, env={**os.environ, **(env or {})}, args=args
+        )
         try:
             view: dict[str, Any] = (
                 {"no_viewport": True} if size is None else {"viewport": {"width": size[0], "height": size[1]}}
@@ -71,7 +68,7 @@ class Somebody:
         self.errors: list[str] = []
         self.sockets: list[str] = []  # the addresses of those it opened
         self.page.on("websocket", lambda socket: self.sockets.append(socket.url))
-        self.page.on("pageerror", self._failed)
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
         # what the page hears, whatever becomes of it: kept over reloads
         self.page.add_init_script(
@@ -79,11 +76,6 @@ class Somebody:
             "(sessionStorage.getItem('heard') ?? '') + e.code + ' '); }, true);"
         )
         self.page.goto(url)
-
-    def _failed(self, error: object) -> None:
-        """Keep what the page did not catch; that a line is cut is no error, though Firefox says so like one."""
-        if "ws://" not in str(error):
-            self.errors.append(str(error))
 
     @property
     def state(self) -> dict[str, Any]:

@@ -1,0 +1,108 @@
+"""A stock Firefox, driven by WebDriver BiDi over its own socket: no driver beside it, no patched build."""
+
+import itertools
+import json
+import os
+import re
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.sync.client import ClientConnection, connect
+
+from tests.counts import count
+
+PATIENCE_S = count(60, 1_800)
+_KEYS = {"enter": "\ue007", "left": "\ue012", "up": "\ue013", "right": "\ue014"}
+_QUIET = """
+user_pref("app.update.enabled", false);
+user_pref("browser.shell.checkDefaultBrowser", false);
+user_pref("datareporting.policy.dataSubmissionEnabled", false);
+user_pref("network.captive-portal-service.enabled", false);
+user_pref("network.connectivity-service.enabled", false);
+user_pref("services.settings.server", "data:,");
+user_pref("remote.active-protocols", 1);
+"""
+
+
+def firefox() -> str:
+    """Where Firefox is; without one the test is skipped, in CI it fails."""
+    if found := shutil.which("firefox-esr") or shutil.which("firefox"):
+        return found
+    missing = "Firefox is not installed, so no page can be tried in it; apt-get install firefox-esr"
+    if os.environ.get("CI"):
+        pytest.fail(missing)
+    pytest.skip(missing)
+
+
+@contextmanager
+def firefox_at(url: str, profile: Path) -> Iterator["Page"]:
+    """Firefox with an empty profile, at a page."""
+    profile.mkdir()
+    (profile / "user.js").write_text(_QUIET)
+    command = [firefox(), "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
+    env = {**os.environ, "HOME": str(profile), "MOZ_HEADLESS_WIDTH": "1366", "MOZ_HEADLESS_HEIGHT": "768"}
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=env) as process:
+        try:
+            assert process.stderr is not None
+            said = (re.search(r"BiDi listening on (\S+)", line) for line in process.stderr)
+            address = next(found[1] for found in said if found)
+            with connect(f"{address}/session", max_size=None, compression=None, open_timeout=PATIENCE_S) as socket:
+                page = Page(socket)
+                page.open(url)
+                yield page
+        finally:
+            process.terminate()
+            process.wait(PATIENCE_S)
+
+
+class Page:
+    """The one page of a Firefox.
+
+    Args:
+        socket: to its BiDi.
+    """
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self._socket = socket
+        self._numbers = itertools.count(1)
+        self._ask("session.new", capabilities={})
+        self._context = self._ask("browsingContext.getTree")["contexts"][0]["context"]
+
+    def open(self, url: str) -> None:
+        """Go to an address."""
+        self._ask("browsingContext.navigate", context=self._context, url=url, wait="complete")
+
+    def press(self, *keys: str) -> None:
+        """Press keys and let them go."""
+        strokes = [{"type": kind, "value": _KEYS.get(key, key)} for key in keys for kind in ("keyDown", "keyUp")]
+        source = {"type": "key", "id": "keyboard", "actions": strokes}
+        self._ask("input.performActions", context=self._context, actions=[source])
+
+    def find(self, expression: str) -> Any:
+        """What an expression is in the page."""
+        asked = f"JSON.stringify({expression})"
+        found = self._ask("script.evaluate", expression=asked, target={"context": self._context}, awaitPromise=False)
+        assert found["type"] == "success", found
+        return json.loads(found["result"]["value"])
+
+    def until(self, condition: str) -> None:
+        """Wait until a condition of ``s``, the page's state, holds."""
+        until_s = time.monotonic() + PATIENCE_S
+        while not self.find(f"(() => {{ const s = minihuman.state; return Boolean({condition}); }})()"):
+            assert time.monotonic() < until_s, f"never {condition}: {self.find('minihuman.state')}"
+            time.sleep(0.02)
+
+    def _ask(self, method: str, **params: object) -> Any:
+        number = next(self._numbers)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": params}))
+        while True:
+            told = json.loads(self._socket.recv(timeout=PATIENCE_S))
+            if told.get("id") == number:
+                assert told["type"] == "success", told
+                return told["result"]
