@@ -51,6 +51,9 @@ class Plain:
         """What is at some places of an array of uint32, and what is one further."""
         return array[at], array[at + np.uint32(1)]
 
+    def fetch(self, array: Array, at: Any, by: int) -> None:
+        """Ask memory for what is so much further than every fourth of some places; it may lie outside the array."""
+
     def count_from(self, first: int, count: int, by: int) -> Any:
         """first, first + by, first + 2 * by and so on, as float64."""
         return first + by * np.arange(count, dtype=np.float64)

@@ -138,6 +138,15 @@ class _Operations:
             build, _shuffle(build, one, other, beside), U32
         )
 
+    def fetch(self, array: Any, at: Lanes, by: Any) -> None:
+        build, short = self._builder, ir.IntType(32)
+        start = build.gep(array.start, [self._whole(by)])
+        how = [ir.Constant(short, each) for each in (0, 2, 1)]  # to be read, into the second cache, and it is data
+        for lane in range(0, at.count, 4):
+            number = build.extract_element(at.value, ir.Constant(short, lane))
+            place = build.bitcast(build.gep(start, [build.zext(number, _WHOLE)]), ir.IntType(8).as_pointer())
+            self._call("llvm.prefetch.p0", ir.VoidType(), place, *how)
+
     def count_from(self, first: Any, count: int, by: int) -> Lanes:
         build = self._builder
         start = _splat(build, build.sitofp(self._whole(first), ir.DoubleType()), count)

@@ -38,6 +38,7 @@ OF, START, COUNT, RUN, WEIGHT = 0, 1, 2, 3, 4  # run -1 for a face of one colour
 STOP, SLOT = 2, 3
 MOST_MIXED = 16  # pixels side by side that several faces cover alike are taken so many at a time
 MOST_LOOKUPS = STRIP - 4 * (MOST_MIXED + LANES)  # when there are more, they are done before the next stretch
+AHEAD = 8.0  # rows further down, whose texels are asked of memory: it takes longer than a processor looks ahead
 MOST_APART = 2  # sizes that fit at both ends of sixteen pixels: if they are further apart, each has its own
 RED_BLUE, GREEN = 0xFF00FF, 0x00FF00
 
@@ -90,6 +91,7 @@ def look_up_run(
         if even:
             red_light, green_light = int(plane[12] * 65536.0 + 0.5), int(plane[15] * 65536.0 + 0.5)
             blue_light = int(plane[18] * 65536.0 + 0.5)
+        beside = float(y & 3)  # only every fourth pixel's are asked for, so others from row to row
         for i in range(0, count, LANES):
             k = (i // LANES) % (LANES - 1)
             if k == 0:
@@ -114,6 +116,11 @@ def look_up_run(
             if abs(size - next_size) <= MOST_APART:
                 at = first + ((size + next_size) & -2)
                 both = int64(table[at + 1])
+                far = 1.0 / max(inverse + inverse_x * i, least)
+                right, up = (u + u_x * i) * far, (v + v_x * i) * far
+                by_u = (AHEAD * (u_y - right * inverse_y) + beside * (u_x - right * inverse_x)) * far
+                by_v = (AHEAD * (v_y - up * inverse_y) + beside * (v_x - up * inverse_x)) * far
+                ahead = int(by_u * (both & 0xFFFF)) + int(by_v * (both >> 16)) * ((both & 0xFFFF) + 2)
                 if count - i > 8:
                     look_up_16(
                         texels,
@@ -132,6 +139,7 @@ def look_up_run(
                         blue_light,
                         strip,
                         slot + i,
+                        ahead,
                     )
                 else:
                     look_up_8(
@@ -151,6 +159,7 @@ def look_up_run(
                         blue_light,
                         strip,
                         slot + i,
+                        ahead,
                     )
             elif count - i > 8:
                 look_up_each_16(

@@ -127,16 +127,17 @@ def _look_up(count: int) -> Any:
         blue: int,
         out: Array,
         slot: int,
+        ahead: int,
     ) -> None:
         """Write down the colours that neighbours in a row have by one size of a face's texture, and by its light.
 
         The size's texels begin at ``offset``. The light is 0 to 65536 for each channel. Colours go into ``out`` from
-        ``slot`` on. For the others see `fit`.
+        ``slot`` on. Texels that are ``ahead`` of those will soon be needed too. For the others see `fit`.
         """
         ways = (inverse, inverse_x, 0.0), (u, u_x, 0.0), (v, v_x, 0.0)
         _, right, up = _seen(do, do.steps(count), count, least, *ways)
         size = [do.fixed(each, count) for each in (offset, width, height)]
-        do.store(out, slot, _lit(do, count, texels, right, up, size, (red, green, blue)))
+        do.store(out, slot, _lit(do, count, texels, right, up, size, (red, green, blue), ahead))
 
     return vector()(look_up)
 
@@ -178,7 +179,14 @@ def _look_up_each(count: int) -> Any:
 
 
 def _lit(
-    do: Any, count: int, texels: Array, right: Any, up: Any, size: Sequence[Any], light: tuple[Any, Any, Any]
+    do: Any,
+    count: int,
+    texels: Array,
+    right: Any,
+    up: Any,
+    size: Sequence[Any],
+    light: tuple[Any, Any, Any],
+    ahead: Any = None,
 ) -> Any:
     offset, width, height = size
     # half a texel less, for texels are known at their middles; one more, for the ring around them
@@ -189,6 +197,8 @@ def _lit(
     right, up = x & 255, y & 255
     a, b = do.pairs(texels, at)
     c, d = do.pairs(texels, at + row)
+    if ahead is not None:
+        do.fetch(texels, at, ahead)
     share = do.halves(right | right << 16), do.halves(up | up << 16)
     others = [do.halves(each & _OTHERS) for each in (a, b, c, d)]
     greens = [do.halves(each) >> 8 for each in (a, b, c, d)]
