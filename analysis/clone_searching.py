@@ -39,9 +39,9 @@ def main(out: Path, *, seeds: int, episodes: int, quick: bool) -> None:
     if quick:
         sizes, participants = (4, 8), 3
     points = list[Point]()
-    for player in PLAYERS:
-        logs = demonstrated(player, participants, out / "demos" / player)
-        for sight, (eyes, words) in SIGHTS.items():
+    for sight, (eyes, words) in SIGHTS.items():
+        for player in PLAYERS:
+            logs = demonstrated(player, participants, out / "demos" / player)
             points = clone_curve(
                 {f"{player}, {words}": seen(logs, sight)},
                 sizes=sizes,
