@@ -126,7 +126,7 @@ def episode_panel(ax: Axes, episode: Episode) -> Axes:
     steps = len(episode.actions)
     ended = f"{steps} steps" if episode.outcome == "goal" else f"{episode.outcome_word} ({steps})"
     ax.set_title(f"{episode.number}", loc="left", fontweight="bold", pad=2)
-    ax.set_title(ended, loc="right", fontsize=6.0, pad=2)
+    ax.set_title(ended, loc="right", x=0.96, fontsize=6.0, pad=2)
     return ax
 
 

@@ -95,7 +95,7 @@ def _block(name: str, one: EpisodePlan, carried: str) -> str:
 
 
 def _measures() -> str:
-    told = "; ".join(f"{MEASURES[name]}: {formula}" for name, formula in FORMULAS.items())
+    told = "; ".join(f"{MEASURES[name]} \N{EN DASH} {formula}" for name, formula in FORMULAS.items())
     return f"A participant's value is the mean over the episodes that count, unless something else is said. {told}."
 
 
