@@ -17,7 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.latency import ROWS, UNSEEN_S, distribution, send, turns
+from benchmarks.latency import ROWS, UNSEEN_S, difference, distribution, send, turns
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.log.read.open_log import open_log
 from minihuman.recorded.taught import Taught
@@ -112,6 +112,7 @@ def measure(window: str, world: str, keys: int) -> None:
     print(f"  load average           {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     print(f"  play: key to pixels    {distribution([ms for ms, *_ in of_play])}")
     print(f"  takeover to pixels     {distribution([ms for ms, *_ in of_takeover])}")
+    print(f"  takeover minus play    {difference([ms for ms, *_ in of_takeover], [ms for ms, *_ in of_play])}")
     print(f"  takeovers in the log   {len(taken)} of {keys}")
     print(f"  stamp after it was sent {distribution(stamped)}")
     print(f"  after the server took it {distribution(beyond)}")

@@ -20,7 +20,7 @@ from typing import Any
 from Xlib.display import Display
 
 import minihuman
-from benchmarks.latency import UNSEEN_S, distribution, turns
+from benchmarks.latency import UNSEEN_S, difference, distribution, turns
 from benchmarks.takeover import PROTOCOL
 from benchmarks.web_latency import SCREEN_PX, focus, watch
 from minihuman.lab.protocol_file import read_protocol
@@ -64,8 +64,10 @@ def main() -> None:
         print(f"line {rtt_ms:.0f} ms; clocks right to {found.error:.2f} ms; {found.complaints or 'proven'}")
         print(f"  play: key to pixels     {distribution(found.play_pixels)}")
         print(f"  takeover to pixels      {distribution(found.takeover_pixels)}")
+        print(f"  takeover minus play     {difference(found.takeover_pixels, found.play_pixels)}")
         print(f"  play: key to flip       {distribution(found.play_flips)}")
         print(f"  takeover to flip        {distribution(found.takeover_flips)}")
+        print(f"  takeover minus play     {difference(found.takeover_flips, found.play_flips)}")
         print(f"  stamp after it was sent {distribution(found.stamps)}", flush=True)
 
 
