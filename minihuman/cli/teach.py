@@ -95,7 +95,7 @@ def ratings(
 
 def comparisons(
     out: Results,
-    worlds: Annotated[str, typer.Option(help="Trials, as in Empty-8x8,DoorKey-5x5.")] = "Empty-8x8,DoorKey-5x5",
+    worlds: Annotated[str, typer.Option(help="Trials, as in Empty-6x6,Empty-8x8.")] = "Empty-6x6,Empty-8x8",
     pairs: Annotated[str, typer.Option(help="How pairs are chosen, as in random,disputed.")] = "random",
     seeds: Seeds = 5,
     episodes: Judged = 200,

@@ -77,9 +77,26 @@ def test_enough_of_what_was_shown_makes_a_policy_that_gets_there():
     assert cloned.rate > 0.7 > fresh.rate + 0.2
 
 
+def test_the_first_updates_are_shorter_while_it_warms_up():
+    moved = {}
+    for warm_up in (0, 4):
+        network = torch.nn.Linear(1, 1, bias=False)
+        before = float(network.weight.detach())
+        fitting.fit(
+            network,
+            lambda _, network=network: network(torch.ones(1)).sum(),
+            np.random.default_rng(1),
+            updates=1,
+            learning_rate=0.1,
+            warm_up=warm_up,
+        )
+        moved[warm_up] = before - float(network.weight.detach())
+    assert moved == pytest.approx({0: 0.1, 4: 0.025}, rel=1e-3)
+
+
 def test_a_learner_that_was_stopped_goes_on_to_the_same_weights(watched, tmp_path, monkeypatch):
     monkeypatch.setattr(fitting, "SAVE_EVERY", 10)
-    whole = learn("hg-dagger:updates=30", watched)
+    whole = learn("hg-dagger:updates=30,warm_up=15", watched)
     checkpoint = tmp_path / "checkpoint"
     saved = fitting.save_atomically
 
@@ -89,9 +106,9 @@ def test_a_learner_that_was_stopped_goes_on_to_the_same_weights(watched, tmp_pat
 
     monkeypatch.setattr(fitting, "save_atomically", save_and_stop)
     with pytest.raises(KeyboardInterrupt):
-        learn("hg-dagger:updates=30", watched, checkpoint=checkpoint)
+        learn("hg-dagger:updates=30,warm_up=15", watched, checkpoint=checkpoint)
     monkeypatch.setattr(fitting, "save_atomically", saved)
-    resumed = learn("hg-dagger:updates=30", watched, checkpoint=checkpoint)
+    resumed = learn("hg-dagger:updates=30,warm_up=15", watched, checkpoint=checkpoint)
     assert torch.equal(weights(whole.policy), weights(resumed.policy))
     assert not checkpoint.exists()
 

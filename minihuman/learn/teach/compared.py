@@ -48,6 +48,15 @@ COMPARED = {
     trial.name: trial
     for trial in (
         ComparedTrial("Empty-8x8", "minihuman/MiniGrid-Empty-8x8-v0", 3),
+        ComparedTrial(
+            "Empty-6x6",
+            "minihuman/MiniGrid-Empty-6x6-v0",
+            3,
+            steps=6,
+            sight="whole",
+            settings=PreferenceSettings(steps=2048),
+            fitting=RewardFitting(updates=300),
+        ),
         ComparedTrial("DoorKey-5x5", "minihuman/MiniGrid-DoorKey-5x5-v0", 6, steps=6),
     )
 }
@@ -89,7 +98,12 @@ def run_compared(trial: ComparedTrial, pairing: Pairing, seed: int, *, episodes:
         dataset = dataset.with_more([lesson for lesson, _ in shown])
         gains |= {lesson.name: each for lesson, each in shown}
         asked = disputed(
-            model if pairing == "disputed" else None, dataset, count, steps=trial.steps, among=len(shown), rng=rng
+            model if pairing == "disputed" else None,
+            dataset,
+            count,
+            steps=trial.steps,
+            among=len(dataset.lessons),
+            rng=rng,
         )
         others = draw_pairs(dataset.lessons[-len(shown) :], trial.held_out, steps=trial.steps, rng=chance)
         held_out += [pair for pair in others if pair not in asked and pair[::-1] not in asked]

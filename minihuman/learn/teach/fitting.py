@@ -33,6 +33,7 @@ def fit(
     learning_rate: float,
     weight_decay: float = 0.0,
     most_norm: float = 0.0,
+    warm_up: int = 0,
     averaged: float = 0.0,
     budget_s: float = float("inf"),
     checkpoint: Path | None = None,
@@ -47,6 +48,8 @@ def fit(
         learning_rate: Adam's.
         weight_decay: Adam's.
         most_norm: Gradients longer than this are cut to it; 0 leaves them.
+        warm_up: The learning rate grows to its full height over so many updates: Adam's first steps are as long as any,
+            and can push the units of a network of convolutions so far that most of them never answer again.
         averaged: What is left in the end is a running average of the weights, in which those of an update before count
             so much less; 0 leaves the last ones. It may not depend on how many updates there are to be.
         budget_s: Seconds.
@@ -72,6 +75,8 @@ def fit(
         loss.backward()  # type: ignore[no-untyped-call]
         if most_norm:
             nn.utils.clip_grad_norm_(parameters.parameters(), most_norm)
+        for group in optimiser.param_groups if done < warm_up else ():
+            group["lr"] = learning_rate * (done + 1) / warm_up
         optimiser.step()
         done += 1
         with torch.no_grad():

@@ -21,7 +21,8 @@ class Fitting:
     batch_size: int = 64
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
-    averaged: float = 0.0  # see ``fit``
+    warm_up: int = 0  # see ``fit``
+    averaged: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,7 @@ def fit_to(
         updates=settings.updates,
         learning_rate=settings.learning_rate,
         weight_decay=settings.weight_decay,
+        warm_up=settings.warm_up,
         averaged=settings.averaged,
         budget_s=budget_s,
         checkpoint=checkpoint,

@@ -112,7 +112,7 @@ def eyes_for(dataset: Dataset) -> Eyes:
     """The network that what is seen here calls for."""
     if image_shape(dataset.space)[1] >= SMALLEST_PICTURE:
         return "map" if dataset.eyesight.sight == "whole" else "atari"
-    return "codes" if dataset.eyesight.sight == "view" else "near"
+    return "near" if dataset.eyesight.sight == "remembered" else "codes"
 
 
 def new_policy(dataset: Dataset, rng: np.random.Generator) -> Policy:

@@ -111,6 +111,7 @@ def fit_reward(
     alike = _alike(steps)
     longest = _longest([side for each in comparisons for side in (each.left, each.right)])
     sides = [_rows([getattr(each, side) for each in comparisons], first, longest) for side in ("left", "right")]
+    rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))  # (2, comparisons, longest)
     shares = torch.tensor([SHARES[each.answer] for each in comparisons])
     members = [ActionValues(new_policy(dataset, rng)) for _ in range(settings.members)]
     done = settings.updates
@@ -119,7 +120,8 @@ def fit_reward(
 
         def loss_of(generator: torch.Generator, member: nn.Module = member, own: torch.Tensor = own) -> torch.Tensor:
             drawn = own[torch.randint(len(own), (settings.batch_size,), generator=generator)]
-            left, right = (_worth(member, steps, alike, rows[drawn], inside[drawn]) for rows, inside in sides)
+            both = _worth(member, steps, alike, rows[:, drawn].flatten(0, 1), inside[:, drawn].flatten(0, 1))
+            left, right = both.chunk(2)
             right_better = (1 - LAPSES) * torch.sigmoid(longest * (right - left)) + LAPSES / 2
             share = shares[drawn]
             return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
