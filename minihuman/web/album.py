@@ -16,7 +16,8 @@ Encoding = Literal["auto", "lossless", "jpeg"]
 ZLIB, JPEG = 0, 1
 JPEG_QUALITY = 85
 _FLAT = 0.12  # of its bytes: what zlib makes smaller than this is drawn of few colours, and stays exact
-_EVERY = 8  # rows; a picture is judged by these first
+_EVERY = 8  # rows; a picture is judged by these first,
+_ROWS = 12  # or by so many of a tall one
 _SHARED_BYTES = 32 * 2**20  # of packed pictures that are kept for everybody
 
 
@@ -92,5 +93,5 @@ def _packed(encoding: Encoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]
 
 def _may_be_flat(picture: NDArray[np.uint8]) -> bool:
     """Whether it is worth packing all of it to find out; what is drawn of many colours shows in some rows."""
-    rows = picture[::_EVERY]
+    rows = picture[:: max(_EVERY, len(picture) // _ROWS)]
     return len(zlib.compress(rows.tobytes(), 1)) < 2 * _FLAT * rows.nbytes
