@@ -60,7 +60,8 @@ def through_window(plan, presses: Sequence[Press]) -> list[Event]:
 
 def through_seat(plan, presses: Sequence[Press], *, closes: bool = True) -> tuple[list[Event], PageModel]:
     recorder = MemoryRecorder()
-    seat = Seat(Session(plan, World, {"window": "web"}, picture_px=(84, 84)), recorder, World, SETTINGS)
+    session = Session(plan, World, {"window": "web"}, picture_px=(84, 84), draws_steps=False)
+    seat = Seat(session, recorder, World, SETTINGS)
     page = PageModel(seat, presses, frame_ns=FRAME_NS)
     page.run()
     if closes and not seat.over:
@@ -87,7 +88,9 @@ def about(event: Event) -> tuple[Any, ...]:
 )
 def test_the_same_inputs_give_the_same_events_as_in_a_window_but_for_facts(tmp_path: Path, block: str, world) -> None:
     plan, presses = plan_of(tmp_path, block, world), script()
-    window, (seat, _) = through_window(plan, presses), through_seat(plan, presses)
+    window, (seat, page) = through_window(plan, presses), through_seat(plan, presses)
+    pictures = [told for told in page.told if isinstance(told, wire.Picture)]
+    assert {(picture.width, picture.height) for picture in pictures} == {(84, 84)}, "nothing undrawn is shown"
     for one, other in zip(seat[1:], window[1:], strict=False):
         assert about(one) == about(other)
     assert len(seat) == len(window)
