@@ -17,7 +17,7 @@ from minihuman.worlds.first_person.render import kernel
 from minihuman.worlds.first_person.render.assets import ARROW_FACES, CUBE_FACES
 from minihuman.worlds.first_person.render.layout import Layout
 from minihuman.worlds.first_person.render.memory import size_of
-from minihuman.worlds.first_person.render.project import HEIGHT, LEAST, LIGHT, ROOM, SKY, TOP, VIEW_SIZE
+from minihuman.worlds.first_person.render.project import BOTTOM, HEIGHT, LEAST, LIGHT, ROOM, SKY, TOP, VIEW_SIZE
 from minihuman.worlds.first_person.render.scene import Camera, Light, Scene, Vector
 from minihuman.worlds.first_person.render.shade import colour
 from minihuman.worlds.first_person.render.tables import F64, I32
@@ -33,6 +33,7 @@ _QUERY_CUBE_M = 0.2
 _QUERY_BOX_M = _QUERY_CUBE_M / 2, 0.0, _QUERY_CUBE_M, _QUERY_CUBE_M / 2
 _MOST_SPANS = 43  # of a row of samples, at first; an odd number spreads rows over a processor's cache
 _BAND_PIXELS = 150_000  # below that, handing half of a picture to another thread takes as long as drawing it
+_BANDS_A_CORE = 3  # a floor takes longer than a ceiling: of two halves one would be waited for
 
 _EYE = struct.Struct(f"{LIGHT}d")  # a view up to the light
 _memory = threading.local()  # arrays to draw into, kept from picture to picture; they hold nothing from one to the next
@@ -129,19 +130,21 @@ def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> lis
 
 
 def _draw(layout: Layout, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
-    """Draw into ``out``; a large picture in bands, one a core, each as it would be in the whole."""
+    """Draw into ``out``; a large picture in bands, each as it would be in the whole, which all cores take in turn."""
     height, width = out.shape[:2]
-    bands = min(_cores(), width * height // _BAND_PIXELS)
-    if bands < 2:
+    cores = min(_cores(), width * height // _BAND_PIXELS)
+    if cores < 2:
         _colour_band(layout, view, places, out)
         return
-    ends = [height * number // bands for number in range(bands + 1)]
-    views = []
-    for top, bottom in pairwise(ends):
-        views.append(view.copy())
-        views[-1][TOP:HEIGHT] = top, bottom
-    others = [_helpers(os.getpid()).submit(_colour_band, layout, each, places.copy(), out) for each in views[1:]]
-    _colour_band(layout, views[0], places, out)
+    count = _BANDS_A_CORE * cores
+    bands = iter(list(pairwise(height * number // count for number in range(count + 1))))
+
+    def share(view: F64, places: F64) -> None:
+        for view[TOP], view[BOTTOM] in bands:
+            _colour_band(layout, view, places, out)
+
+    others = [_helpers(os.getpid()).submit(share, view.copy(), places.copy()) for _ in range(cores - 1)]
+    share(view.copy(), places)
     for other in others:
         other.result()
 
