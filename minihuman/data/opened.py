@@ -60,9 +60,9 @@ def worth_reading(source: Path) -> tuple[list[Path], list[Skipped]]:
     """
     facts = {path: first_facts(first) for path, first in _found(source)}
     who_left = withdrawn_near({path.parent for path in facts})
-    gone = [path for path, theirs in facts.items() if theirs.get("participant", "") in who_left[path.parent]]
+    gone = {path for path, theirs in facts.items() if theirs.get("participant", "") in who_left[path.parent]}
     taken: dict[tuple[str, ...], Path] = {}
-    for path in sorted(set(facts) - set(gone), key=lambda path: (not _in_place(path, facts[path]), path)):
+    for path in sorted(set(facts) - gone, key=lambda path: (not _in_place(path, facts[path]), path)):
         taken.setdefault(_session_of(facts[path]) or (str(path),), path)
     skipped = [
         Skipped(path, f"{_which(theirs)}, as is {kept}; move one of them away")

@@ -23,7 +23,7 @@ def export(
     stored_frames: bool = False,
     progress: Callable[[Path], None] = lambda _: None,
 ) -> tuple[Written, Card]:
-    """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each one's log.
+    """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each log once.
 
     Observations are played again, or with ``stored_frames`` those that the logs hold; each is checked against its hash.
 
@@ -38,9 +38,14 @@ def export(
     sessions = Sessions(source, selection)
     card = Card(format_name, sessions.account, stored_frames=stored_frames)
 
+    heard: Path | None = None
+
     def taken(log: Path, facts: Mapping[str, Any]) -> None:
+        nonlocal heard
         card.count(facts)
-        progress(log)
+        if log != heard:  # a line on the screen for every episode of a thousand sessions takes half a second
+            progress(log)
+        heard = log
 
     unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
     if unfinished.exists():
