@@ -11,6 +11,7 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import BasePolicy
 
+from minihuman import __version__
 from minihuman.errors import LearnError
 from minihuman.learn.agent.network import ACTOR_HEAD, Eyes, Policy, bare_policy
 from minihuman.learn.agent.observe import Eyesight
@@ -45,8 +46,9 @@ class PolicyCard:
 
 def versions() -> dict[str, str]:
     """The versions that numbers here depend on."""
-    packages = ("minihuman", "torch", "stable-baselines3", "gymnasium", "numpy", "numba")
-    return {"python": platform.python_version()} | {name: version(name) for name in packages}
+    packages = ("torch", "stable-baselines3", "gymnasium", "numpy", "numba")
+    ours = {"python": platform.python_version(), "minihuman": __version__}  # a checkout need not be installed
+    return ours | {name: version(name) for name in packages}
 
 
 def save_policy(policy: BasePolicy, card: PolicyCard, path: Path) -> None:
