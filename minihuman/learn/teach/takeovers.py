@@ -57,7 +57,7 @@ TRIALS = {
             3,
             (300, 600, 900, 1200, 1500),
             sight="remembered",
-            fitting="updates=800,batch_size=32,averaged=0.99",
+            fitting="updates=800,batch_size=32,warm_up=200,averaged=0.99",
         ),
     )
 }
