@@ -59,7 +59,9 @@ def takeovers(
         "DoorKey-8x8,FourRooms,FourRooms-remembered"
     ),
     seeds: Seeds = 5,
-    episodes: Judged = 200,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="Held-out episodes to judge a policy by; each trial's own if not given.")
+    ] = None,
     workers: Workers = 2,
 ) -> None:
     """Find out by simulation what a person's takeovers and corrections are worth beside demonstrations.

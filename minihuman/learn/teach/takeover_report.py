@@ -14,7 +14,7 @@ FEWEST_SEEDS = 3  # of which an interval is drawn: that of two reaches from 0 to
 
 
 def run_takeovers(
-    out: Path, trials: Sequence[str], seeds: int, *, workers: int, command: str, episodes: int = 200
+    out: Path, trials: Sequence[str], seeds: int, *, workers: int, command: str, episodes: int | None = None
 ) -> str:
     """Run every trial with every seed, those that are not in the folder yet; write what came of it; returns the table.
 
@@ -35,7 +35,7 @@ def run_takeovers(
     return text
 
 
-def _run(name: str, arm: str, seed: int, episodes: int) -> list[Row]:
+def _run(name: str, arm: str, seed: int, episodes: int | None) -> list[Row]:
     return run_arm(TRIALS[name], arm, seed, episodes=episodes)
 
 

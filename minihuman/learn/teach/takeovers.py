@@ -41,6 +41,7 @@ class Trial:
     ways: tuple[str, ...] = tuple(ARMS)
     sight: Sight = "view"
     most_steps: int = 100
+    judged: int = 200  # held-out episodes
     fitting: str = "updates=400"  # settings of every way's learner
     supervising: Supervising = field(default_factory=Supervising)
 
@@ -57,6 +58,7 @@ TRIALS = {
             3,
             (300, 600, 900, 1200, 1500),
             sight="remembered",
+            judged=1_000,  # 200 of them were more than half of cloning's spread over seeds
             fitting="updates=800,batch_size=32,warm_up=200,averaged=0.99",
         ),
     )
@@ -79,8 +81,15 @@ class Row:
     success: float
 
 
-def run_arm(trial: Trial, arm: str, seed: int, *, episodes: int = 200) -> list[Row]:
-    """One way to teach, a row a budget. All ways of a seed share the first demonstrations and the policy of these."""
+def run_arm(trial: Trial, arm: str, seed: int, *, episodes: int | None = None) -> list[Row]:
+    """One way to teach, a row a budget. All ways of a seed share the first demonstrations and the policy of these.
+
+    Args:
+        trial: where.
+        arm: which way.
+        seed: of person, layouts and first weights.
+        episodes: to judge by; the trial's own number if None.
+    """
     world = World(trial.world)
     world.reset(0)
     eyesight = Eyesight(missions=False, sight=trial.sight)
@@ -100,7 +109,7 @@ def run_arm(trial: Trial, arm: str, seed: int, *, episodes: int = 200) -> list[R
             dataset = dataset.with_more(_taught(sitting, supervisor, arm, policy, layout))
         learner = make_learner(f"{ARMS[arm]}:{trial.fitting}")
         policy = learner.learn(dataset, None, np.random.default_rng(seed), float("inf")).policy
-        judged = judge(policy, dataset, episodes=episodes, seed=1)
+        judged = judge(policy, dataset, episodes=episodes or trial.judged, seed=1)
         rows.append(
             Row(
                 trial=trial.name,
