@@ -2,18 +2,21 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import wraps
 from importlib import import_module
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import get_args
 
 import pytest
-from typer.core import TyperGroup
+from typer import Typer
 from typer.main import get_command
 
-from minihuman.cli import PARTS, app
+from minihuman.cli import PARTS
 from minihuman.cli.declared import Argument, Option
 from minihuman.cli.plain import plain
+from minihuman.cli.typed import typed
 
 COMMANDS = [(part, name) for part, names in PARTS.items() for name in names if name != "learn"]
 
@@ -35,10 +38,18 @@ def words_of(parameter: Parameter) -> list[list[str]]:
     return [[name, value] for name in names for value in ("12", "7" if kind in (int, int | None) else "a b=c")]
 
 
-def by_typer(name: str, words: list[str]) -> dict[str, object]:
-    group = get_command(app(name))
-    assert isinstance(group, TyperGroup)
-    return group.commands[name].make_context(name, list(words)).params
+def by_typer(command: Callable[..., None], words: list[str]) -> dict[str, object]:
+    """What Typer would call it with."""
+    read: dict[str, object] = {}
+
+    @wraps(command)
+    def told(**named: object) -> None:
+        read.update(named)
+
+    app = Typer()
+    app.command()(typed(told))
+    get_command(app).main(list(words), standalone_mode=False)
+    return read
 
 
 def of_choosing(value: object) -> object:
@@ -55,7 +66,7 @@ def test_what_is_plain_is_read_as_typer_reads_it(part, name):
         given = plain(command, [*needed, *more])
         if given is not None:
             read += 1
-            theirs = by_typer(name, [*needed, *more])
+            theirs = by_typer(command, [*needed, *more])
             assert {key: of_choosing(value) for key, value in theirs.items()} == given
             assert plain(command, [*more, *needed]) in (given, None)
     assert read > 0
