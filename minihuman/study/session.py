@@ -10,6 +10,7 @@ pauses, questions about itself and its end; the order of its parts is its course
 
 from collections.abc import Mapping
 from enum import StrEnum
+from functools import partial
 
 from minihuman.study import texts
 from minihuman.study.activities.port import Activity, Want
@@ -64,8 +65,7 @@ class Session:
         make_world: gives a world for an id and its options; ``World`` itself will do.
         facts: what is to be known of the machine; logged with the plan.
         picture_px: the largest picture wanted, width and height; None draws none (nobody looks).
-        draws_steps: whether its screens have the pictures of an episode that is played; whoever shows them has them
-            from a world of their own otherwise. The last one, where it is held, is always drawn.
+        draws_steps: whether screens of play have pictures, as those who draw them themselves need only the held last.
 
     Raises:
         AllocationError: if the plan has no part left.
@@ -81,9 +81,7 @@ class Session:
         draws_steps: bool = True,
     ) -> None:
         self._facts = dict(facts)
-        self._make_world = make_world
-        self._picture_px = picture_px
-        self._draws_steps = draws_steps
+        self._staged = partial(Stage, make_world=make_world, picture_px=picture_px, draws_steps=draws_steps)
         self._set_out(plan)
 
     def _set_out(self, plan: SessionPlan) -> None:
@@ -91,7 +89,7 @@ class Session:
         self.plan = plan
         self.failure: BaseException | None = None  # what a broken world raised, for whoever reads tracebacks
         self._phase = Phase.START
-        self._stage = Stage(plan, self._make_world, self._picture_px, draws_steps=self._draws_steps)
+        self._stage = self._staged(plan)
         self._course = Course(self._stage)
         self._screen: Screen = TextScreen("", "", "")
         self._came_from: list[Phase] = []
