@@ -1,7 +1,12 @@
-"""How often a long proof runs: a small count by default, the full one under ``MINIHUMAN_LONG=1``."""
+"""How often a long proof runs, and how long a test waits: more under ``MINIHUMAN_LONG=1``."""
 
 import os
 
 
 def count(small: int, full: int) -> int:
     return full if os.environ.get("MINIHUMAN_LONG") == "1" else small
+
+
+PATIENCE_S = count(
+    300, 1_800
+)  # for what has to come: busy machines are slow, and in a long proof they stop for minutes

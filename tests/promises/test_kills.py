@@ -14,7 +14,7 @@ from minihuman.lab.proofs import proofs
 from minihuman.log.read.open_log import read_events
 from minihuman.log.record.finish import leftovers, recover
 from minihuman.study.events import Stepped
-from tests.counts import count
+from tests.counts import PATIENCE_S, count
 from tests.lab.station import stations
 from tests.promises import station
 from tests.promises.sessions import TOML
@@ -22,7 +22,6 @@ from tests.xserver import Typist
 
 pytestmark = [pytest.mark.long, pytest.mark.program]
 
-PATIENCE_S = 240.0
 LONG_PLAY = TOML.format(episodes=200, steps=100).replace("[keys]", "[keys]\ncheck = false").encode()
 
 
@@ -104,7 +103,7 @@ def _killed(context: ForkServerContext, data: Path, key_s: float, fsync_s: float
     process.start()
     tell.close()
     last = told.recv()  # the first screen
-    while after_s > 0.1 and not last[0] and told.poll(60):  # a few are killed before anything is played
+    while after_s > 0.1 and not last[0] and told.poll(PATIENCE_S):  # a few are killed before anything is played
         last = told.recv()
     until_s = time.monotonic() + after_s
     while (left_s := until_s - time.monotonic()) > 0 and told.poll(left_s):

@@ -27,10 +27,10 @@ from minihuman.study.words import Words
 from minihuman.windows.blocking import TITLE
 from minihuman.windows.compose import spot_at
 from minihuman.worlds.adapt.world import World
+from tests.counts import PATIENCE_S
 from tests.seats.session_typist import agree
 from tests.xserver import Typist
 
-PATIENCE_S = 120.0
 GRID = tuple(product(np.linspace(0.005, 0.995, 200), np.linspace(0.005, 0.995, 120)))
 
 

@@ -11,10 +11,10 @@ from minihuman.players.port import way_of
 from minihuman.study.events import Noted
 from minihuman.study.plan import EpisodePlan, SessionPlan
 from minihuman.worlds.adapt.world import World
+from tests.counts import PATIENCE_S
 from tests.xserver import Typist
 
 UNMAPPED = "z"
-PATIENCE_S = 60.0
 
 
 def type_session(typist: Typist, plan: SessionPlan, data: Path) -> None:

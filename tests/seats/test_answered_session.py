@@ -15,6 +15,7 @@ from minihuman.log.read.open_log import open_log
 from minihuman.study.events import Answered
 from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
+from tests.counts import PATIENCE_S
 from tests.seats.answering_typist import Participant
 from tests.xserver import Typist, xvfb
 
@@ -62,7 +63,7 @@ def test_forms_answered_by_key_and_mouse_equal_log_table_and_report(window: str,
         live = tmp_path / "forms/sub-01/ses-01/sub-01_ses-01.mcap.part"
         somebody = Participant(typist, plan, live, SIZE_PX)
         somebody.take_part()
-        said, complained = station.communicate(timeout=120)
+        said, complained = station.communicate(timeout=PATIENCE_S)
         typist.close()
     assert station.returncode == 0, complained
 

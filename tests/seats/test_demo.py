@@ -8,6 +8,7 @@ import pytest
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.lab.shipped import shipped_protocol
 from minihuman.log.read.open_log import open_log
+from tests.counts import PATIENCE_S
 
 pytestmark = pytest.mark.program
 
@@ -15,7 +16,7 @@ pytestmark = pytest.mark.program
 def test_without_a_display_a_simulated_participant_plays_and_everything_made_is_named(tmp_path: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     command = [sys.executable, "-m", "minihuman", "demo", "--data", str(tmp_path)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stderr
     said = done.stdout.splitlines()
     assert "simulated participant plays" in said[0]
@@ -31,7 +32,7 @@ def test_without_a_display_a_simulated_participant_plays_and_everything_made_is_
 def test_a_window_asked_for_by_name_is_not_replaced(tmp_path: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     command = [sys.executable, "-m", "minihuman", "demo", "--data", str(tmp_path), "--window", "pygame"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 2
     assert list(tmp_path.iterdir()) == []
 

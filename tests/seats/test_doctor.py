@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from minihuman.seats.doctor import Finding, examine, verdict
+from tests.counts import PATIENCE_S
 
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
 pytestmark = pytest.mark.program
@@ -14,7 +15,7 @@ pytestmark = pytest.mark.program
 def look(data: Path, environment: dict[str, str], window: str = "auto") -> subprocess.CompletedProcess[str]:
     """In a process of its own: window toolkits keep the display they saw first."""
     command = [sys.executable, "-m", "minihuman", "doctor", "--data", str(data), "--window", window]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE_S)
 
 
 @pytest.mark.parametrize("window", ["pygame", "pyglet"])
@@ -27,7 +28,7 @@ def test_it_measures_display_keys_and_disk(window: str, display: str, tmp_path: 
 
 def test_a_studys_own_worlds_are_drawn_in_its_own_size(display: str, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "minihuman", "doctor", str(DEMO), "--data", str(tmp_path), "--json"]
-    done = subprocess.run(command, env={"DISPLAY": display}, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, env={"DISPLAY": display}, capture_output=True, text=True, timeout=PATIENCE_S)
     found = {one["name"]: one["value"] for one in json.loads(done.stdout)}
     assert "fullscreen true" in found["display"]
     for block in ("block grid", "block first-person"):

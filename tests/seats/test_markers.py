@@ -16,7 +16,7 @@ from minihuman.seats.devices.lsl import pylsl as library
 from minihuman.seats.devices.markers import STREAM, MarkingRecorder, marker_of
 from minihuman.seats.machine import SessionClock
 from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, SessionStarted, Stepped
-from tests.counts import count
+from tests.counts import PATIENCE_S, count
 from tests.study.sessions import corridor_plan
 
 pylsl = pytest.importorskip("pylsl")
@@ -49,17 +49,16 @@ def test_markers_recorded_back_are_the_logs_events_at_its_times(tmp_path):
     wanted = count(600, 10_000)
     plan, clock = corridor_plan(), SessionClock()
     recorder = MarkingRecorder(McapRecorder(tmp_path, plan, started_ns=clock.started_unix_ns), plan, clock)
-    [info] = pylsl.resolve_byprop("source_id", f"minihuman-{plan.study}-sub-01-ses-1-seg-1", timeout=10)
+    [info] = pylsl.resolve_byprop("source_id", f"minihuman-{plan.study}-sub-01-ses-1-seg-1", timeout=PATIENCE_S)
     inlet = pylsl.StreamInlet(info)
-    inlet.open_stream(timeout=10)
-    assert recorder.listened_to(10)
+    inlet.open_stream(timeout=PATIENCE_S)
+    assert recorder.listened_to(PATIENCE_S)
     names = played(clock, plan, recorder, wanted)
     markers = []
     log = recorder.close()
-    while len(markers) < wanted:
+    until_s = time.monotonic() + PATIENCE_S
+    while len(markers) < wanted and time.monotonic() < until_s:
         rows, stamps = inlet.pull_chunk(timeout=1.0)
-        if not rows:
-            break
         markers += [(stamp, json.loads(row[0])) for row, stamp in zip(rows, stamps, strict=True)]
     expected = [marker for event in read_events(log) if (marker := marker_of(event, names)) is not None]
     assert [words for _, words in markers] == [words for _, words in expected]
@@ -75,7 +74,7 @@ def test_markers_recorded_back_are_the_logs_events_at_its_times(tmp_path):
 def test_a_stream_says_whose_session_it_is():
     plan, clock = corridor_plan(segment=3), SessionClock()
     recorder = MarkingRecorder(MemoryRecorder(), plan, clock)
-    [info] = pylsl.resolve_byprop("source_id", f"minihuman-{plan.study}-sub-01-ses-1-seg-3", timeout=10)
+    [info] = pylsl.resolve_byprop("source_id", f"minihuman-{plan.study}-sub-01-ses-1-seg-3", timeout=PATIENCE_S)
     session = pylsl.StreamInlet(info).info().desc().child("session")
     assert (info.name(), info.type()) == (STREAM, "Markers")
     assert (session.child_value("participant"), session.child_value("segment")) == ("sub-01", "3")

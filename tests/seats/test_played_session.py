@@ -13,13 +13,13 @@ from minihuman.lab.verify import verify
 from minihuman.log.read.open_log import open_log
 from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
+from tests.counts import PATIENCE_S
 from tests.seats.session_typist import begin, type_session
 from tests.xserver import Typist, xvfb
 
 pytestmark = pytest.mark.program
 
 SMALL_SCREEN_PX = (640, 480)  # the window shrinks to it; a first-person picture costs by the pixel
-PATIENCE_S = 60
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
 
 

@@ -15,6 +15,7 @@ from minihuman.study.screens import Screen
 from minihuman.study.session import Session
 from minihuman.windows.scripted import ScriptedWindow, VirtualClock
 from minihuman.worlds.adapt.world import World
+from tests.counts import PATIENCE_S
 from tests.study.sessions import MS, corridor_plan, key_of
 from tests.worlds import corridor  # noqa: F401  # a log's word imports nothing; this process knows the world
 
@@ -41,7 +42,7 @@ def test_a_signal_leaves_a_finished_log_that_says_abandoned(tmp_path, number):
     with started(tmp_path, "back") as station:
         assert station.stdout.readline() == b"playing\n"
         station.send_signal(number)
-        assert station.wait(timeout=60) == 0
+        assert station.wait(timeout=PATIENCE_S) == 0
     log = the_log(tmp_path)
     assert log.clean
     assert log.end_reason == "signal"
@@ -57,14 +58,14 @@ def test_signals_while_the_log_is_being_finished_wait(tmp_path, number):
         for _ in range(40):  # for as long as it takes to end
             station.send_signal(number)
             time.sleep(0.005)
-        assert station.wait(timeout=60) in (0, -number), station.stderr.read()  # one may come when all is done
+        assert station.wait(timeout=PATIENCE_S) in (0, -number), station.stderr.read()  # one may come when all is done
         assert b"Traceback" not in station.stderr.read()
     assert the_log(tmp_path).clean
 
 
 def test_an_exception_inside_a_world_leaves_a_finished_log(tmp_path):
     with started(tmp_path, "crash") as station:
-        assert station.wait(timeout=60) != 0
+        assert station.wait(timeout=PATIENCE_S) != 0
         said = station.stderr.read().decode()
     assert "the world failed (RuntimeError: the corridor has collapsed); everything before that is in" in said
     log = the_log(tmp_path)

@@ -14,7 +14,7 @@ from minihuman.study.allocation import allocation
 from minihuman.study.events import Answered, EpisodesSkipped, Scored
 from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
-from tests.counts import count
+from tests.counts import PATIENCE_S, count
 from tests.seats.answering_typist import Participant
 from tests.seats.test_answered_session import minihuman
 from tests.xserver import Typist, xvfb
@@ -75,7 +75,7 @@ def test_both_days_are_played_through_a_window(tmp_path: Path) -> None:
             folder = tmp_path / "two-days/sub-02" / f"ses-{session:02d}"
             somebody = Participant(typist, plan, folder / f"{name}.part", SIZE_PX)
             somebody.take_part()
-            _, complained = station.communicate(timeout=120)
+            _, complained = station.communicate(timeout=PATIENCE_S)
             typist.close()
             assert station.returncode == 0, complained
             log = open_log(folder / name)

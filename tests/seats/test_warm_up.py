@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from minihuman.errors import ProtocolError
 from minihuman.seats.warm_up import shared, warm_up
 from minihuman.study.protocol import Protocol, decode
+from tests.counts import PATIENCE_S
 
 TOML = """
 [study]
@@ -81,7 +82,7 @@ def test_what_is_needed_later_and_ways_are_compiled_behind_while_the_first_world
     with shared([now], [later], plans=True) as companion:
         companion.start()
         warm_up(replace(alone, blocks=(now,)), companion=companion)
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + PATIENCE_S
         # each world is laid out six times for a step, and once more for a way
         while (lines := notes.read_text().splitlines()) and (
             [line.split()[0] for line in lines if str(os.getpid()) not in line].count("later") < 7

@@ -26,11 +26,10 @@ from minihuman.study.expand import enrol, expand
 from minihuman.study.inputs import Asked, Tick
 from minihuman.study.session import Session
 from minihuman.windows.blocking import TITLE
+from tests.counts import PATIENCE_S
 from tests.seats.test_played_session import DEMO, start, typist_and_display  # noqa: F401
 from tests.study.sessions import corridor_plan
 from tests.xserver import Typist
-
-PATIENCE_S = 60
 
 
 class Page:
@@ -153,7 +152,7 @@ def test_the_page_is_for_this_machine_and_whoever_knows_its_address(tmp_path: Pa
     root = page.url.split("/", 3)
     for wrong in (f"{root[0]}//{root[2]}/", f"{root[0]}//{root[2]}/state", page.url + "elsewhere"):
         with pytest.raises(urllib.error.HTTPError):
-            urllib.request.urlopen(wrong, timeout=10)
+            urllib.request.urlopen(wrong, timeout=PATIENCE_S)
 
 
 def test_what_was_asked_before_the_session_began_is_not_done_again(tmp_path: Path) -> None:

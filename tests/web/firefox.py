@@ -15,9 +15,8 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from tests.counts import count
+from tests.counts import PATIENCE_S
 
-PATIENCE_S = count(60, 1_800)
 _KEYS = {"enter": "\ue007", "left": "\ue012", "up": "\ue013", "right": "\ue014"}
 _QUIET = """
 user_pref("app.update.enabled", false);

@@ -1,6 +1,7 @@
 """`minihuman serve` as a program, and a line to it that can be long, slow to answer, or cut."""
 
 import os
+import random
 import re
 import signal
 import socket
@@ -10,21 +11,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from tests.counts import count
-
-_PATIENCE_S = count(60, 1_800)  # a long proof may run on a machine that is stopped for minutes
+from tests.counts import PATIENCE_S
 
 
 class Serving:
     """A server on a port that stays the same when it is killed and started again."""
 
     def __init__(self, protocol: Path, data: Path, *, links: int = 1, options: tuple[str, ...] = ()) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = int(free.getsockname()[1])
+        self.port = free_port()
         self._command = [sys.executable, "-m", "minihuman", "serve", str(protocol), "--data", str(data)]
         self._command += ["--port", str(self.port), *options]
         self.tokens = [re.sub(r".*#t=", "", line) for line in self._start(links)]
@@ -63,11 +60,24 @@ class Serving:
 
     def _ended(self) -> int:
         with self._process:
-            return self._process.wait(timeout=_PATIENCE_S)
+            return self._process.wait(timeout=PATIENCE_S)
 
     def again(self) -> None:
         """Start it anew, on the same folder."""
         self._start(0)
+
+
+def free_port(*, in_a_row: int = 2) -> int:
+    """A port that nobody has, and neither those after it; none that the system gives to whoever connects somewhere."""
+    lowest = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
+    for _ in range(1_000):
+        port = random.randrange(10_000, lowest - in_a_row)
+        with suppress(OSError), ExitStack() as taken:
+            for number in range(in_a_row):
+                one = taken.enter_context(socket.socket())
+                one.bind(("127.0.0.1", port + number))
+            return port
+    raise AssertionError("no port is free")
 
 
 def listens(port: int) -> bool:

@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -13,9 +12,10 @@ import pytest
 
 from minihuman.lab.prove import prove
 from minihuman.worlds.adapt.world import World
+from tests.counts import PATIENCE_S
 from tests.web.browser import browsing
 from tests.web.protocols import study
-from tests.web.serving import Serving, listens
+from tests.web.serving import Serving, free_port, listens
 
 pytestmark = [
     pytest.mark.program,
@@ -56,16 +56,14 @@ def caddy(folder: Path, text: str, port: int) -> Iterator[None]:
 
 
 def until_listens(port: int) -> None:
-    deadline_s = time.monotonic() + 120
+    deadline_s = time.monotonic() + PATIENCE_S
     while not listens(port):
         assert time.monotonic() < deadline_s
         time.sleep(0.1)
 
 
 def test_people_come_by_tls_to_two_workers_and_each_stays_with_theirs(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = int(free.getsockname()[1])
+    port = free_port(in_a_row=1)
     address = f"https://localhost:{port}"
     protocol = study(tmp_path, episodes=1, max_steps=4, web="picture_px = [96, 96]\nanyone = true")
     served = Serving(protocol, tmp_path, links=2, options=("--workers", "2", "--address", address))

@@ -4,7 +4,6 @@ import asyncio
 import os
 import random
 import signal
-import socket
 from pathlib import Path
 
 import pytest
@@ -13,31 +12,33 @@ from minihuman.lab.prove import prove
 from minihuman.log.read.open_log import read_events
 from minihuman.study.events import KeyPressed
 from minihuman.worlds.adapt.world import World
+from tests.counts import PATIENCE_S
 from tests.web.served import Served, served
+from tests.web.serving import free_port
 from tests.web.test_workers import below, runs, until
-from tests.web.typed_page import TypedPage
+from tests.web.typed_page import Counts, TypedPage
 
-PRESSES = 12  # of each of them, when it comes
+ACKED = 12  # presses of each of them at least, when it comes
 
 
 async def interrupted(server: Served, pages: list[TypedPage]) -> None:
-    """Let them play, and press Ctrl-C meanwhile."""
-    playing = [asyncio.create_task(page.take_part()) for page in pages]
-    while any(page.counts.presses < PRESSES for page in pages):
-        assert not any(task.done() for task in playing), "somebody's page broke"
-        await asyncio.sleep(0.01)
+    """Let them play, and press Ctrl-C meanwhile. Each comes when the one before plays, so slots go in their order."""
+    playing: list[asyncio.Task[Counts]] = []
+
+    async def all_have(acked: int) -> None:
+        while any(len(page.counts.acked_s) < acked for page in pages[: len(playing)]):
+            assert not any(task.done() for task in playing), "somebody's page broke"
+            await asyncio.sleep(0.01)
+
+    for page in pages:
+        playing.append(asyncio.create_task(page.take_part()))
+        await all_have(1)
+    await all_have(ACKED)
     os.killpg(server.process.pid, signal.SIGINT)
-    await asyncio.to_thread(server.process.wait, 60)
+    await asyncio.to_thread(server.process.wait, PATIENCE_S)
     for task in playing:
         task.cancel()
     await asyncio.gather(*playing, return_exceptions=True)
-
-
-def free_port() -> int:
-    """A port that nobody has; the one after it is taken to be free, too."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 @pytest.mark.program
@@ -50,7 +51,7 @@ def test_ctrl_c_while_people_play_loses_nothing_that_was_acknowledged(tmp_path: 
             TypedPage(server.host, token, keys_per_s=8, rng=random.Random(number))
             for number, token in enumerate(server.links)
         ]
-        asyncio.run(asyncio.wait_for(interrupted(server, pages), 120))
+        asyncio.run(asyncio.wait_for(interrupted(server, pages), PATIENCE_S))
         assert server.process.returncode == 0
         assert "Traceback" not in server.complaints()
         until(lambda: not any(map(runs, others)))
@@ -59,5 +60,5 @@ def test_ctrl_c_while_people_play_loses_nothing_that_was_acknowledged(tmp_path: 
     for part, page in zip(parts, pages, strict=True):
         keys = [event for event in read_events(part) if isinstance(event, KeyPressed) and event.down]
         logged = sum(key.action is not None and key.phase == "playing" for key in keys)
-        assert PRESSES // 2 < len(page.counts.acked_s) <= logged <= page.counts.presses
+        assert ACKED <= len(page.counts.acked_s) <= logged <= page.counts.presses
         assert list(prove(part, World)) == []

@@ -21,7 +21,7 @@ from minihuman.log.read.open_log import open_log, read_events
 from minihuman.study.events import KeyPressed
 from minihuman.web.guard import MAX_WAITING
 from minihuman.web.wire import VERSION
-from tests.counts import count
+from tests.counts import PATIENCE_S, count
 from tests.web.served import Served, served
 from tests.web.typed_page import Counts, TypedPage
 
@@ -44,11 +44,11 @@ class Neighbour:
 
     def leaves(self) -> Counts:
         """They have pressed enough, and leave when all they pressed is on the disk."""
-        deadline_s = time.monotonic() + 60
+        deadline_s = time.monotonic() + PATIENCE_S
         while self.page.counts.presses < 12 and time.monotonic() < deadline_s:
             time.sleep(0.1)
         self.page.enough = True
-        self._thread.join(timeout=60)
+        self._thread.join(timeout=PATIENCE_S)
         assert self.counts is not None, f"the neighbour is stuck: {self.page.counts}"
         return self.counts
 
@@ -70,7 +70,7 @@ def address(server: Served) -> str:
 
 def opened(server: Served, **more) -> ClientConnection:
     quiet = {"compression": None, "ping_interval": None}  # a ping draws from `random`, over which Hypothesis watches
-    return connect(address(server), origin=f"http://{server.host}", open_timeout=30, **quiet, **more)
+    return connect(address(server), origin=f"http://{server.host}", open_timeout=PATIENCE_S, **quiet, **more)
 
 
 HUGE = {  # by name: Hypothesis writes its strategies out
@@ -183,9 +183,9 @@ def presses_in(part: Path) -> int:
 def test_a_foreign_page_is_refused(server, origin):
     with (
         pytest.raises((InvalidStatus, ConnectionClosed)) as refused,
-        connect(address(server), origin=origin, compression=None) as socket,
+        connect(address(server), origin=origin, compression=None, open_timeout=PATIENCE_S) as socket,
     ):
-        socket.recv(timeout=5)
+        socket.recv(timeout=PATIENCE_S)
     if isinstance(refused.value, InvalidStatus):
         assert refused.value.response.status_code == 403
 
@@ -194,7 +194,7 @@ def test_a_huge_message_is_refused(server):
     with opened(server) as socket:
         socket.send("x" * 70_000)
         with pytest.raises(ConnectionClosed) as closed:
-            socket.recv(timeout=5)
+            socket.recv(timeout=PATIENCE_S)
     assert closed.value.rcvd is not None
     assert closed.value.rcvd.code in (1009, 4003)
 
@@ -205,7 +205,7 @@ def test_sockets_that_say_nothing_are_refused_when_they_are_many_and_make_room_a
             silent.enter_context(opened(server))
         with pytest.raises(InvalidStatus), opened(server):
             pass
-    deadline_s = time.monotonic() + 30
+    deadline_s = time.monotonic() + PATIENCE_S
     while True:  # they are gone when the server has heard of it
         with suppress(InvalidStatus), opened(server) as socket:
             socket.send(json.dumps({"t": "hello", "version": VERSION, "token": "guess", "stream": "a"}))
@@ -253,10 +253,11 @@ FIELDS = [
 ]
 
 
-def request(server: Served, raw: bytes) -> bytes:
+def request(server: Served, raw: bytes, *, patience_s: float = 0.5) -> bytes:
+    """What a request gets: all until the server closes or says nothing for so long."""
     host, _, port = server.host.partition(":")
-    with plain.create_connection((host, int(port)), timeout=5) as line:
-        line.settimeout(0.5)
+    with plain.create_connection((host, int(port)), timeout=PATIENCE_S) as line:
+        line.settimeout(patience_s)
         answer = b""
         with suppress(TimeoutError, OSError):
             line.sendall(raw)
@@ -281,14 +282,17 @@ def test_five_hundred_hostile_requests_get_nothing(server):
         assert not status.startswith(b"5") or status == b"501", (raw, answer[:200])
     assert "Traceback" not in server.complaints()
     assert files(server.said.parent) == before
-    assert request(server, f"GET / HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n".encode()).startswith(
-        b"HTTP/1.1 200"
-    )
+    assert page_at(server, "/").startswith(b"HTTP/1.1 200")
+
+
+def page_at(server: Served, path: str) -> bytes:
+    raw = f"GET {path} HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n".encode()
+    return request(server, raw, patience_s=PATIENCE_S)
 
 
 def test_every_answer_has_the_headers_that_keep_the_page_to_itself(server):
     for path in ("/", "/static/page.js", "/nothing", "/favicon.ico"):
-        answer = request(server, f"GET {path} HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n".encode())
+        answer = page_at(server, path)
         head = answer.partition(b"\r\n\r\n")[0].lower()
         for name in (b"content-security-policy", b"cross-origin-opener-policy", b"x-content-type-options"):
             assert head.count(name + b":") == 1, (path, head)

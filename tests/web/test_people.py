@@ -19,6 +19,7 @@ from minihuman.log.read.open_log import open_log, read_events
 from minihuman.log.record.finish import leftovers
 from minihuman.seats.desk import Request, ask, requests_path
 from minihuman.study.events import KeyPressed
+from tests.counts import PATIENCE_S
 from tests.web.served import Served, served
 from tests.web.typed_page import TypedPage
 
@@ -33,7 +34,7 @@ def page(server: Served, number: int = 0, **more) -> TypedPage:
     return TypedPage(server.host, token, keys_per_s=15, rng=random.Random(number), **more)
 
 
-def takes_part(one: TypedPage, within_s: float = 60):
+def takes_part(one: TypedPage, within_s: float = PATIENCE_S):
     return asyncio.run(asyncio.wait_for(one.take_part(), within_s))
 
 
@@ -74,7 +75,7 @@ def test_a_whole_session_ends_with_a_code_when_the_log_is_on_the_disk(tmp_path):
         assert takes_part(again).over == "complete"  # whoever loads the page again is told the same
         assert again.told["code"] == "C1"
         server.process.terminate()
-        server.process.wait(timeout=30)
+        server.process.wait(timeout=PATIENCE_S)
     with served(tmp_path, web=f"{CODES}\n{REDIRECT}", links=0) as anew:
         again = TypedPage(anew.host, server.links[0])
         assert takes_part(again).refused == "complete"  # and so by a server that was started anew
@@ -134,7 +135,7 @@ def test_who_presses_nothing_for_long_is_timed_out_with_a_code_of_its_own(tmp_pa
 def test_who_does_not_come_back_ends_as_connection_lost_and_can_go_on_even_so(tmp_path):
     with served(tmp_path, web="grace_s = 1", episodes=50) as server:
         takes_part(page(server, most_presses=8))
-        deadline_s = time.monotonic() + 30
+        deadline_s = time.monotonic() + PATIENCE_S
         while not list(data(server).rglob("*.mcap")):
             assert time.monotonic() < deadline_s
             time.sleep(0.2)
@@ -150,7 +151,7 @@ def test_the_experimenters_note_and_abort_reach_the_page_and_the_log(tmp_path):
         ask(log, Request("note", "the phone rang"))
         ask(log, Request("abort", "it burns"))
         assert requests_path(log).exists()
-        return await asyncio.wait_for(playing, 30)
+        return await asyncio.wait_for(playing, PATIENCE_S)
 
     with served(tmp_path, episodes=50) as server:
         assert asyncio.run(aborted(page(server))).over == "quit"
@@ -203,13 +204,13 @@ def test_the_end_waits_for_a_register_that_is_away_and_is_told_when_it_is_back(t
         with at_a_stand(server):
             register.rmdir()
             away.rename(register)
-        await asyncio.wait_for(playing, 30)
+        await asyncio.wait_for(playing, PATIENCE_S)
         return early
 
     with served(tmp_path, web=CODES, episodes=2) as server:
         one = page(server)
         register = data(server) / "register.jsonl"
-        assert asyncio.run(asyncio.wait_for(ends(one, register, tmp_path / "away.jsonl", server), 60)) == ""
+        assert asyncio.run(asyncio.wait_for(ends(one, register, tmp_path / "away.jsonl", server), PATIENCE_S)) == ""
         assert (one.counts.over, one.told["code"]) == ("complete", "C1")
         assert '"sealed"' in register.read_text()
         assert "Traceback" not in server.complaints()
@@ -219,7 +220,7 @@ def test_a_full_disk_ends_the_session_and_says_so_and_what_was_written_is_kept(t
     shell = ("bash", "-c", 'trap "" XFSZ; ulimit -f 200; exec "$@"', "limited")
     with served(tmp_path, episodes=500, before=shell) as server:
         one = page(server)
-        assert takes_part(one, within_s=120).over == "broken"
+        assert takes_part(one).over == "broken"
         assert "Traceback" not in server.complaints()
     parts = leftovers(data(server))
     logs = [open_log(path) for path in (*parts, *data(server).rglob("*.mcap"))]

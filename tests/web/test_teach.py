@@ -11,13 +11,12 @@ from minihuman.log.read.open_log import open_log
 from minihuman.recorded.taught import Taught
 from minihuman.study.events import Noted
 from minihuman.worlds.adapt.world import World
-from tests.counts import count
+from tests.counts import PATIENCE_S, count
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import line, serving
 
 pytestmark = pytest.mark.program
 STUDY = Path(__file__).parents[2] / "protocols" / "teach-fourrooms.toml"
-PATIENCE_S = 300.0
 
 
 def shortened(folder: Path) -> Path:

@@ -23,6 +23,7 @@ from minihuman.web.seating import Disk, Made, begin, go_on
 from minihuman.web.telling import Settings
 from minihuman.web.wire import VERSION
 from minihuman.worlds.adapt.world import World
+from tests.counts import PATIENCE_S
 from tests.web.page_model import PageModel
 from tests.web.protocols import study
 from tests.web.served import served
@@ -66,10 +67,10 @@ def test_a_server_goes_on_as_it_began_while_its_package_is_replaced(
     with served(tmp_path / "study", links=2, web='codes = { complete = "C1" }') as server:
         page = asked(server.host, "/static/page.js")
         first, second = (TypedPage(server.host, token, keys_per_s=15) for token in server.links)
-        asyncio.run(asyncio.wait_for(_plays_across(first, package), 60))
+        asyncio.run(asyncio.wait_for(_plays_across(first, package), PATIENCE_S))
         assert first.told["code"] == "C1"
         assert asked(server.host, "/static/page.js") == page, "the page of another release"
-        asyncio.run(asyncio.wait_for(second.take_part(), 60))
+        asyncio.run(asyncio.wait_for(second.take_part(), PATIENCE_S))
         assert second.told["code"] == "C1", "somebody who came after it was replaced"
         assert "Traceback" not in server.complaints()
         logs = sorted(server.said.parent.rglob("*.mcap"))

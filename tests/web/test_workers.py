@@ -14,7 +14,7 @@ from minihuman.lab.prove import prove
 from minihuman.log.read.open_log import open_log, read_events
 from minihuman.study.events import KeyPressed
 from minihuman.worlds.adapt.world import World
-from tests.counts import count
+from tests.counts import PATIENCE_S, count
 from tests.web.browser import Somebody, browsing
 from tests.web.protocols import study
 from tests.web.serving import Serving, listens
@@ -35,7 +35,7 @@ def two_workers(protocol: Path, data: Path, *, links: int) -> Iterator[Serving]:
 
 
 def until(condition) -> None:
-    deadline_s = time.monotonic() + 120
+    deadline_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline_s
         time.sleep(0.1)
@@ -59,10 +59,9 @@ def test_a_worker_that_is_killed_is_started_again_and_takes_its_people_up(tmp_pa
     protocol = study(tmp_path, max_steps=STEPS)
     with two_workers(protocol, tmp_path, links=2) as served, browsing() as sit_down:
         ports = served.port, served.port + 1
-        first, second = (
-            sit_down(f"http://127.0.0.1:{port}/#t={token}") for port, token in zip(ports, served.tokens, strict=True)
-        )
-        plays(first)
+        first = sit_down(f"http://127.0.0.1:{ports[0]}/#t={served.tokens[0]}")
+        plays(first)  # and has the first slot
+        second = sit_down(f"http://127.0.0.1:{ports[1]}/#t={served.tokens[1]}")
         second.to_play()
         second.press("1", "2")
         killed = worker_at(served.pid, ports[1])
@@ -106,7 +105,7 @@ def test_told_to_end_it_takes_its_workers_and_its_watch_with_it_and_logs_are_who
             for port, token in zip((served.port, served.port + 1), served.tokens, strict=True)
         ]
         for page in pages:
-            asyncio.run(asyncio.wait_for(page.take_part(), 60))
+            asyncio.run(asyncio.wait_for(page.take_part(), PATIENCE_S))
         assert served.told(told) == 0
         until(lambda: not any(map(runs, others)))
     finally:

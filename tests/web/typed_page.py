@@ -15,6 +15,7 @@ from typing import Any
 from websockets.asyncio.client import ClientConnection, connect
 
 from minihuman.web.wire import VERSION
+from tests.counts import PATIENCE_S
 
 FACTS = {"browser": "Chromium", "browser_version": "156", "window_px": "1366 x 768", "mouse": True, "touch": False}
 HOLD_S = 0.08
@@ -93,7 +94,7 @@ class TypedPage:
             "compression": None,
             "ping_interval": None,
         }  # a ping draws from `random`, which Hypothesis watches over
-        async with connect(address, origin=origin, max_size=None, open_timeout=60, **quiet) as socket:
+        async with connect(address, origin=origin, max_size=None, open_timeout=PATIENCE_S, **quiet) as socket:
             hello = {"t": "hello", "version": VERSION, "token": self._token, "platform": self._platform}
             await socket.send(json.dumps({**hello, "stream": f"{id(self):x}", "facts": FACTS}))
             doing = [asyncio.create_task(work) for work in (self._hear(socket), self._send(socket), self._live(socket))]
