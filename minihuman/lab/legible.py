@@ -52,15 +52,22 @@ def unreadable(plan: SessionPlan) -> Iterator[str]:
     for name in plan.fonts:
         if installed(name) is None:
             yield f"$.study.fonts names {name!r}, a face that is not installed here; install it, or leave it out"
-    for where, text in _texts(plan):
-        if missing := faces.missing(text):
-            yield (
-                f"{where}: no face on this machine has {missing!r} (U+{ord(missing):04X}); install a Noto font that "
-                "has it (Debian: fonts-noto-core, fonts-noto-cjk) or use another character"
-            )
+    yield from _faceless(plan, faces)
     for part in plan.parts:
         yield from _too_long(part, words, faces)
     yield from _speechless(plan, words)
+
+
+def _faceless(plan: SessionPlan, faces: Faces) -> Iterator[str]:
+    """The first text with a character that no face has, and how many more there are: one font helps all of a script."""
+    found = [(where, missing) for where, text in _texts(plan) if (missing := faces.missing(text))]
+    if found:
+        where, missing = found[0]
+        more = f" (and {len(found) - 1} more texts have such characters)" if len(found) > 1 else ""
+        yield (
+            f"{where}: no face on this machine has {missing!r} (U+{ord(missing):04X}){more}; install a Noto font that "
+            "has it (Debian: fonts-noto-core, fonts-noto-cjk) or use another character"
+        )
 
 
 def _texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:

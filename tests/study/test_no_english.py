@@ -18,6 +18,7 @@ from minihuman.study.expand import enrol, expand
 from minihuman.study.protocol import decode
 from minihuman.study.screens import Screen, Script
 from minihuman.study.session import Session
+from minihuman.typeset.faces import Faces
 from minihuman.windows.compose import compose
 from minihuman.windows.scripted import VirtualClock
 from minihuman.worlds.adapt.world import World
@@ -169,3 +170,11 @@ def test_the_study_over_two_days_can_be_read():
 def test_check_names_what_cannot_be_read(change, says):
     problems = list(study_unreadable(decode(GERMAN.replace(*change).encode())))
     assert any(re.search(says, problem) for problem in problems), problems
+
+
+def test_what_no_face_has_is_said_once_however_many_texts_have_it(monkeypatch):
+    monkeypatch.setattr(Faces, "missing", lambda self, text: text[:1])
+    problems = list(study_unreadable(decode(GERMAN.encode())))
+    without_a_face = [problem for problem in problems if "no face" in problem]
+    assert len(without_a_face) <= 2, "once a group"
+    assert re.search(r"and \d{2,} more texts have such characters", without_a_face[0])
