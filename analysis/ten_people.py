@@ -25,7 +25,7 @@ from minihuman.power.studies import TWO_PARTS, Effect, PowerAt, power_curve, val
 SIZES = (5, 10, 20, 40)  # people a group; the paper had five
 EFFECTS = (1.0, 0.7, 0.5, 0.3)  # what is left of the excess steps
 ASKED = 0.7
-MEASURES = ("log_excess_steps", "reward", "success", TWO_PARTS)
+MEASURES = ("log_excess_steps", "log_steps_ratio", "reward", "success", TWO_PARTS)
 Row = tuple[float, PowerAt]  # with what is left of the excess steps
 
 
@@ -88,7 +88,7 @@ def figure(rows: list[Row]) -> Figure:
         draw(over_size, [(float(one.participants), one) for left, one in rows if left == ASKED])
         over_effect.set(xlabel="fewer excess steps in one group (%), 5 + 5 people", ylabel="power", ylim=(0, 1.02))
         over_size.set(xlabel=f"people a group, {100 * (1 - ASKED):.0f} % fewer excess steps")
-        drawn.legend(*over_effect.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+        drawn.legend(*over_effect.get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return drawn
 
 
@@ -98,7 +98,7 @@ def draw(axes: Axes, points: list[Row]) -> None:
         at = sorted((x, one.power, one.low, one.high) for x, one in points if one.measure == measure)
         x, power, low, high = zip(*at, strict=True)
         axes.fill_between(x, low, high, color=SERIES[place], alpha=0.2, lw=0)
-        axes.plot(x, power, "os^D"[place], ls="-", ms=3, color=SERIES[place], label=measure.replace("_", " "))
+        axes.plot(x, power, "osv^D"[place], ls="-", ms=3, color=SERIES[place], label=measure.replace("_", " "))
     for level in (0.8, 0.05):
         axes.axhline(level, color=QUIET, linewidth=0.6, linestyle=":")
 

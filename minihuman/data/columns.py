@@ -68,6 +68,7 @@ EPISODES = (
     ),
     Column("excess_steps", "number", "", "Steps over feasible_steps; of episodes that reached the goal."),
     Column("log_excess_steps", "number", "", "ln(1 + steps over feasible_steps); who never got there is at max_steps."),
+    Column("log_steps_ratio", "number", "", "ln(steps / feasible_steps); who never got there is at max_steps."),
     Column("spl", "number", "", "Success weighted by path length: feasible_steps / steps, 0 without the goal."),
     Column("playing_s", "number", "s", "From the reset to the last step, pauses left out."),
     Column("reaction_mean_ms", "number", "ms", "Mean reaction time."),
@@ -95,6 +96,7 @@ _OVER_EPISODES = (
     ),
     Column("excess_steps_mean", "number", "", "Mean steps over feasible_steps, of episodes that reached the goal."),
     Column("log_excess_steps_mean", "number", "", "Mean of log_excess_steps."),
+    Column("log_steps_ratio_mean", "number", "", "Mean of log_steps_ratio."),
     Column("spl_mean", "number", "", "Mean of spl."),
     Column("playing_s_mean", "number", "s", "Mean playing time of an episode."),
     Column("reaction_median_ms", "number", "ms", "Median over all steps' reaction times."),
@@ -155,8 +157,8 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 
 NEED_WORLD = frozenset(
-    {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "spl"}
-    | {"excess_steps_mean", "log_excess_steps_mean", "spl_mean"}
+    {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "log_steps_ratio", "spl"}
+    | {"excess_steps_mean", "log_excess_steps_mean", "log_steps_ratio_mean", "spl_mean"}
 )
 """The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
 

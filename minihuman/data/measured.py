@@ -10,7 +10,7 @@ import numpy as np
 
 from minihuman.errors import WorldError
 from minihuman.measures.adaptation import slope_per_episode
-from minihuman.measures.effort import excess_steps, log_excess_steps, spl
+from minihuman.measures.effort import excess_steps, log_excess_steps, log_steps_ratio, spl
 from minihuman.measures.keys import Tally, times_to_find
 from minihuman.measures.path import Walk, walks
 from minihuman.measures.shortest import shortest
@@ -101,6 +101,7 @@ def _least(episode: Episode, least: Bounds) -> Row:
         "feasible_steps": least.feasible,
         "excess_steps": excess_steps(steps, least.feasible, success=outcome == "goal"),
         "log_excess_steps": log_excess_steps(steps, least.feasible, limit, outcome),
+        "log_steps_ratio": log_steps_ratio(steps, least.feasible, limit, outcome),
         "spl": spl(steps, least.feasible, outcome),
     }
 
@@ -124,6 +125,7 @@ def _over(rows: Sequence[Row], tallies: Sequence[Tally]) -> Row:
         "steps_at_limit_mean": _mean([row["steps"] if row["success"] else row["max_steps"] for row in rows]),
         "excess_steps_mean": _mean([row["excess_steps"] for row in rows]),
         "log_excess_steps_mean": _mean([row["log_excess_steps"] for row in rows]),
+        "log_steps_ratio_mean": _mean([row["log_steps_ratio"] for row in rows]),
         "spl_mean": _mean([row["spl"] for row in rows]),
         "playing_s_mean": _mean([row["playing_s"] for row in rows]),
         "reaction_median_ms": float(np.median(times)) if times.size else None,

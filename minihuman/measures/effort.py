@@ -19,6 +19,18 @@ def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> 
     return math.log1p(max((steps if outcome == "goal" else limit) - best, 0))
 
 
+def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
+    """The natural logarithm of the steps over those of the best known way; who did not get there took all there were.
+
+    Differences are ratios of steps: -0.36 is 30 % fewer. ``log_excess_steps`` weighs a step most where hardly any was
+    too many, so a layout on which everybody is nearly perfect tells as much there as all others together; here a step
+    counts by the length of the way. None for an episode that was broken off, or where no way is known.
+    """
+    if best is None or best < 1 or outcome not in ("goal", "timeout", "failure"):
+        return None
+    return math.log(max(steps if outcome == "goal" else limit, best) / best)
+
+
 def spl(steps: int, best: int | None, outcome: str) -> float | None:
     """Success weighted by path length, in steps (Anderson et al., 2018): best / steps of who got there, 0 of others.
 

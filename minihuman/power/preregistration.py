@@ -9,7 +9,7 @@ from pathlib import Path
 
 from minihuman import __version__
 from minihuman.errors import ReportError
-from minihuman.report.results import FORMULAS
+from minihuman.report.results import FORMULAS, ONLY_IF_NAMED
 from minihuman.report.results import MEASURES as MEANINGS
 from minihuman.study.allocation import allocation, allocation_sha256
 from minihuman.study.plan import SessionPlan
@@ -17,8 +17,8 @@ from minihuman.study.protocol import Block, Exclusion, Protocol, decode
 from minihuman.study.strata import strata_of
 
 _POWER = {  # what the block table calls a measure, and what power does
-    "log_excess_steps_mean": "log_excess_steps", "spl_mean": "spl", "success": "success", "reward_mean": "reward",
-    "steps_at_limit_mean": "steps_at_limit",
+    "log_excess_steps_mean": "log_excess_steps", "log_steps_ratio_mean": "log_steps_ratio", "spl_mean": "spl",
+    "success": "success", "reward_mean": "reward", "steps_at_limit_mean": "steps_at_limit",
 }  # fmt: skip
 _KEYS = {
     "fresh": "on keys that are drawn for each participant and have to be found out",
@@ -173,11 +173,15 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
     )
     yield (
         "- Left out unless named here: steps over the best way of successes alone, where an episode had none, and time "
-        "until every key was found, where somebody never did; either would make those who fail more look better."
+        "until every key was found, where somebody never did; either would make those who fail more look better. Nor "
+        "`log_steps_ratio_mean`, which asks what `log_excess_steps_mean` does."
     )
     named_too = [name for name in (named.primary, *named.secondary) if name]
     yield f"\nThe measures{' that are named' if named_too else ''}:\n"
-    yield from (f"- `{name}`: {MEANINGS[name]}{_formula(name)}." for name in named_too or MEANINGS)
+    yield from (
+        f"- `{name}`: {MEANINGS[name]}{_formula(name)}."
+        for name in named_too or (one for one in MEANINGS if one not in ONLY_IF_NAMED)
+    )
 
 
 def _formula(measure: str) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from minihuman.errors import ReportError
-from minihuman.measures.effort import log_excess_steps, spl
+from minihuman.measures.effort import log_excess_steps, log_steps_ratio, spl
 from minihuman.statistics.compare import Values, permutation_p
 from minihuman.statistics.shares import wilson
 from minihuman.statistics.two_parts import people_of, two_parts_p
@@ -72,6 +72,7 @@ def _best(value: float) -> int | None:
 
 MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
     "log_excess_steps": lambda rows: _each(rows, lambda s, b, m, o: log_excess_steps(s, _best(b), int(m), o)),
+    "log_steps_ratio": lambda rows: _each(rows, lambda s, b, m, o: log_steps_ratio(s, _best(b), int(m), o)),
     "spl": lambda rows: _each(rows, lambda s, b, m, o: spl(s, _best(b), o)),
     "steps_at_limit": lambda rows: rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"]).tolist(),
     "reward": lambda rows: rows["reward"].tolist(),

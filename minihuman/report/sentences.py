@@ -8,6 +8,10 @@ from minihuman.report.results import MEASURES, Alike, Role
 from minihuman.statistics.compare import Comparison
 from minihuman.statistics.power import Power
 
+_FACTORS = {  # of what a difference of logarithms is a factor
+    "log_excess_steps_mean": "the steps over the best way, plus one",
+    "log_steps_ratio_mean": "the steps",
+}
 FEW = 5  # participants a group, below which an effect size says little
 
 
@@ -30,10 +34,11 @@ def difference_statement(one: Comparison, block: str) -> str:
 
 def _as_factor(one: Comparison) -> str:
     """What a difference of logarithms of steps means: by how much they are multiplied."""
-    if one.measure != "log_excess_steps_mean" or math.isnan(one.interval[0]):
+    of = _FACTORS.get(one.measure)
+    if of is None or math.isnan(one.interval[0]):
         return ""
     factor, bounds = math.exp(one.difference), (math.exp(one.interval[0]), math.exp(one.interval[1]))
-    return f"; as a factor of the steps over the best way, plus one: {number(factor, 2)}, {interval(bounds, 2)}"
+    return f"; as a factor of {of}: {number(factor, 2)}, {interval(bounds, 2)}"
 
 
 def alike_statement(one: Alike, roles: Mapping[str, Role]) -> str:

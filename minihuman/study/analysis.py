@@ -6,7 +6,7 @@ import msgspec
 MEASURES = (
     *("log_excess_steps_mean", "spl_mean", "success", "reward_mean", "steps_at_limit_mean", "excess_steps_mean"),
     *("reward_first", "reward_slope", "playing_s_mean", "reaction_median_ms", "path_efficiency_mean"),
-    *("in_vain_share", "found_all_s"),
+    *("in_vain_share", "found_all_s", "log_steps_ratio_mean"),
 )
 
 

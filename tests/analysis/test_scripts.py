@@ -66,7 +66,7 @@ def test_every_script_is_tested():
 def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "ten_people.py", tmp_path, "--people", 4, "--studies", 2, "--processes", 1)
     rows = pd.read_csv(tmp_path / "ten_people.csv")
-    assert set(rows["measure"]) == {"log_excess_steps", "reward", "success", "reward_two_parts"}
+    assert set(rows["measure"]) == {"log_excess_steps", "log_steps_ratio", "reward", "success", "reward_two_parts"}
     assert rows["power"].between(0, 1).all()
     assert len(rows[rows["participants_a_group"] == 5]) == 4 * 4
     assert (tmp_path / "ten_people.png").stat().st_size > 10_000

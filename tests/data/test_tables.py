@@ -111,10 +111,12 @@ def test_an_episode_says_how_it_went_and_how_short_it_could_have_been(log, table
     excess = len(log.episodes[0].actions) - 25  # of the way that is known, not of the bound
     assert goal["excess_steps"] == excess
     assert goal["log_excess_steps"] == pytest.approx(np.log1p(excess))
+    assert goal["log_steps_ratio"] == pytest.approx(np.log(1 + excess / 25))
     assert goal["spl"] == pytest.approx(25 / len(log.episodes[0].actions))
     assert (timeout["outcome"], bool(timeout["success"])) == ("timeout", False)
     assert np.isnan(timeout["excess_steps"])
     assert timeout["log_excess_steps"] == pytest.approx(np.log1p(timeout["max_steps"] - 25))
+    assert timeout["log_steps_ratio"] == pytest.approx(np.log(timeout["max_steps"] / 25))
     assert timeout["spl"] == 0
 
 

@@ -54,6 +54,13 @@ def test_what_the_protocol_fixes_is_in_it():
         assert part in said
 
 
+def test_the_ratio_of_steps_is_a_measure_where_it_is_named_alone():
+    assert "- `log_steps_ratio_mean`: log of steps" not in of(TOML)
+    said = of(NAMED.replace(b"log_excess_steps_mean", b"log_steps_ratio_mean"))
+    assert "Primary: log_steps_ratio_mean" in said
+    assert "ln(steps / best)" in said
+
+
 def test_a_study_that_names_no_primary_measure_is_told_so():
     assert "No primary measure is named" in of(TOML)
     assert "with Holm's correction over all of them" in of(TOML)

@@ -55,6 +55,8 @@ def test_an_effect_shortens_what_is_over_the_best_way_and_nothing_else():
 def test_a_persons_value_is_the_mean_over_episodes_time_outs_at_the_limit():
     values = values_of(episodes(), "log_excess_steps")
     assert values.tolist() == pytest.approx([(math.log(21) + math.log(71)) / 2, math.log(71)])
+    ratios = values_of(episodes(), "log_steps_ratio")
+    assert ratios.tolist() == pytest.approx([(math.log(5 / 3) + math.log(10 / 3)) / 2, math.log(10 / 3)])
     assert values_of(episodes(), "success").tolist() == [0.5, 1.0]
     assert values_of(episodes(), "steps_at_limit").tolist() == [75, 100]
 

@@ -1,9 +1,12 @@
+import math
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from minihuman.report.published import published
 from minihuman.report.results import FORMULAS, MEASURES, block_results, exclusions, group_rewards, target_block
+from minihuman.report.sentences import difference_statement
 from minihuman.study import analysis as judged
 from minihuman.study.analysis import Analysis
 
@@ -82,6 +85,19 @@ def test_without_a_word_before_everything_is_corrected_together():
     smallest = min(found.comparisons, key=lambda one: one.p)
     assert smallest.p_holm == pytest.approx(min(1, 3 * smallest.p))
     assert found.alike == ()
+
+
+def test_the_ratio_of_steps_is_compared_where_it_is_named_alone():
+    rows, episodes = played(12)
+    rows["log_steps_ratio_mean"] = rows["log_excess_steps_mean"] - 2
+    unasked = block_results("grid", rows, episodes, ["a", "b"], Analysis())
+    assert "log_steps_ratio_mean" not in unasked.roles
+    (named, *_) = block_results(
+        "grid", rows, episodes, ["a", "b"], Analysis(primary="log_steps_ratio_mean")
+    ).comparisons
+    assert named.measure == "log_steps_ratio_mean"
+    factor = math.exp(named.difference)
+    assert f"as a factor of the steps: {factor:.2f}" in difference_statement(named, "grid")
 
 
 def test_the_measures_of_a_protocol_are_the_reports():
