@@ -55,7 +55,6 @@ COMPARED = {
             steps=6,
             sight="whole",
             settings=PreferenceSettings(steps=2048),
-            fitting=RewardFitting(updates=300),
         ),
         ComparedTrial("DoorKey-5x5", "minihuman/MiniGrid-DoorKey-5x5-v0", 6, steps=6),
     )

@@ -93,10 +93,12 @@ def fit_reward(
     """Fit a reward model to a data set's comparisons; "cannot tell" says nothing and is left out.
 
     After Christiano, Leike, Brown, Martic, Legg and Amodei (2017), NeurIPS: the chance of an answer is a softmax of the
-    stretches' summed rewards (Bradley and Terry, 1952), one answer in ten is taken to be pressed without looking, equal
-    counts half for either, and each member of an ensemble learns from as many comparisons as there are, drawn with
-    replacement. Theirs chooses the weight decay by comparisons held out; here it is given. Stretches of unequal length
-    are compared by their mean, so that what is added to every step says nothing there either.
+    stretches' summed rewards (Bradley and Terry, 1952), one answer in ten is taken to be pressed without looking, and
+    equal counts half for either. Two things differ. Each member of the ensemble learns from all comparisons and has
+    first weights and an order of its own, as in Lakshminarayanan, Pritzel and Blundell (2017), NeurIPS; theirs learns
+    from as many drawn with replacement, which leaves a third of few answers out. And their weight decay is chosen by
+    comparisons held out; here it is given. Stretches of unequal length are compared by their mean, so that what is
+    added to every step says nothing there either.
 
     Returns:
         The model, and the updates of the member that got fewest.
@@ -116,10 +118,9 @@ def fit_reward(
     members = [ActionValues(new_policy(dataset, rng)) for _ in range(settings.members)]
     done = settings.updates
     for number, member in enumerate(members):
-        own = torch.as_tensor(rng.integers(len(shares), size=len(shares)))
 
-        def loss_of(generator: torch.Generator, member: nn.Module = member, own: torch.Tensor = own) -> torch.Tensor:
-            drawn = own[torch.randint(len(own), (settings.batch_size,), generator=generator)]
+        def loss_of(generator: torch.Generator, member: nn.Module = member) -> torch.Tensor:
+            drawn = torch.randint(len(shares), (settings.batch_size,), generator=generator)
             both = _worth(member, steps, alike, rows[:, drawn].flatten(0, 1), inside[:, drawn].flatten(0, 1))
             left, right = both.chunk(2)
             right_better = (1 - LAPSES) * torch.sigmoid(longest * (right - left)) + LAPSES / 2
