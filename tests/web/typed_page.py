@@ -293,4 +293,4 @@ def parts_of(data: bytes) -> Iterator[tuple[bool, bytes]]:
 
 def _names(keys: Iterable[dict[str, Any]]) -> list[str]:
     """The keys of a keyboard check that have not been pressed yet."""
-    return [key["key"] for key in keys if not key["pressed"]]
+    return [key["cap"].lower() for key in keys if not key["pressed"]]
