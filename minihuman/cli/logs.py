@@ -34,7 +34,7 @@ def info(
 
 
 def verify(
-    logs: Annotated[list[Path], Argument(help="Session logs; with --seal a study's folder.")],
+    logs: Annotated[list[Path], Argument(help="Session logs, or folders of them: a session's, a study's.")],
     seal: Annotated[str | None, Option(help="A study's digest, or its seal's file: nothing may have changed.")] = None,
     trust: Annotated[list[str] | None, Option(help="A module whose worlds may be imported; may be repeated.")] = None,
     policies: Annotated[
@@ -42,22 +42,33 @@ def verify(
     ] = False,
     json: Annotated[bool, Option("--json", help="Print a JSON object a line of what is found.")] = False,
 ) -> None:
-    """Play logs again from seeds and inputs and compare everything; exit 1 if anything differs.
+    """Play logs again from seeds and inputs and compare everything; exit 1 if anything differs, 2 if one is unreadable.
 
     Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
     """
     import msgspec
 
-    from minihuman.lab.proofs import proofs, unbroken
+    from minihuman.errors import MinihumanError
+    from minihuman.lab.proofs import proofs, sessions_at, unbroken
 
-    differ = False
-    for path in logs:
+    def say(path: Path, line: str, *, fine: bool) -> None:
+        told = {"log": str(path), "fine": fine, "said": line}
+        print(msgspec.json.encode(told).decode() if json else printable(f"{path}: {line}"), flush=True)
+
+    code = 0
+    for path in logs if seal is not None else [path for given in logs for path in sessions_at(given)]:
         found = unbroken(path, seal) if seal is not None else proofs(path, trust=trust or (), policies=policies)
-        for line, fine in found:
-            differ = differ or not fine
-            told = {"log": str(path), "fine": fine, "said": line}
-            print(msgspec.json.encode(told).decode() if json else printable(f"{path}: {line}"), flush=True)
-    raise SystemExit(int(differ))
+        try:
+            for line, fine in found:
+                code = max(code, int(not fine))
+                say(path, line, fine=fine)
+        except MinihumanError as error:  # of one log, which holds up none behind it
+            code = max(code, error.exit_code)
+            if json:
+                say(path, str(error), fine=False)
+            else:
+                print(printable(f"minihuman: {error}"), file=sys.stderr, flush=True)
+    raise SystemExit(code)
 
 
 def seal(

@@ -16,6 +16,8 @@ from minihuman.data.caches import FILES, TABLES
 from minihuman.data.selection import Selection
 from minihuman.errors import LogError
 from minihuman.export.run import export
+from minihuman.lab import proofs
+from minihuman.lab.prove import prove
 from minihuman.lab.seal import Seal, seal
 from minihuman.lab.status import status_lines
 from minihuman.log.read.open_log import read_events
@@ -23,6 +25,8 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.seats.simulate import simulate
 from minihuman.study.events import Stepped
 from minihuman.worlds.sources import rules_digest
+from tests.golden.make import segment
+from tests.golden.make import study as golden
 from tests.log.played import played_events, record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 from tests.promises.sessions import play, study
@@ -127,9 +131,10 @@ def test_a_log_that_was_made_anew_is_not_the_one_in_the_register(app: typer.Type
     assert CliRunner().invoke(app, ["verify", str(log)]).exit_code == 0
     (other,) = simulate(study(episodes=1), tmp_path / "other", participants=1, seed=2, player="random")
     log.write_bytes(other.read_bytes())
-    result = CliRunner().invoke(app, ["verify", str(log)])
-    assert result.exit_code == 1
-    assert "the register says that the log ended with chain" in result.stdout
+    for given in (log, log.parent, log.parents[2]):  # a session's folder and a study's are proven as whole as the log
+        result = CliRunner().invoke(app, ["verify", str(given)])
+        assert result.exit_code == 1
+        assert f"{log}: the register says that the log ended with chain" in result.stdout
 
 
 def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_path: Path) -> None:
@@ -164,10 +169,43 @@ def test_recover_looks_through_a_folder(app: typer.Typer, tmp_path: Path) -> Non
 def test_a_file_that_is_no_log_is_an_error_for_one_line(app: typer.Typer, tmp_path: Path) -> None:
     text = tmp_path / "notes.mcap"
     text.write_text("dear diary")
-    for command in ("info", "verify"):
-        error = CliRunner().invoke(app, [command, str(text)]).exception
-        assert isinstance(error, LogError)
-        assert "notes.mcap is not a session log" in str(error)
+    error = CliRunner().invoke(app, ["info", str(text)]).exception
+    assert isinstance(error, LogError)
+    assert "notes.mcap is not a session log" in str(error)
+
+
+def test_verify_goes_through_a_study_and_a_log_that_cannot_be_read_holds_up_none_behind_it(
+    app: typer.Typer, tmp_path: Path
+) -> None:
+    log = play(tmp_path, study(episodes=1))
+    bad = log.parents[2] / "sub-00" / "ses-01" / "sub-00_ses-01.mcap"
+    bad.parent.mkdir(parents=True)
+    bad.write_text("dear diary")
+    for given in ([bad, log], [log.parents[2]]):
+        result = CliRunner().invoke(app, ["verify", *map(str, given)])
+        assert result.exit_code == 2
+        assert re.fullmatch(rf"{log}: 1 episodes, \d+ steps, all as logged\n", result.stdout)
+        assert re.fullmatch(rf"minihuman: {bad} is not a session log.*\n", result.stderr)
+    assert json.loads(CliRunner().invoke(app, ["verify", "--json", str(bad)]).stdout)["fine"] is False
+    (tmp_path / "empty").mkdir()
+    nothing = CliRunner().invoke(app, ["verify", str(tmp_path / "empty")]).exception
+    assert isinstance(nothing, LogError)
+    assert "name a log or a study's folder" in str(nothing)
+
+
+def test_verify_proves_every_file_of_a_session_that_was_cut_off_again(
+    app: typer.Typer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = segment(tmp_path, golden("resumed"), after_steps=6, key="escape")
+    first, part = log.read_bytes(), log.with_name(f"{log.stem}_seg-02.mcap.part")
+    segment(tmp_path, golden("resumed"), after_steps=3, part=tmp_path / "kept")
+    log.write_bytes(first)
+    (tmp_path / "kept").rename(part)
+    proven = []
+    monkeypatch.setattr(proofs, "prove", lambda file, make_world: (proven.append(file), prove(file, make_world))[1])
+    result = CliRunner().invoke(app, ["verify", str(tmp_path)])
+    assert (result.exit_code, proven) == (0, [log, part]), result.stdout
+    assert re.fullmatch(rf"{log.parent}: \d+ episodes, \d+ steps, all as logged\n", result.stdout)
 
 
 def _cut_off(data: Path) -> Path:

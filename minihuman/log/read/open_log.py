@@ -31,7 +31,7 @@ def open_log(path: Path | str) -> SessionLog:
         LogError: if there is no session log, it is of another schema version, damaged, or holds no plan.
     """
     path = Path(path)
-    files = _files(path)
+    files = files_of(path)
     readings = [Reading(file) for file in files]
     gathered = Gathering()
     for file, reading in zip(files, readings, strict=True):
@@ -48,7 +48,12 @@ def open_log(path: Path | str) -> SessionLog:
         raise LogError(f"{path}: {error}") from error
 
 
-def _files(path: Path) -> list[Path]:
+def files_of(path: Path) -> list[Path]:
+    """The files of one session: a log, or all of the one session in a folder, in order.
+
+    Raises:
+        LogError: if a folder holds none, or more than one.
+    """
     if not path.is_dir():
         return [path]
     sessions = sessions_in(path)
