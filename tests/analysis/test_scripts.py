@@ -68,6 +68,6 @@ def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, cap
     rows = pd.read_csv(tmp_path / "ten_people.csv")
     assert set(rows["measure"]) == {"log_excess_steps", "log_steps_ratio", "reward", "success", "reward_two_parts"}
     assert rows["power"].between(0, 1).all()
-    assert len(rows[rows["participants_a_group"] == 5]) == 4 * 4
+    assert len(rows[rows["participants_a_group"] == 5]) == 4 * 5
     assert (tmp_path / "ten_people.png").stat().st_size > 10_000
     assert "five a group" in capsys.readouterr().out
