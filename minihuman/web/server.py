@@ -1,7 +1,7 @@
 """The server: one page, one socket a browser, a task each; the session's own work is a seat's.
 
-What blocks for the disk (joins, finishing a log) runs in threads. Looking ahead is done scene by scene between
-messages, for one seat after the other, so that a key never waits for more than one scene.
+What blocks for the disk (joins, finishing a log) runs in threads. Looking ahead is done between messages, for one seat
+after the other, a few scenes at a time, so that a key never waits for more than two milliseconds or one scene.
 """
 
 import asyncio
@@ -36,6 +36,7 @@ KEPT_S = 600.0  # a seat whose session is over, for pages that come again
 LOOK_S = 1.0
 POLL_S = 0.1
 GROW_S = 0.01  # so long what lies ahead of a seat is looked for before the page is told of it, and others have a turn
+TURN_S = 0.002  # and so long before messages have one
 TOGETHER_BYTES = 65_536  # of messages that go over the line as one
 # Codes of a closed socket after which the page does not come again by itself.
 ANOTHER, REFUSED, FOREIGN = 4001, 4003, 4004
@@ -145,12 +146,14 @@ class Server:
     ) -> None:
         match message:
             case wire.Numbered():
+                told = place.seat.saying.said
                 place.take(message)
                 await self._finish_if_over(place)
                 if place.seat.saying.kept > MAX_KEPT:
                     place.forget()
                     raise wire.WireError("a page says what it has heard")
-                self._want_more(place)
+                if place.seat.saying.said != told or isinstance(message.what, wire.Link):  # there is more to find
+                    self._want_more(place)
             case wire.Heard():
                 place.seat.saying.heard(message.n)
                 self._want_more(place)
@@ -171,6 +174,8 @@ class Server:
                 place.changed.set()  # for the newest
                 await line.close(ANOTHER)
                 return
+            if place in self._growing and all(_can_wait(message) for _, message in saying.after(sent)):
+                continue  # it goes with what is found ahead, in a moment
             safe = place.seat.safe()  # before what is said: who is told that a key is safe has been told where it led
             parts, size = [], 0
             for told, message in saying.after(sent):
@@ -261,16 +266,23 @@ class Server:
             if not self._growing:
                 self._to_grow.clear()
                 await self._to_grow.wait()
-            place, until_s, grown = self._growing.popleft(), time.monotonic() + GROW_S, False
+            place, began_s = self._growing.popleft(), time.monotonic()
+            turn_s = began_s
             while place.here and place.grow():
-                grown = True
-                if time.monotonic() > until_s:
+                now_s = time.monotonic()
+                if now_s > began_s + GROW_S:
                     self._want_more(place)
                     break
-                await asyncio.sleep(0)
-            if grown:
-                place.tell_found()
+                if now_s > turn_s + TURN_S:
+                    await asyncio.sleep(0)
+                    turn_s = time.monotonic()
+            place.tell_found()
             await asyncio.sleep(0)
+
+
+def _can_wait(message: wire.Told | wire.Picture) -> bool:
+    """Whether a page that went ahead loses nothing if it hears of a message a little later."""
+    return isinstance(message, wire.Now) and message.tick is None and not message.who
 
 
 async def _no_icon(_: Request) -> Response:

@@ -54,6 +54,7 @@ class Telling:
         self.saying: Saying[wire.Told | wire.Picture] = Saying()
         self.through = 0  # the last of the page's messages that was taken
         self.at_ns = 0  # when that was
+        self.moved = 0  # the last of them that the page waits for, as it may lead somewhere
         self._session = session
         self._make_world = make_world
         self._settings = settings
@@ -239,7 +240,7 @@ class Telling:
         if play is not None and isinstance(part, AgentPlaying):
             (who, action), limit_ns = steers(part, step), part.limit_ns
             self._tell_beside(part, play.plan.episode, action)
-        now = tick_ns, self.through if play is not None else 0, step, who, action, limit_ns
+        now = tick_ns, self.moved if play is not None else 0, step, who, action, limit_ns
         if now != self._told_now:
             self._told_now = now
             node = self._scenes[step] if 0 <= step < len(self._scenes) else -1

@@ -100,6 +100,21 @@ def test_the_same_inputs_give_the_same_events_as_in_a_window_but_for_facts(tmp_p
     assert list(differences(seat, World)) == []
 
 
+def test_word_of_a_picture_and_of_the_line_is_answered_with_nothing(tmp_path: Path) -> None:
+    session = Session(plan_of(tmp_path, ""), World, {"window": "web"}, picture_px=(84, 84), draws_steps=False)
+    seat = Seat(session, MemoryRecorder(), World, SETTINGS)
+    page = PageModel(seat, [(t_ns * MS, "enter", True) for t_ns in (400, 800)], frame_ns=FRAME_NS)
+    page.run()
+    number, at_ns, said = page.sent[-1].n, page.sent[-1].at, seat.saying.said
+    shown = wire.Show(at_ns, at_ns, episode=0, step=0)
+    for more, what in enumerate((shown, wire.Link(1, 2, 3, 4, 4), shown, wire.Key("1", True, at_ns)), 1):
+        assert seat.saying.said == said
+        seat.receive(number + more, at_ns + more, what)
+    [now] = [message for _, message in seat.saying.after(said) if isinstance(message, wire.Now)]
+    assert (now.through, now.step) == (number + 4, 1)
+    seat.close()
+
+
 @pytest.mark.parametrize(("block", "world"), [(TIMED, GRID), (REAL_TIME, WITH_DONE)], ids=["timed", "real-time"])
 def test_killed_after_any_event_it_goes_on_where_it_was(tmp_path: Path, block: str, world) -> None:
     """Everything that was not acknowledged is said again, to a machine that was fed its own log."""

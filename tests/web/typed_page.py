@@ -19,7 +19,8 @@ from tests.counts import PATIENCE_S
 
 FACTS = {"browser": "Chromium", "browser_version": "156", "window_px": "1366 x 768", "mouse": True, "touch": False}
 HOLD_S = 0.08
-HEARD_S = 0.25  # so often a page says what it has heard, if there is more
+HEARD_S = 1.0  # so often a page says what it has heard, if there is more,
+MOST_UNTOLD = 100  # or when there is so much more
 FLIP_S = 0.008  # from a picture's being known to its being seen
 
 
@@ -277,7 +278,8 @@ class TypedPage:
             if due_ns is not None and self._zero_s is not None and self._told_due_ns != due_ns <= self._now_ns():
                 self._told_due_ns = due_ns
                 self.say(t="tick")
-            if self._heard > self._heard_told and time.monotonic() >= heard_s + HEARD_S:
+            untold = self._heard - self._heard_told
+            if untold >= MOST_UNTOLD or (untold and time.monotonic() >= heard_s + HEARD_S):
                 self._heard_told, heard_s = self._heard, time.monotonic()
                 await socket.send(json.dumps({"t": "heard", "n": self._heard}))
 

@@ -3,7 +3,8 @@
 Two threads stand between a session and a file. One writes: what it has written survives the process, however that
 ends. One fsyncs behind it: what it has done survives the power. Neither can hold a picture up for longer than a bound:
 a write that the disk does not take by then goes on by itself, and until it is done nobody waits for the next ones.
-Where nobody waits for a write at all, since only what is durable counts, one thread does both.
+Where nobody waits for a write at all, since only what is durable counts, one thread does both, for all that comes
+within a moment at once: a press, its picture and its release are one fsync.
 """
 
 import fcntl
@@ -24,6 +25,7 @@ from minihuman.log.record.space import require_space
 
 LOG = logging.getLogger("minihuman")
 WRITE_BOUND_S = 0.1  # the longest that a write holds a picture up
+GATHER_S = 0.1  # so long a write waits for others where nobody waits for it
 BACKLOG = 65_536  # writes that may wait; at a hundred a second a disk may stall for ten minutes
 
 
@@ -84,6 +86,7 @@ class Disk:
         self._file = threading.Lock()  # held while the file is written, or written again
         self._rest = threading.Condition()
         self._broken = False  # it cannot be fsynced
+        self._hurries = threading.Event()  # somebody waits for all that was written
         both = (("write", self._write_all), ("sync", self._sync_all))
         # Daemons, so that a crash of the program is not held up; what was written stays and is recovered.
         self._threads = [
@@ -123,11 +126,14 @@ class Disk:
 
     def drain(self) -> None:
         """Wait until all that was written is durable, or never will be."""
+        self._hurries.set()
         with self._rest:
             self._rest.wait_for(lambda: self._settled >= self._given)
+        self._hurries.clear()
 
     def close(self) -> None:
         """Write and fsync what is left, and end both threads. The descriptor stays its owner's."""
+        self._hurries.set()
         self._jobs.put(None)
         for thread in self._threads:
             thread.join()
@@ -147,7 +153,7 @@ class Disk:
     def _write_and_sync_all(self) -> None:
         closing = False
         while not closing:
-            jobs, closing = _waiting(self._jobs)
+            jobs, closing = _waiting(self._jobs, lambda: self._hurries.wait(GATHER_S))
             for job in jobs:
                 self._write(job)
             self._make_durable(jobs, closing=closing)
@@ -221,9 +227,12 @@ class Disk:
         return copied
 
 
-def _waiting(jobs: "queue.SimpleQueue[_Job | None]") -> tuple[list[_Job], bool]:
-    """All jobs that wait, one at least, and whether there will be no more."""
+def _waiting(
+    jobs: "queue.SimpleQueue[_Job | None]", gather: Callable[[], object] = lambda: None
+) -> tuple[list[_Job], bool]:
+    """All jobs that wait, one at least, and whether there will be no more; ``gather`` lets others join the first."""
     found = [jobs.get()]
+    gather()
     while not jobs.empty():
         found.append(jobs.get())
     return [job for job in found if job is not None], found[-1] is None

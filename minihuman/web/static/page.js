@@ -159,15 +159,21 @@ function take(message) {
   }
 }
 
+const MOST_UNTOLD = 100; // the server looks less far ahead of a page that has more to tell of
 let hearing = null;
+let heardTold = 0;
 function isNext(n) {
   if (n !== heard + 1) return false;
   heard = n;
-  hearing ??= setTimeout(() => {
-    hearing = null;
-    if (welcomed) socket.send(JSON.stringify({ t: "heard", n: heard }));
-  }, 250);
+  if (heard >= heardTold + MOST_UNTOLD) tellHeard();
+  else hearing ??= setTimeout(tellHeard, 1000);
   return true;
+}
+function tellHeard() {
+  clearTimeout(hearing);
+  hearing = null;
+  heardTold = heard;
+  if (welcomed) socket.send(JSON.stringify({ t: "heard", n: heard }));
 }
 
 const aside = {
@@ -181,7 +187,7 @@ const aside = {
     setTime(m.segment, m.now, fresh);
     taken = m.taken;
     if (!m.again) {
-      heard = 0;
+      heard = heardTold = 0;
       life = m.life;
       episodes.clear();
       pictures.clear();
@@ -566,18 +572,35 @@ function setFlash(what, lasts) {
 }
 
 let heldShown = null; // tells that a picture that is held was seen, again
-// Every frame and line is laid out beforehand, so that a change of hands only shows another.
+// Every frame is laid out beforehand, so that a change of hands only shows another. The line below says it a frame later:
+// painting words would hold up the picture that the key leads to.
 const HANDS = ["agent", "person", "good", "bad"];
 let framed = { who: "", said: "" };
-function putFrame(who = framed.who, said = framed.said) {
-  framed = { who, said: said ?? "" };
+let lineSays = "";
+let saysSoon = false;
+function putFrame(who = framed.who, text = framed.said) {
+  framed = { who, said: text ?? "" };
   if (!canvas || !who) return;
   const now = flash || who;
-  const texts = { good: "+", bad: "−", ...play?.agent?.said, [who]: framed.said };
-  for (const drawn of main.querySelectorAll(".frame, .steers span")) {
-    const { of } = drawn.dataset;
-    drawn.classList.toggle("on", of === now);
-    if (drawn.localName === "span" && drawn.textContent !== (texts[of] ?? "")) drawn.textContent = texts[of] ?? "";
+  for (const frame of main.querySelectorAll(".frame")) frame.classList.toggle("on", frame.dataset.of === now);
+  if (saysSoon || lineSays === JSON.stringify(toSay())) return;
+  saysSoon = true;
+  requestAnimationFrame(() => setTimeout(sayWhoSteers));
+}
+
+const toSay = () => ({
+  now: flash || framed.who, texts: { good: "+", bad: "−", ...play?.agent?.said, [framed.who]: framed.said },
+});
+
+function sayWhoSteers() {
+  saysSoon = false;
+  if (!canvas || !framed.who) return;
+  const { now, texts } = toSay();
+  lineSays = JSON.stringify({ now, texts });
+  for (const line of main.querySelectorAll(".steers span")) {
+    const { of } = line.dataset;
+    line.classList.toggle("on", of === now);
+    if (line.textContent !== (texts[of] ?? "")) line.textContent = texts[of] ?? "";
   }
 }
 
@@ -1057,7 +1080,10 @@ function show(m) {
     return;
   }
   if (s.kind === "play") {
-    if (s.steers) putFrame(s.steers, s.steers_said);
+    if (s.steers) {
+      putFrame(s.steers, s.steers_said);
+      sayWhoSteers();
+    }
     if (s.picture !== undefined) {
       const picture = pictures.get(s.picture);
       bitmapOf(picture).then(() => {

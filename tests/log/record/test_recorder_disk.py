@@ -37,6 +37,25 @@ def test_writing_never_waits_for_the_disk(tmp_path: Path) -> None:
     recorder.close()
 
 
+def test_where_nobody_waits_what_comes_within_a_moment_is_one_fsync_and_who_cannot_wait_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("minihuman.log.record.disk.GATHER_S", 3600.0)  # a moment
+    synced: list[int] = []
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=synced.append, bound_s=None)
+    for event in EVENTS[:20]:
+        recorder.write([event])
+    assert (recorder.durable_writes, synced) == (0, [])
+    recorder.drain()
+    assert (recorder.durable_writes, len(synced)) == (20, 1)
+    for event in EVENTS[20:]:
+        recorder.write([event])
+    log = recorder.close()
+    assert recorder.durable_writes == len(EVENTS)
+    assert log is not None
+    assert open_log(log).clean
+
+
 def test_what_was_begun_is_written_once_it_is_settled_and_only_then_waited_for(tmp_path: Path) -> None:
     disk, stalls = threading.Event(), threading.Event()
     disk.set()
