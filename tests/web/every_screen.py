@@ -83,16 +83,16 @@ episodes = 1
 instruction = "Take over."
 hold_ms = 300
 WORLD
-agent = { policy = "optimal:0.3", step_ms = 400 }
+agent = { policy = "optimal:0.3", step_ms = 3000 }
 [[blocks]]
 name = "rate"
 kind = "rating"
-max_steps = 6
+max_steps = 4
 episodes = 1
 instruction = "J is good."
 hold_ms = 300
 WORLD
-agent = { policy = "optimal:0.3", step_ms = 400 }
+agent = { policy = "optimal:0.3", step_ms = 3000 }
 [[activities]]
 name = "correct"
 kind = "correction"
@@ -168,8 +168,10 @@ def _acts(somebody: Somebody, state: dict[str, Any], looks: str, *, corrected: b
             return False
         case "play" if "steers" not in looks:
             somebody.press("left", *["space"] * ("Show what" in looks))  # a correction goes on until they end it
-        case "play":  # taken over, and handed back; or rated
-            somebody.press("space" if "steers person" in looks else "left" if state["step"] % 2 else "j")
+        case (
+            "play"
+        ):  # taken over, and handed back; or rated: well before the agent's next step, however long looking takes
+            somebody.press(*["space"] if "steers person" in looks else ["left", "j"])
             somebody.page.wait_for_timeout(60)
         case "film":
             somebody.press(*["enter"] if corrected else ["period", "space"])
