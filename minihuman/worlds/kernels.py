@@ -4,6 +4,7 @@ Kept code is found again by all that it was made of: see `Kept`. Nothing is fuse
 computes is the same on every machine; with NUMBA_DISABLE_JIT=1 it runs as the plain Python it is written in.
 """
 
+import ctypes
 import hashlib
 import inspect
 import logging
@@ -29,6 +30,8 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 from numba.misc.appdirs import AppDirs
+from numba.np.arrayobj import populate_array
+from numpy.typing import NDArray
 
 from minihuman.worlds.shipped import FOLDER, made_for
 from minihuman.worlds.sources import module_digest
@@ -136,6 +139,33 @@ def instructions(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
     parameters = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in names]
     vars(typed)["__signature__"] = inspect.Signature(parameters)
     return cast(F, intrinsic(typed))
+
+
+def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
+    """A function for kernels: from an address and a count to the array of so many numbers that begins there.
+
+    So one table of whole numbers can say where any number of arrays are. Whoever writes it keeps them alive.
+    """
+    size = np.dtype(kind).itemsize
+
+    def plain(address: int, count: int) -> NDArray[Any]:
+        return np.ndarray((count,), kind, memoryview((ctypes.c_byte * (size * int(count))).from_address(int(address))))
+
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+        return plain
+    array = numba.types.Array(numba.from_dtype(np.dtype(kind)), 1, "C")
+
+    def typed(context: Any, address: Any, count: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            made = context.make_array(array)(context, builder)
+            start = builder.inttoptr(values[0], made.data.type)
+            step = context.get_constant(numba.types.intp, size)
+            populate_array(made, data=start, shape=values[1:], strides=[step], itemsize=step, meminfo=None)
+            return made._getvalue()
+
+        return array(int64, int64), code
+
+    return cast(Callable[[int, int], NDArray[Any]], intrinsic(typed))
 
 
 class Kept(_Cache):

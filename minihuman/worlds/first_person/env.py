@@ -20,6 +20,7 @@ from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position,
 from minihuman.worlds.first_person.map import floor_map
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.picture import Pictures
+from minihuman.worlds.first_person.render.draw import Easel
 from minihuman.worlds.first_person.saved import Saved, put_back, take
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.first_person.state import state_hash
@@ -151,6 +152,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     def see(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
         """The agent's view, uint8[obs_height, obs_width, 3], drawn into ``out`` if there is one."""
         return self._pictures.observation(self.stage, out)
+
+    def aimed(self) -> Easel:
+        """Where the agent's view is drawn, all in its place: for who draws many worlds' together."""
+        return self._pictures.aimed(self.stage)
 
     # The words to build a world with.
 

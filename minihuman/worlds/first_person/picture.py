@@ -49,12 +49,16 @@ class Pictures:
 
     def observation(self, stage: Stage, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
         """What the agent sees, in the size of an observation; drawn into ``out`` if there is one."""
+        return self.aimed(stage).draw(out)
+
+    def aimed(self, stage: Stage) -> Easel:
+        """Where the next observation is drawn, all in its place."""
         observed = self._easel
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
             camera(stage)  # or it says what is wrong with it
             easel = Easel(self.scene(stage), *self.size_px)
             observed = self._easel = _Observed(stage, self._staged["classic"][1], easel, shadows=self.shadows)
-        return observed.draw(out)
+        return observed.aimed()
 
     def draw(
         self,
@@ -125,7 +129,7 @@ class _Observed:
         self._things = [(number, thing) for number, thing in enumerate(things) if thing in self.entities]
         self._at = [(thing.pos, thing.dir) for _, thing in self._things]
 
-    def draw(self, out: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
+    def aimed(self) -> Easel:
         for nth, (number, thing) in enumerate(self._things):
             pos, yaw_rad = self._at[nth]
             if thing.pos is not pos or thing.dir != yaw_rad:
@@ -139,7 +143,8 @@ class _Observed:
         yaw_rad, ahead = agent.dir, agent.cam_fwd_disp
         eye = x + ahead * math.cos(yaw_rad), y + agent.cam_height, z - ahead * math.sin(yaw_rad)
         pitch_rad = agent.cam_pitch * (math.pi / 180)
-        return self._easel.draw(eye, yaw_rad, pitch_rad, agent.cam_fov_y, NEAR_M, FAR_M, out=out)
+        self._easel.aim(eye, yaw_rad, pitch_rad, agent.cam_fov_y, NEAR_M, FAR_M)
+        return self._easel
 
 
 def camera(stage: Stage, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:

@@ -4,7 +4,7 @@ Each world of a batch is the world it would be alone.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.batch_seeds import Seeds, seeds_of
 from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.render.draw import Easel
+from minihuman.worlds.first_person.render.studio import Studio
 
 Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
@@ -33,6 +35,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
     """
 
     _pool: ThreadPoolExecutor | None = None  # made when something is to be drawn; closed even where __init__ raised
+    _studio: Studio | None = None  # the same
 
     def __init__(
         self,
@@ -78,10 +81,13 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             chosen = np.asarray(options["reset_mask"])
             if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_:
                 raise WorldError(f"reset_mask is {chosen.dtype}{chosen.shape}; it is bool({self.num_envs},)")
-        for i in np.flatnonzero(chosen).tolist():
-            self.worlds[i].begin(seed=seeds[i])
-            self._over[i] = False
-        return self._observe(), self._infos(np.ones(self.num_envs, np.bool_))
+
+        def begin(i: int) -> None:
+            if chosen[i]:
+                self.worlds[i].begin(seed=seeds[i])
+                self._over[i] = False
+
+        return self._observed(begin)
 
     def step(self, actions: ArrayLike) -> Stepped:
         """Act in every world.
@@ -100,19 +106,24 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         renewed = self._over.copy() if self._autoreset is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
         rewards = np.zeros(self.num_envs)
         ends = np.zeros((2, self.num_envs), np.bool_)  # terminated, truncated
-        for i, (world, action) in enumerate(zip(self.worlds, given.tolist(), strict=True)):
+        final: dict[int, tuple[Any, dict[str, Any]]] = {}  # of worlds that begin anew in this step
+
+        action_of, again = given.tolist(), self._autoreset is AutoresetMode.SAME_STEP
+
+        def act(i: int) -> None:
+            world = self.worlds[i]
             if renewed[i]:
                 world.begin()
-            else:
-                rewards[i], ends[0, i], ends[1, i] = world.advance(action)
-        self._over = ends[0] | ends[1]
-        final: dict[str, Any] = {}
-        if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
-            final = self._final()
-            for i in np.flatnonzero(self._over).tolist():
-                self.worlds[i].begin()
-            self._over = np.zeros_like(self._over)
-        return self._observe(), rewards, ends[0], ends[1], self._infos(np.ones(self.num_envs, np.bool_)) | final
+                return
+            rewards[i], ends[0, i], ends[1, i] = world.advance(action_of[i])
+            if again and (ends[0, i] or ends[1, i]):
+                final[i] = world.observe(), world.info()
+                world.begin()
+
+        observations, infos = self._observed(act)
+        over = ends[0] | ends[1]
+        self._over = np.zeros_like(over) if again else over
+        return observations, rewards, ends[0], ends[1], infos | self._final(final)
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:  # type: ignore[override]
         """What each world renders; None without a render mode."""
@@ -122,12 +133,13 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        for kept in (self._pool, self._studio):
+            if kept is not None:
+                kept.shutdown()
+        self._pool = self._studio = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_pool": None}
+        return vars(self) | {"_pool": None, "_studio": None}
 
     @property
     def _painters(self) -> ThreadPoolExecutor:
@@ -135,29 +147,56 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="painter")
         return self._pool
 
-    def _observe(self) -> Any:
+    def _observed(self, act: Callable[[int], None]) -> tuple[Any, dict[str, Any]]:
+        """Do something in each world, by its number, and tell what is seen then."""
+        kind = type(self.worlds[0])
+        if kind.observe is not FirstPersonEnv.observe or kind.see is not FirstPersonEnv.see or self.num_envs == 1:
+            for i in range(self.num_envs):
+                act(i)
+            return self._apart(), self._infos()
+        infos: dict[str, Any] = {}
+
+        def aimed() -> Iterator[Easel]:
+            for i, world in enumerate(self.worlds):
+                act(i)
+                yield world.aimed()
+            infos.update(self._infos())
+
+        if self._studio is None:
+            self._studio = Studio(self.num_envs, self._threads)
+        batch: Any = create_empty_array(self.single_observation_space, self.num_envs, np.empty)
+        self._studio.paint(aimed(), batch)
+        return batch, infos
+
+    def _apart(self) -> Any:
+        """The observations of worlds that say themselves what they are: more than a picture, or another."""
         space = self.single_observation_space
-        batch: Any = create_empty_array(space, self.num_envs)
-        alone = type(self.worlds[0]).observe is FirstPersonEnv.observe  # a picture and nothing else: drawn in its place
-        draw = (lambda i: self.worlds[i].see(batch[i])) if alone else (lambda i: self.worlds[i].observe())
-        # each thread draws neighbours, so that it is asked once and not for every world
+        # each thread takes neighbours, so that it is asked once and not for every world
         ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]
-        shares = [range(first, last) for first, last in pairwise(ends) if first < last]
-        others = [self._painters.submit(lambda share: list(map(draw, share)), share) for share in shares[1:]]
-        seen = list(map(draw, shares[0]))
+        shares = [self.worlds[first:last] for first, last in pairwise(ends) if first < last]
+        others = [self._painters.submit(_observe, share) for share in shares[1:]]
+        seen = _observe(shares[0])
         for other in others:
             seen += other.result()
-        return batch if alone else concatenate(space, seen, batch)
+        batch: Any = create_empty_array(space, self.num_envs)
+        return concatenate(space, seen, batch)
 
-    def _infos(self, of: NDArray[np.bool_]) -> dict[str, Any]:
+    def _infos(self) -> dict[str, Any]:
         infos: dict[str, Any] = {}
-        for i in np.flatnonzero(of).tolist():
-            infos = self._add_info(infos, self.worlds[i].info(), i)
+        for i, world in enumerate(self.worlds):
+            infos = self._add_info(infos, world.info(), i)
         return infos
 
-    def _final(self) -> dict[str, Any]:
-        observations = np.full(self.num_envs, None, object)
-        for i in np.flatnonzero(self._over).tolist():
-            observations[i] = self.worlds[i].observe()
-        over = self._over.copy()
-        return {"final_obs": observations, "_final_obs": over, "final_info": self._infos(over), "_final_info": over}
+    def _final(self, of: dict[int, tuple[Any, dict[str, Any]]]) -> dict[str, Any]:
+        if not of:
+            return {}
+        observations, over = np.full(self.num_envs, None, object), np.zeros(self.num_envs, np.bool_)
+        infos: dict[str, Any] = {}
+        for i, (observation, info) in of.items():
+            observations[i], over[i] = observation, True
+            infos = self._add_info(infos, info, i)
+        return {"final_obs": observations, "_final_obs": over, "final_info": infos, "_final_info": over}
+
+
+def _observe(worlds: list[FirstPersonEnv]) -> list[Any]:
+    return [world.observe() for world in worlds]

@@ -1,9 +1,14 @@
+import time
+
 import gymnasium
 import numpy as np
 import pytest
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
+from minihuman.worlds.first_person.layouts.one_room import OneRoom
+from minihuman.worlds.first_person.render import draw
+from minihuman.worlds.first_person.vector import FirstPersonBatch
 
 SIZE = {"obs_width": 16, "obs_height": 12}
 
@@ -57,6 +62,39 @@ def test_one_thread_and_two_draw_the_same():
         frames.append([worlds.step(np.full(4, step % 3))[0] for step in range(4)])
         worlds.close()
     assert np.array_equal(frames[0], frames[1])
+
+
+@pytest.mark.parametrize("spans", [draw.MOST_SPANS, 1])  # 1: no row has room for its spans, so each is drawn again
+def test_a_batch_sees_what_its_worlds_see_one_by_one(spans, monkeypatch):
+    monkeypatch.setattr(draw, "MOST_SPANS", spans)
+    worlds = batch("PickupObjects", num_envs=11, threads=3)
+    seen, _ = worlds.reset(seed=3)
+    for step in range(6):
+        assert all(np.array_equal(each, world.observe()) for each, world in zip(seen, worlds.worlds, strict=True))
+        assert len({each.tobytes() for each in seen}) == 11
+        seen = worlds.step(np.full(11, step % 3))[0]
+    worlds.close()
+
+
+class Failing(OneRoom):
+    """Takes long to judge a step, and cannot judge the third."""
+
+    def judge(self, action):
+        time.sleep(0.002)
+        if self.step_count == 3:
+            raise ZeroDivisionError("a lab's own mistake")
+        return super().judge(action)
+
+
+def test_a_world_that_fails_says_so_and_the_batch_goes_on():
+    worlds = FirstPersonBatch(lambda: Failing(**SIZE), num_envs=9, threads=2)
+    expected, _ = worlds.reset(seed=1)
+    worlds.step(np.zeros(9, int))
+    worlds.step(np.zeros(9, int))
+    with pytest.raises(ZeroDivisionError, match="a lab's own mistake"):
+        worlds.step(np.zeros(9, int))
+    assert np.array_equal(worlds.reset(seed=1)[0], expected)
+    worlds.close()
 
 
 def test_a_mask_resets_some_worlds_only():

@@ -31,7 +31,7 @@ _PLAN_MARGIN_M = 1.0
 _AGENT_BOX_M = _AGENT_RADIUS_M, 0.0, 0.0, _AGENT_RADIUS_M
 _QUERY_CUBE_M = 0.2
 _QUERY_BOX_M = _QUERY_CUBE_M / 2, 0.0, _QUERY_CUBE_M, _QUERY_CUBE_M / 2
-_MOST_SPANS = 43  # of a row of samples, at first; an odd number spreads rows over a processor's cache
+MOST_SPANS = 43  # of a row of samples, at first; an odd number spreads rows over a processor's cache
 _BAND_PIXELS = 150_000  # below that, handing half of a picture to another thread takes as long as drawing it
 _BANDS_A_CORE = 3  # a floor takes longer than a ceiling: of two halves one would be waited for
 
@@ -47,7 +47,9 @@ def render(
     Raises:
         WorldError: if the picture has no pixels or is over 4096 a side.
     """
-    return Easel(scene, width, height).draw(*_as_numbers(camera), out=out)
+    easel = Easel(scene, width, height)
+    easel.aim(*_as_numbers(camera))
+    return easel.draw(out)
 
 
 class Easel:
@@ -59,33 +61,31 @@ class Easel:
 
     def __init__(self, scene: Scene, width: int, height: int) -> None:
         _check_size(width, height)
-        self._size = width, height
-        self._layout = scene.layout
-        self._places = _turned(scene.places)
-        self._view = np.zeros(VIEW_SIZE)
-        _complete(scene, self._view, width, height)
+        self.size_px = width, height
+        self.layout = scene.layout
+        self.places = _turned(scene.places)
+        self.view = np.zeros(VIEW_SIZE)
+        _complete(scene, self.view, width, height)
 
     def move(self, thing: int, pos: Vector, yaw_rad: float) -> None:
         """Put a thing elsewhere."""
-        self._places[thing, :5] = (*pos, math.cos(yaw_rad), math.sin(yaw_rad))
+        self.places[thing, :5] = (*pos, math.cos(yaw_rad), math.sin(yaw_rad))
 
-    def draw(
-        self,
-        pos: Vector,
-        yaw_rad: float,
-        pitch_rad: float,
-        fov_y_deg: float,
-        near_m: float,
-        far_m: float,
-        *,
-        out: NDArray[np.uint8] | None = None,
-    ) -> NDArray[np.uint8]:
-        """What an eye sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is."""
-        width, height = self._size
-        _aim(self._view, pos, yaw_rad, pitch_rad, fov_y_deg, near_m, far_m, width, height)
+    def aim(self, pos: Vector, yaw_rad: float, pitch_rad: float, fov_y_deg: float, near_m: float, far_m: float) -> None:
+        """Say where the eye is that sees the next picture, and how it looks."""
+        _aim(self.view, pos, yaw_rad, pitch_rad, fov_y_deg, near_m, far_m, *self.size_px)
+        self.view[ROOM:] = MOST_SPANS, self.layout.capacity, self.layout.most_corners
+
+    def draw(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """What the eye sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is."""
+        width, height = self.size_px
         picture = np.empty((height, width, 3), np.uint8) if out is None else out
-        _draw(self._layout, self._view, self._places, picture)
+        _draw(self.layout, self.view, self.places, picture)
         return picture
+
+    def room(self) -> tuple[int, int]:
+        """How many float64 and int32 there have to be to draw in, unless a row has more spans than most have."""
+        return _room(self.layout, self.size_px[1], MOST_SPANS)
 
 
 def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
@@ -155,10 +155,10 @@ def _colour_band(layout: Layout, view: F64, places: F64, out: NDArray[np.uint8])
 
 def _cover(layout: Layout, view: F64, places: F64) -> tuple[F64, I32]:
     """Find out which face covers each sample; gives back the memory where that is written."""
-    spans = _MOST_SPANS
+    spans = MOST_SPANS
     while True:
         view[ROOM:] = spans, layout.capacity, layout.most_corners
-        memory = _memory_for(layout, int(view[HEIGHT]), spans)
+        memory = memory_for(*_room(layout, int(view[HEIGHT]), spans))
         if kernel.cover(*layout.packed_rooms, *layout.packed_library, layout.things, places, view, *memory):
             return memory
         spans *= 2
@@ -272,10 +272,12 @@ def _check_size(width: int, height: int) -> None:
         raise WorldError(f"a picture of {width}x{height} pixels cannot be drawn; 1 to 4096 a side can")
 
 
-def _memory_for(layout: Layout, height: int, spans: int) -> tuple[F64, I32]:
-    """What a picture is drawn in: one memory a thread, that grows."""
-    rooms, capacity, corners = len(layout.rooms.bounds), layout.capacity, layout.most_corners
-    float_count, whole_count = size_of(height, spans, capacity, corners, rooms)
+def _room(layout: Layout, height: int, spans: int) -> tuple[int, int]:
+    return size_of(height, spans, layout.capacity, layout.most_corners, len(layout.rooms.bounds))
+
+
+def memory_for(float_count: int, whole_count: int) -> tuple[F64, I32]:
+    """What pictures are drawn in: one memory a thread, that grows."""
     kept: tuple[F64, I32] | None = getattr(_memory, "kept", None)
     if kept is None or len(kept[0]) < float_count or len(kept[1]) < whole_count:
         kept = np.zeros(float_count), np.zeros(whole_count, np.int32)

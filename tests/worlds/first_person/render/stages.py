@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from minihuman.worlds.first_person.render.draw import render, render_depth, render_top
+from minihuman.worlds.first_person.render.draw import Easel, render, render_depth, render_top
 from minihuman.worlds.first_person.render.layout import lay_out
 from minihuman.worlds.first_person.render.own import own_library
 from minihuman.worlds.first_person.render.scene import (
@@ -21,6 +21,7 @@ from minihuman.worlds.first_person.render.scene import (
     SceneRoom,
     Surface,
 )
+from minihuman.worlds.first_person.render.studio import Studio
 
 HEIGHT = 2.5
 CAMERA = Camera((-1.5, 1.5, 0.3), 0.1)
@@ -73,6 +74,22 @@ def digest(width: int, height: int) -> str:
     return total.hexdigest()
 
 
+def apart(width: int, height: int) -> str:
+    """One hash over pictures of five headings."""
+    pictures = [render(two_rooms(), Camera(CAMERA.position, yaw), width, height) for yaw in range(5)]
+    return hashlib.sha256(np.stack(pictures).tobytes()).hexdigest()
+
+
+def together(width: int, height: int, *, threads: int = 2) -> str:
+    """The same, of pictures drawn together."""
+    easels = [Easel(two_rooms(), width, height) for _ in range(5)]
+    for yaw, easel in enumerate(easels):
+        easel.aim(CAMERA.position, yaw, 0.0, CAMERA.fov_y_deg, CAMERA.near_m, CAMERA.far_m)
+    out = np.empty((5, height, width, 3), np.uint8)
+    Studio(5, threads).paint(easels, out)
+    return hashlib.sha256(out.tobytes()).hexdigest()
+
+
 def threaded_digests(width: int, height: int) -> set[str]:
     """The hashes that two threads get at the same time, eight times."""
     with ThreadPoolExecutor(2) as pool:
@@ -82,4 +99,4 @@ def threaded_digests(width: int, height: int) -> set[str]:
 if __name__ == "__main__":
     if sys.argv[3:] == ["alone"]:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    print(digest(int(sys.argv[1]), int(sys.argv[2])))
+    print((together if sys.argv[3:] == ["together"] else digest)(int(sys.argv[1]), int(sys.argv[2])))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.counts import count
-from tests.worlds.first_person.render.stages import digest, threaded_digests
+from tests.worlds.first_person.render.stages import apart, digest, threaded_digests, together
 
 pytestmark = pytest.mark.program
 
@@ -35,6 +35,15 @@ def test_two_threads_draw_what_one_draws() -> None:
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="a process cannot be kept to one core here")
 def test_a_large_picture_in_bands_on_all_cores_is_that_of_one_core() -> None:
     assert elsewhere(640, 500, "alone") == digest(640, 500)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7])
+def test_pictures_drawn_together_are_what_each_is_alone(threads: int) -> None:
+    assert together(80, 60, threads=threads) == apart(80, 60)
+
+
+def test_pictures_are_drawn_together_as_plain_python_too() -> None:
+    assert elsewhere(10, 8, "together", NUMBA_DISABLE_JIT="1") == apart(10, 8)
 
 
 def test_the_kernels_run_as_plain_python_draw_the_same_pictures() -> None:
