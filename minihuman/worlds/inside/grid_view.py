@@ -15,7 +15,7 @@ from minihuman.worlds.first_person.library import library, library_lock
 from minihuman.worlds.first_person.render.draw import render
 from minihuman.worlds.first_person.render.layout import lay_out
 from minihuman.worlds.first_person.render.scene import Camera, Look, Scene, SceneRoom
-from minihuman.worlds.grid.compile_apart import rules
+from minihuman.worlds.grid.compile_apart import moves, steps
 from minihuman.worlds.grid.core import cells
 from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.grid.engine import GridEngine
@@ -39,7 +39,7 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own way to declare it
-    compile_apart = rules, colours, faces
+    compile_apart = moves, colours, steps, faces
 
     def __init__(self, grid: GridEngine, *, obs_width: int = 80, obs_height: int = 60) -> None:
         whole("obs_width", obs_width, 1, MOST_PIXELS)
