@@ -1,20 +1,21 @@
 """Two groups compared on measures of their members: how far apart, how surely, and why not where they are not."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 LEVEL = 0.95
 RESAMPLES = 9_999
 _AT_ONCE = 200_000  # values permuted at a time
 SEED = 20_230_613  # of the permutations, so that the same data give the same p
 LARGEST_G = 10  # above it a standardised difference says only that a spread is next to nothing
+_TIES = 100 * np.finfo(np.float64).eps  # by so much may two that are equal come out apart
 _NOTHING = (math.nan, math.nan)
 _LARGEST_T = 1e9  # finite, as regroupings are told apart by subtraction
 
@@ -47,17 +48,24 @@ def compare_groups(rows: pd.DataFrame, measures: Sequence[str], *, order: Sequen
     that cannot be compared has its reason. p is corrected over all (Holm, 1979).
     """
     groups = list(order) or sorted({str(group) for group in rows["group"]})
-    found = []
-    for measure in measures:
-        told = {
-            group: rows.loc[rows["group"].astype(str) == group, measure].dropna().to_numpy(float) for group in groups
-        }
-        found += [compare(measure, (a, told[a]), (b, told[b])) for a, b in combinations(told, 2)]
-    return corrected(found)
+    theirs = {group: rows.loc[rows["group"].astype(str) == group, list(measures)] for group in groups}
+    told = {
+        (group, measure): part[measure].dropna().to_numpy(float)
+        for group, part in theirs.items()
+        for measure in measures
+    }
+    pairs = [(measure, a, b) for measure in measures for a, b in combinations(groups, 2)]
+    ps = permutation_ps([(told[a, measure], told[b, measure]) for measure, a, b in pairs])
+    return corrected(
+        [
+            _compared(measure, (a, told[a, measure]), (b, told[b, measure]), p)
+            for (measure, a, b), p in zip(pairs, ps, strict=True)
+        ]
+    )
 
 
-def compare(measure: str, first: tuple[str, Values], second: tuple[str, Values]) -> Comparison:
-    """Compare two groups, each a name and one value a participant."""
+def _compared(measure: str, first: tuple[str, Values], second: tuple[str, Values], p: float) -> Comparison:
+    """Two groups, each a name and one value a participant, and the p of their difference."""
     (first_name, a), (second_name, b) = first, second
     n = len(a), len(b)
     means = tuple(float(values.mean()) if len(values) else math.nan for values in (a, b))
@@ -68,7 +76,7 @@ def compare(measure: str, first: tuple[str, Values], second: tuple[str, Values])
     if min(n) < 2:
         few = first_name if n[0] <= n[1] else second_name
         return replace(one, reason=f"{min(n)} in {few}: two a group are the least")
-    one = replace(one, p=permutation_p(a, b), smallest_p=smallest_p(n))
+    one = replace(one, p=p, smallest_p=smallest_p(n))
     spreads = a.std(ddof=1), b.std(ddof=1)
     if max(spreads) == 0:
         return replace(one, reason="nobody in either group differs from the others")
@@ -92,13 +100,13 @@ class Welch:
 
     def interval(self, level: float = LEVEL) -> tuple[float, float]:
         """The t interval."""
-        half = float(stats.t.ppf((1 + level) / 2, self.freedom)) * self.error
+        half = float(special.stdtrit(self.freedom, (1 + level) / 2)) * self.error
         return self.difference - half, self.difference + half
 
     @property
     def p(self) -> float:
         """Two-sided, of no difference."""
-        return float(2 * stats.t.sf(abs(self.difference) / self.error, self.freedom))
+        return float(2 * special.stdtr(self.freedom, -abs(self.difference) / self.error))
 
 
 def welch(a: Values, b: Values) -> Welch:
@@ -114,16 +122,45 @@ def permutation_p(a: Values, b: Values) -> float:
     Studentised (Janssen, 1997), so that a test of means stays one where spreads and sizes differ: of the plain
     difference, 5 against 25 with SDs 3 to 1 reject a true null in 27 to 29 % of studies.
     """
-    test = stats.permutation_test(
-        (a, b),
-        _welch,
-        n_resamples=RESAMPLES,
-        batch=max(1, _AT_ONCE // (len(a) + len(b))),  # the same permutations, fewer of them in memory at a time
-        vectorized=True,
-        alternative="greater",
-        rng=np.random.default_rng(SEED),
-    )
-    return float(test.pvalue)
+    return permutation_ps([(a, b)])[0]
+
+
+def permutation_ps(pairs: Sequence[tuple[Values, Values]]) -> list[float]:
+    """The p of each pair of groups, as ``permutation_p``; NaN where a group has fewer than two.
+
+    Pairs of the same sizes are regrouped in the same ways, which are then made once.
+    """
+    found = [math.nan] * len(pairs)
+    sizes = [(len(a), len(b)) for a, b in pairs]
+    for n, m in sorted({size for size in sizes if min(size) > 1}):
+        places = [place for place, size in enumerate(sizes) if size == (n, m)]
+        together = {place: np.concatenate(pairs[place]) for place in places}
+        least = {place: float(_welch(*pairs[place], axis=-1)) * (1 - _TIES) for place in places}
+        as_far = dict.fromkeys(places, 0)
+        regroupings = 0
+        for orders in _regroupings(n, m):
+            regroupings += len(orders)
+            for place, values in together.items():
+                regrouped = values[orders]
+                as_far[place] += int((_welch(regrouped[:, :n], regrouped[:, n:], axis=-1) >= least[place]).sum())
+        drawn = int(special.comb(n + m, n, exact=True) > RESAMPLES)  # the groups as they were are one more of them
+        for place in places:
+            found[place] = (as_far[place] + drawn) / (regroupings + drawn)
+    return found
+
+
+def _regroupings(n: int, m: int) -> Iterator[NDArray[np.int32]]:
+    """Orders of all members, the first ``n`` of which are the first group: every one, or RESAMPLES drawn ones."""
+    total, at_once = n + m, max(1, _AT_ONCE // (n + m))
+    if special.comb(total, n, exact=True) <= RESAMPLES:
+        chosen = combinations(range(total), n)
+        while some := list(islice(chosen, at_once)):
+            yield np.array([[*one, *sorted({*range(total)} - {*one})] for one in some], np.int32)
+        return
+    rng = np.random.default_rng(SEED)
+    for begin in range(0, RESAMPLES, at_once):
+        in_order = np.tile(np.arange(total, dtype=np.int32), (min(at_once, RESAMPLES - begin), 1))
+        yield rng.permuted(in_order, axis=1, out=in_order)
 
 
 def smallest_p(n: tuple[int, int]) -> float:
@@ -140,7 +177,7 @@ def hedges(a: Values, b: Values) -> tuple[float, float]:
     pooled = math.sqrt(((n - 1) * a.var(ddof=1) + (m - 1) * b.var(ddof=1)) / (n + m - 2))
     g = float((a.mean() - b.mean()) / pooled) * (1 - 3 / (4 * (n + m) - 9))
     variance = (n + m) / (n * m) + 0.5 * g**2 / (n + m - 3.94)
-    return g, float(stats.norm.ppf(0.5 + LEVEL / 2)) * math.sqrt(variance)
+    return g, float(special.ndtri(0.5 + LEVEL / 2)) * math.sqrt(variance)
 
 
 def corrected(found: Sequence[Comparison]) -> tuple[Comparison, ...]:

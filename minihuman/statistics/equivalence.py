@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from minihuman.statistics.compare import Values, welch
 
@@ -35,6 +35,6 @@ def equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equivalenc
     if min(len(a), len(b)) < 2 or max(np.ptp(a), np.ptp(b)) == 0:
         return None
     found = welch(a, b)
-    above = stats.t.sf((found.difference - low) / found.error, found.freedom)
-    below = stats.t.cdf((found.difference - high) / found.error, found.freedom)
+    above = special.stdtr(found.freedom, -(found.difference - low) / found.error)
+    below = special.stdtr(found.freedom, (found.difference - high) / found.error)
     return Equivalence(bounds, found.difference, found.interval(0.9), float(max(above, below)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from minihuman.statistics.compare import LEVEL, Values, welch
 
@@ -78,8 +78,8 @@ def _mean(name: str, values: Values) -> Term:
     if not np.ptp(values):
         return Term(name, mean, (math.nan, math.nan), math.nan, n)
     error = float(values.std(ddof=1)) / math.sqrt(n)
-    half = float(stats.t.ppf((1 + LEVEL) / 2, n - 1)) * error
-    return Term(name, mean, (mean - half, mean + half), float(2 * stats.t.sf(abs(mean) / error, n - 1)), n)
+    half = float(special.stdtrit(n - 1, (1 + LEVEL) / 2)) * error
+    return Term(name, mean, (mean - half, mean + half), float(2 * special.stdtr(n - 1, -abs(mean) / error)), n)
 
 
 def _difference(name: str, values: Values, base: Values) -> Term:

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from minihuman.statistics.compare import RESAMPLES, SEED, Values
 
@@ -128,9 +128,9 @@ def _compared(a: Marginal, b: Marginal) -> Part:
         return _missing("nobody differs from the others of the group")
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (a.people - 1) + parts[1] ** 2 / (b.people - 1))
     apart, error = a.at - b.at, math.sqrt(sum(parts))
-    half = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
+    half = float(special.stdtrit(freedom, (1 + LEVEL) / 2)) * error
     told: Callable[[float], float] = math.exp if a.odds else float
-    p = float(2 * stats.t.sf(abs(apart) / error, freedom))
+    p = float(2 * special.stdtr(freedom, -abs(apart) / error))
     return Part(told(apart), (told(apart - half), told(min(apart + half, 700.0))), p)
 
 

@@ -11,7 +11,18 @@ from statsmodels.stats.meta_analysis import effectsize_smd
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestIndPower
 
-from minihuman.statistics.compare import compare_groups, hedges, holm, permutation_p, smallest_p
+from minihuman.statistics import compare
+from minihuman.statistics.compare import (
+    RESAMPLES,
+    SEED,
+    compare_groups,
+    hedges,
+    holm,
+    permutation_p,
+    permutation_ps,
+    smallest_p,
+    welch,
+)
 from minihuman.statistics.power import power, t_test_power
 from tests.counts import count
 
@@ -32,6 +43,47 @@ def test_p_is_the_share_of_all_regroupings_at_least_as_far_apart():
     assert found.p == pytest.approx(np.mean(np.array(apart) >= observed - 1e-9))
     assert found.difference == pytest.approx(np.mean(a) - np.mean(b))
     assert found.n == (3, 3)
+
+
+KINDS = {
+    "numbers": lambda values: values,
+    "with ties": np.round,
+    "yes and no": lambda values: (values > 0).astype(float),
+    "no spread": lambda values: np.full(len(values), 1.5 + len(values)),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_p_is_scipys_to_the_last_bit_whichever_pairs_are_asked_for_together(kind, monkeypatch):
+    monkeypatch.setattr(compare, "_AT_ONCE", 60_000)  # several batches
+    rng = np.random.default_rng(1)
+    sizes = [(2, 2), (5, 5), (9, 30), (2, 9), (9, 30), (8, 8), (60, 50)]  # three of which are drawn from
+    pairs = [(KINDS[kind](rng.normal(0, 1, n)), KINDS[kind](rng.normal(0.4, 2, m))) for n, m in sizes]
+    peers = [
+        stats.permutation_test(
+            pair, compare._welch, n_resamples=RESAMPLES, batch=500, vectorized=True, alternative="greater",
+            rng=np.random.default_rng(SEED),
+        ).pvalue
+        for pair in pairs
+    ]  # fmt: skip
+    assert permutation_ps(pairs) == peers
+    assert [permutation_p(a, b) for a, b in pairs] == peers
+
+
+def test_a_pair_with_one_alone_has_no_p_beside_others_that_have():
+    a, b = np.array([1.0, 2.0, 5.0]), np.array([7.0, 8.0])
+    found = permutation_ps([(a[:1], b), (a, b)])
+    assert math.isnan(found[0])
+    assert found[1] == permutation_p(a, b)
+
+
+def test_welchs_interval_and_p_are_scipys():
+    rng = np.random.default_rng(5)
+    for n, m in rng.integers(2, 40, (20, 2)):
+        a, b = rng.normal(0, 1, n), rng.normal(0.5, 3, m)
+        peer = stats.ttest_ind(a, b, equal_var=False)
+        assert welch(a, b).p == pytest.approx(peer.pvalue, rel=1e-12)
+        assert welch(a, b).interval() == pytest.approx(tuple(peer.confidence_interval()), rel=1e-12)
 
 
 def test_the_interval_is_welchs():
@@ -128,6 +180,11 @@ def test_power_is_the_textbooks():
 def test_power_agrees_with_statsmodels(d, n):
     peer = TTestIndPower().power(d, n[0], 0.05, ratio=n[1] / n[0])
     assert t_test_power(d, n) == pytest.approx(peer, abs=1e-6)
+
+
+@pytest.mark.parametrize("n", [(2, 2), (3, 5), (26, 26), (2, 1000), (4000, 4000)])
+def test_the_difference_that_is_found_with_a_chance_of_80_percent_has_that_power(n):
+    assert t_test_power(power(n).detectable_g, n) == pytest.approx(0.8, abs=1e-6)
 
 
 def test_holm_agrees_with_statsmodels_and_passes_over_what_is_unknown():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from minihuman.statistics.survival import Waited, compare_waiting, curve, restricted_mean
+from minihuman.statistics.survival import Waited, compare_waiting, curve, logrank_p, restricted_mean
 from tests.counts import count
 
 
@@ -18,6 +18,19 @@ def test_the_curve_is_scipys():
     found = curve(waited)
     assert found.share == pytest.approx(peer.evaluate(found.times))
     assert list(found.at_risk) == [(waited.times >= time).sum() for time in found.times]
+
+
+@pytest.mark.parametrize("last", [6, 60], ids=["many at once", "few at once"])
+def test_the_log_rank_p_is_scipys(last):
+    rng = np.random.default_rng(last)
+    for sizes in rng.integers(2, 30, (50, 2)):
+        both = [Waited(np.minimum(rng.integers(1, last, n), 40.0), rng.random(n) < 0.7) for n in sizes]
+        peers = [stats.CensoredData(uncensored=one.times[one.came], right=one.times[~one.came]) for one in both]
+        assert logrank_p(*both) == pytest.approx(float(stats.logrank(*peers).pvalue), abs=1e-14, nan_ok=True)
+
+
+def test_a_log_rank_p_of_nobody_to_whom_it_came_is_not_told():
+    assert np.isnan(logrank_p(watched([50, 60], 30.0), watched([70, 80], 30.0)))
 
 
 def test_watched_to_the_end_the_restricted_mean_is_that_of_the_times_cut_there():
