@@ -9,6 +9,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
@@ -72,6 +74,16 @@ class HostedWindow(Window):
             self._process.wait(timeout=20)
             self._line.close()
             self._folder.cleanup()
+
+
+@contextmanager
+def hosted(kind: str, display: str, *, size_px: tuple[int, int]) -> Iterator[HostedWindow]:
+    """A window whose process ends with the ``with``, however that ends."""
+    window = HostedWindow(kind, display, size_px=size_px)
+    try:
+        yield window
+    finally:
+        window.end()
 
 
 def _serve(line: Connection, kind: str, size_px: tuple[int, int], *, fullscreen: bool) -> None:

@@ -40,7 +40,7 @@ form = "nasa-tlx"
 """
 
 
-def minihuman(*words: str | Path, display: str = "") -> subprocess.Popen[str]:
+def started(*words: str | Path, display: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "minihuman", *map(str, words)],
         env={**os.environ, "DISPLAY": display},
@@ -48,6 +48,11 @@ def minihuman(*words: str | Path, display: str = "") -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def done(*words: str | Path, within_s: float) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "minihuman", *map(str, words)]
+    return subprocess.run(command, env={**os.environ, "DISPLAY": ""}, capture_output=True, text=True, timeout=within_s)
 
 
 @pytest.mark.parametrize("window", ["pygame", "pyglet"])
@@ -58,7 +63,7 @@ def test_forms_answered_by_key_and_mouse_equal_log_table_and_report(window: str,
     plan = expand(study, enrol(study, 0))
     with xvfb(SIZE_PX) as display:
         typist = Typist(display)
-        station = minihuman("run", file, "--data", tmp_path, "--window", window, "--windowed", display=display)
+        station = started("run", file, "--data", tmp_path, "--window", window, "--windowed", display=display)
         typist.focus(TITLE)
         live = tmp_path / "forms/sub-01/ses-01/sub-01_ses-01.mcap.part"
         somebody = Participant(typist, plan, live, SIZE_PX)
@@ -74,12 +79,14 @@ def test_forms_answered_by_key_and_mouse_equal_log_table_and_report(window: str,
     assert [(event.part_name, event.item, event.value) for event in answered] == somebody.given
     assert all(0 < event.shown_ns <= event.first_ns <= event.t_ns for event in answered)
 
-    assert minihuman("export", "parquet", tmp_path / "forms", tmp_path / "out").wait(120) == 0
+    exported = done("export", "parquet", tmp_path / "forms", tmp_path / "out", within_s=120)
+    assert exported.returncode == 0, exported.stderr
     rows = pq.read_table(tmp_path / "out/answers.parquet").to_pylist()
     told = [(row["questions"], row["item"], row["number"] or row["answer"]) for row in rows]
     assert told == [(part, item, json.loads(value)) for part, item, value in somebody.given]
 
-    assert minihuman("report", tmp_path / "forms", "--out", tmp_path / "report").wait(300) == 0
+    reported = done("report", tmp_path / "forms", "--out", tmp_path / "report", within_s=300)
+    assert reported.returncode == 0, reported.stderr
     page = next((tmp_path / "report").rglob("*.html")).read_text()
     for row in rows:
         assert row["item"] in page

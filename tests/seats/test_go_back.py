@@ -7,7 +7,7 @@ import pytest
 
 from minihuman.study.screens import PlayScreen
 from minihuman.worlds.adapt.world import World
-from tests.window_host import HostedWindow
+from tests.window_host import hosted
 
 pytestmark = pytest.mark.program
 
@@ -33,7 +33,7 @@ def test_a_world_on_display_goes_back_in_mid_episode_and_plays_and_looks_the_sam
             way.append((world.state_hash(), picture))
         return way
 
-    with closing(world), closing(HostedWindow("pygame", display, size_px=(320, 240))) as window:
+    with closing(world), hosted("pygame", display, size_px=(320, 240)) as window:
         world.reset(8)  # the goal is far from here in both
         play(window)
         saved, here = world.save(), world.state_hash()
