@@ -5,9 +5,10 @@ from pathlib import Path
 
 from minihuman.data.selection import Selection
 from minihuman.data.study import readable
+from minihuman.figures.drawn_from import learning_curves
 from minihuman.figures.files import save
 from minihuman.figures.gallery import rewards
-from minihuman.figures.learning import learning_curves, learning_figure
+from minihuman.figures.learning import learning_figure
 
 
 def main(study: str, block: str, out: str) -> None:

@@ -6,8 +6,9 @@ from pathlib import Path
 SESSIONS = "sessions.sqlite"  # a row a session
 TABLES = "tables.duckdb"  # every table's rows
 FILES = "tables.files"  # a folder of the table files that were written last
+FIGURES = "figures.files"  # a folder of the figures that a report drew last
 _BESIDE = ("", "-journal", "-wal", "-shm", ".wal", ".tmp")  # what their libraries put beside them meanwhile
-_NAMES = frozenset({FILES, *(name + more for name in (SESSIONS, TABLES) for more in _BESIDE)})
+_NAMES = frozenset({FILES, FIGURES, *(name + more for name in (SESSIONS, TABLES) for more in _BESIDE)})
 
 
 def is_cache(path: Path) -> bool:

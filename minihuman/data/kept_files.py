@@ -1,6 +1,7 @@
-"""Table files as they were last written, kept beside the store: what did not change since is copied, not made again.
+"""Files as they were last written, kept beside the store: what would come out the same is copied, not made again.
 
-They are a cache like the store, believed only with the SHA-256 that was noted when they were written.
+They are a cache like the store, believed only with the SHA-256 that was noted when they were written: the copy that was
+taken is what is compared. So others may write here meanwhile, and at worst nothing is kept.
 """
 
 import hashlib
@@ -15,28 +16,29 @@ class _Note(msgspec.Struct, frozen=True):
     """What a kept file was made of, and what was in it."""
 
     made_of: str
-    columns: list[str]
+    of: list[str]
     sha256: str
 
 
 class KeptFiles:
-    """The kept files of one study. Its owner has the store open, so that nobody else writes here.
+    """The kept files of one study.
 
     Args:
         folder: where they are; made when there is something to keep.
-        made_of: says all that a file's content follows from; files that were made of something else are not taken.
+        made_of: says what the content of all of them follows from; with what ``take`` and ``keep`` are told a file is
+            made ``of``, that is all. Files that were made of something else are not taken.
     """
 
     def __init__(self, folder: Path, made_of: str) -> None:
         self._folder = folder
         self._made_of = made_of
 
-    def take(self, wanted: Path, columns: list[str]) -> bool:
+    def take(self, wanted: Path, of: list[str]) -> bool:
         """Copy the kept file of a path's name there; False, and nothing is there, if none is kept or it was changed."""
         kept, note = self._places(wanted.name)
         try:
             said = msgspec.json.decode(note.read_bytes(), type=_Note)
-            if (said.made_of, said.columns) != (self._made_of, columns):
+            if (said.made_of, said.of) != (self._made_of, of):
                 return False
             shutil.copyfile(kept, wanted)
             if _sha256(wanted) == said.sha256:
@@ -46,15 +48,15 @@ class KeptFiles:
             wanted.unlink(missing_ok=True)
         return False
 
-    def keep(self, written: Path, columns: list[str]) -> None:
+    def keep(self, written: Path, of: list[str]) -> None:
         """Keep a copy of a file that was written; where that cannot be, nothing is kept."""
         kept, note = self._places(written.name)
-        unfinished = note.with_name(f"{note.name}.part")
+        unfinished = note.with_name(f"{note.name}.{os.getpid()}.part")
         try:
             self._folder.mkdir(exist_ok=True)
             note.unlink(missing_ok=True)  # first: a file without its note is not believed
             shutil.copyfile(written, kept)
-            unfinished.write_bytes(msgspec.json.encode(_Note(self._made_of, columns, _sha256(kept))))
+            unfinished.write_bytes(msgspec.json.encode(_Note(self._made_of, of, _sha256(kept))))
             os.replace(unfinished, note)
         except OSError:
             return

@@ -147,7 +147,7 @@ class Store:
             shortest = {key: with_shortest for key, _, _, with_shortest in known if key in have}
             of = [(key, prints[key], shortest.get(key, self._with_shortest)) for key in now]
             self.files = KeptFiles(self._sessions.source / FILES, _digest(made_by(), pa.__version__, of))
-        self.kept = tuple(found[key][1] for key in now)
+        self.kept = tuple(msgspec.structs.replace(found[key][1], path=str(now[key])) for key in now)  # they may move
         self._keys = tuple(now)
         for one in self.kept:
             if one.problem:

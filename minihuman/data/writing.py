@@ -62,7 +62,7 @@ def write_tables(
     """Write tables into a folder, as Parquet, CSV or both, and beside them what the columns mean; give the files.
 
     ``dictionary.json`` says it in the shortest form, ``datapackage.json`` as a Frictionless data package. The columns
-    ``without`` are left out. Of one kind alone, what is ``kept`` of the same rows is copied, and what is written kept.
+    ``without`` are left out. What is ``kept`` of the same rows is copied, and what is written kept.
     """
     folder.mkdir(parents=True, exist_ok=True)
     explained = {name: columns for name, columns in dictionary(without=without).items() if name in names}
@@ -75,15 +75,17 @@ def write_tables(
         path.write_text(json.dumps(content, indent=1) + "\n")
     for name in names:
         columns = schema(name, without=without)
-        only = folder / f"{name}.{kinds[0]}" if len(kinds) == 1 else None
-        if kept is not None and only is not None and kept.take(only, columns.names):
+        wanted = {kind: folder / f"{name}.{kind}" for kind in kinds}
+        missing = {kind: path for kind, path in wanted.items() if kept is None or not kept.take(path, columns.names)}
+        if not missing:
             continue
-        writers = [_WRITERS[kind](folder / f"{name}.{kind}", columns) for kind in kinds]
+        writers = [_WRITERS[kind](path, columns) for kind, path in missing.items()]
         for batch in tables.batches(name, without=without):
             for writer in writers:
                 writer.write_table(pa.Table.from_batches([batch]))
         for writer in writers:
             writer.close()
-        if kept is not None and only is not None:
-            kept.keep(only, columns.names)
+        if kept is not None:
+            for path in missing.values():
+                kept.keep(path, columns.names)
     return (*(folder / f"{name}.{kind}" for name in names for kind in kinds), *described)

@@ -3,9 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.text import Text
 
 from minihuman.figures.style import our_style
@@ -34,6 +36,13 @@ def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
         FigureCanvasAgg(figure).print_figure(str(png), metadata=_METADATA["png"], dpi=300)
         FigureCanvasPdf(figure).print_figure(str(pdf), metadata=_METADATA["pdf"])
     return png, pdf
+
+
+def faces_are_matplotlibs() -> bool:
+    """Whether text is set in the faces that come with Matplotlib, not in others of their name on this machine."""
+    with our_style():
+        faces = [Path(findfont(FontProperties(weight=weight))) for weight in ("normal", "bold")]
+    return all(face.is_relative_to(mpl.get_data_path()) for face in faces)
 
 
 def _lay_out(figure: Figure, *, dpi: int) -> None:

@@ -6,14 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from minihuman.data.study import Sessions
+from minihuman.figures.drawn_from import learning_curves, light
 from minihuman.figures.files import save
-from minihuman.figures.learning import learning_curves, learning_figure
+from minihuman.figures.learning import learning_figure
 from minihuman.figures.occupancy import occupancy_figure, tells_places
 from minihuman.figures.overview import overview_figure
 from minihuman.figures.paths import session_paths
 from minihuman.recorded.columns import EventColumns
 from minihuman.recorded.episode import SessionLog
-from minihuman.study.events import FrameShown, KeyPressed
+from minihuman.study.events import KeyPressed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,9 +66,9 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
 
 def _light(log: SessionLog) -> SessionLog:
     """The session without its key presses and pictures shown, so that a thousand of them can be held at once."""
-    keys, frames = EventColumns.of(KeyPressed, ()), EventColumns.of(FrameShown, ())
-    episodes = tuple(replace(one, keys=keys, frames=frames, observations=None) for one in log.episodes)
-    return replace(log, episodes=episodes, segments=tuple(replace(one, keys=keys) for one in log.segments))
+    keys = EventColumns.of(KeyPressed, ())
+    segments = tuple(replace(one, keys=keys) for one in log.segments)
+    return replace(log, episodes=tuple(map(light, log.episodes)), segments=segments)
 
 
 def rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":

@@ -1,7 +1,6 @@
 """Learning curves: a measure over the episodes, one line a group, with the confidence band of its mean."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,9 +10,6 @@ from numpy.typing import NDArray
 
 from minihuman.figures.style import SERIES, blank, our_style
 from minihuman.statistics.shares import wilson
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _DASHES = ("-", "--", ":", "-.")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -46,25 +42,6 @@ def share_and_band(
     low, high = np.array([wilson(int(of), int(n)) for of, n in zip(ones, there, strict=True)]).T
     nobody = np.where(there, 0.0, np.nan)
     return share, low + nobody, high + nobody
-
-
-def learning_curves(episodes: "pd.DataFrame", measure: str = "reward") -> dict[str, NDArray[np.float64]]:
-    """A measure by group, (participants, episodes in the block); NaN where none counts.
-
-    ``episodes`` are one block's rows of the table "episodes" that count. The first column is the block's first episode
-    for every group; of several attempts at one the last is taken, of several sessions of a participant the mean.
-    """
-    if episodes.empty:
-        return {}
-    numbers = range(1, int(episodes["episode_in_block"].max()) + 1)
-    curves = {}
-    for group, part in episodes.groupby("group"):
-        last = part.drop_duplicates(["participant", "session", "episode_in_block"], keep="last")
-        table = (
-            last.assign(value=last[measure].astype(float)).groupby(["participant", "episode_in_block"])["value"].mean()
-        )
-        curves[str(group)] = table.unstack().reindex(columns=numbers).to_numpy(np.float64)
-    return curves
 
 
 def draw_learning(

@@ -1,7 +1,6 @@
 """Paths over the floor plan: one numbered panel an episode, time running along the line's colour."""
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from minihuman.figures.drawn_from import session_blocks
 from minihuman.figures.style import (
     COLUMN_CM,
     END,
@@ -33,7 +33,6 @@ from minihuman.worlds.pose import Map
 _SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so that ways there and back both show
 _RING_FROM_RAD = math.pi / 4  # a smaller turn is a bend of the line, which shows without a ring
 _FULL_CIRCLE = 2 * math.pi
-_PANELS = 10  # episodes of one block in a session's figure
 _ACROSS = 4  # panels beside each other that stay readable in a column
 _KEY_CM = 1.25  # height of the strip that explains colours and marks
 _NAMES_CM = 0.35  # and of each row of things named in it
@@ -160,11 +159,12 @@ def paths_figure(
 
 def session_paths(log: SessionLog) -> Figure:
     """One session's path figure: a titled group of columns for each block, its first ten episodes in it."""
-    blocks: dict[str, list[Episode]] = defaultdict(list)
-    for episode in log.episodes:
-        blocks[episode.plan.block_name].append(episode)
-    groups = [(name, theirs[:_PANELS]) for name, theirs in blocks.items()]
-    return paths_figure(groups, across=max(1, _ACROSS // max(1, len(groups))))
+    return blocks_figure(session_blocks(log))
+
+
+def blocks_figure(blocks: Sequence[tuple[str, Sequence[Episode]]]) -> Figure:
+    """Blocks beside each other, as many panels across as stay readable in a column."""
+    return paths_figure(blocks, across=max(1, _ACROSS // max(1, len(blocks))))
 
 
 def _draw_key(part: SubFigure, things: Sequence[Line2D], key_cm: float) -> None:

@@ -80,8 +80,9 @@ class Study:
         Raises:
             LogError: if nothing that counts was played there.
         """
+        from minihuman.figures.drawn_from import learning_curves
         from minihuman.figures.gallery import rewards
-        from minihuman.figures.learning import learning_curves, learning_figure
+        from minihuman.figures.learning import learning_figure
         from minihuman.figures.occupancy import occupancy_figure, tells_places
 
         logs = [session._counted.session for session in self.sessions]

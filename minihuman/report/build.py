@@ -13,10 +13,9 @@ from minihuman.data.store import Kept, Store
 from minihuman.data.study import Sessions
 from minihuman.data.writing import write_tables
 from minihuman.errors import ReportError
-from minihuman.figures.files import save
-from minihuman.figures.learning import learning_curves, learning_figure
-from minihuman.figures.paths import session_paths
-from minihuman.figures.waiting import waiting_figure
+from minihuman.figures import drawings
+from minihuman.figures.drawn_from import learning_curves, session_blocks
+from minihuman.figures.kept import KeptFigures
 from minihuman.log.read.open_log import open_log
 from minihuman.report.clauses import clauses_done
 from minihuman.report.flow import flow_section
@@ -55,7 +54,7 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
     with Store(sessions, with_shortest=True) as store:
         study = _study(store, sessions)
         names = [name for name in TABLES if name not in _EVERY_MOMENT]
-        tables = write_tables(store.tables, out / "tables", names=names)
+        tables = write_tables(store.tables, out / "tables", names=names, kept=store.files)
         episodes = store.tables.table("episodes", _EPISODE_COLUMNS).to_pandas()
         blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
         answers, starts, done = (store.tables.table(name).to_pandas() for name in ("answers", "starts", "clauses"))
@@ -63,10 +62,11 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
     found = results(episodes, blocks, participants, named_before(store.kept))
     qualities = [kept.quality for kept in store.kept if kept.quality is not None]
     outlines = [kept.outline for kept in store.kept if kept.outline is not None]
-    paths = _paths(store.kept, sessions.selection, out / "figures")
+    drawn, where = KeptFigures(sessions.source), out / "figures"
+    paths = _paths(store.kept, sessions.selection, drawn, where)
     taught = taught_logs(store.kept, controls)
-    steering = teaching_figures(taught, out / "figures")
-    figures = [*_curves(episodes, found, out / "figures"), *_waiting(found, out / "figures"), *steering, *paths]
+    steering = teaching_figures(taught, drawn, where)
+    figures = [*_curves(episodes, found, drawn, where), *_waiting(found, drawn, where), *steering, *paths]
     simulated = int((participants["player"] != "human").sum())
     facts = Page(
         study=study,
@@ -86,9 +86,9 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
         account=sessions.account,
         papers=is_papers(study, frozenset(episodes["world"])),
     )
-    where = out / "report.html"
-    where.write_text(page(facts, found), encoding="utf-8")
-    return (where, *tables, *(path for _, path, _ in figures))
+    whole = out / "report.html"
+    whole.write_text(page(facts, found), encoding="utf-8")
+    return (whole, *tables, *(path for _, path, _ in figures))
 
 
 def named_before(kept: Sequence[Kept]) -> Analysis:
@@ -114,7 +114,7 @@ def _study(store: Store, sessions: Sessions) -> str:
     return read[0].study
 
 
-def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple[str, Path, str]]:
+def _curves(episodes: pd.DataFrame, found: Results, drawn: KeptFigures, out: Path) -> Iterator[tuple[str, Path, str]]:
     """Learning curves of every block, by group."""
     counted = episodes[episodes["left_out"].isna()]
     for block in (one.block for one in found.blocks):
@@ -123,7 +123,8 @@ def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[tuple
             curves = _in_order(learning_curves(rows, measure), found.order)
             if curves and rows["episode_in_block"].nunique() > 1 and rows[measure].notna().any():
                 cannot_leave = limits if rows[measure].dropna().between(*limits).all() else None
-                png, _ = save(learning_figure(curves, measure=label, limits=cannot_leave), out / f"{block}_{measure}")
+                stem = out / f"{block}_{measure}"
+                png, _ = drawn.save(stem, drawings.learning, curves, measure=label, limits=cannot_leave)
                 yield (
                     block,
                     png,
@@ -136,7 +137,7 @@ def _in_order(curves: Mapping[str, T], order: Sequence[str]) -> dict[str, T]:
     return {group: curves[group] for group in order if group in curves}
 
 
-def _waiting(found: Results, out: Path) -> Iterator[tuple[str, Path, str]]:
+def _waiting(found: Results, drawn: KeptFigures, out: Path) -> Iterator[tuple[str, Path, str]]:
     """Of every block, how long the goal and the keys were waited for."""
     for one in found.blocks:
         told = (
@@ -145,12 +146,14 @@ def _waiting(found: Results, out: Path) -> Iterator[tuple[str, Path, str]]:
         )
         for name, groups, label, what in told:
             if groups:
-                png, _ = save(waiting_figure(groups, label=label), out / f"{one.block}_waiting_{name}")
+                png, _ = drawn.save(out / f"{one.block}_waiting_{name}", drawings.waiting, groups, label=label)
                 tick = "a tick: out of time" if name == "goal" else "a tick: watched no longer"
                 yield one.block, png, f"Share of {what} (Kaplan and Meier); {tick}. Below: how many they are."
 
 
-def _paths(kept: Sequence[Kept], selection: Selection, out: Path) -> Iterator[tuple[str, Path, str]]:
+def _paths(
+    kept: Sequence[Kept], selection: Selection, drawn: KeptFigures, out: Path
+) -> Iterator[tuple[str, Path, str]]:
     """The path figure of one session of each group, the one with the most blocks, of the episodes that count."""
     examples: dict[str, Kept] = {}
     for one in sorted(kept, key=lambda one: -one.blocks):
@@ -158,5 +161,5 @@ def _paths(kept: Sequence[Kept], selection: Selection, out: Path) -> Iterator[tu
             examples.setdefault(one.outline.group, one)
     for group, one in sorted(examples.items()):
         session = selection.judge(open_log(Path(one.path))).session
-        png, _ = save(session_paths(session), out / f"paths_{group}")
+        png, _ = drawn.save(out / f"paths_{group}", drawings.paths, session_blocks(session))
         yield "", png, f"Paths of {session.plan.participant.id} (group {group}), the first to have played most blocks."

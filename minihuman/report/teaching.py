@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from minihuman.data.store import Kept
-from minihuman.figures.files import save
-from minihuman.figures.rated import ratings_figure
-from minihuman.figures.steering import steering_figure
+from minihuman.figures import drawings
+from minihuman.figures.drawn_from import light
+from minihuman.figures.kept import KeptFigures
 from minihuman.log.read.open_log import open_log
 from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.recorded.taught import NO_ADVICE, Taught
@@ -68,16 +68,17 @@ def gained_per_min(told: Sequence[TaughtEpisode]) -> float:
     return float((spread * shares).sum() / total) if total > 0 else float("nan")
 
 
-def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[tuple[str, Path, str]]:
+def teaching_figures(logs: Mapping[str, SessionLog], drawn: KeptFigures, out: Path) -> Iterator[tuple[str, Path, str]]:
     """Who steered when, and what was rated over time: figures a session and block."""
     for name, log in logs.items():
         for block, told in blocks_of(log).items():
             where = out / f"{block}_steering_{name.replace(' ', '_')}"
-            png, _ = save(steering_figure([episode for episode, _ in told]), where)
+            episodes = [light(episode) for episode, _ in told]
+            png, _ = drawn.save(where, drawings.steering, episodes)
             yield block, png, f"Who steered when in block {block}, {name}; a line: from there on another policy played."
             if any(taught.ratings for _, taught in told):
                 where = out / f"{block}_ratings_{name.replace(' ', '_')}"
-                png, _ = save(ratings_figure([episode for episode, _ in told]), where)
+                png, _ = drawn.save(where, drawings.ratings, episodes)
                 said = (
                     f"What was rated in block {block}, {name}: presses, and the share of good ones among the last ten"
                 )

@@ -22,8 +22,8 @@ from minihuman.data.study import Sessions, readable
 from minihuman.data.versions import version_name
 from minihuman.export.port import exporters
 from minihuman.export.run import export
+from minihuman.figures.drawn_from import learning_curves
 from minihuman.figures.gallery import draw_all, rewards
-from minihuman.figures.learning import learning_curves
 from minihuman.learn.agent.observe import Eyesight
 from minihuman.learn.clone.demonstrations import read_demonstrations
 from minihuman.log.read.open_log import open_log

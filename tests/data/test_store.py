@@ -66,6 +66,13 @@ def test_kept_rows_are_those_of_the_logs_and_are_made_once(study, monkeypatch):
     assert rows(study) == first
 
 
+def test_a_study_that_was_moved_with_what_it_keeps_names_its_logs_where_they_are(study, tmp_path):
+    rows(study)
+    moved = shutil.move(study, tmp_path / "elsewhere")
+    with Store(Sessions(moved, processes=1), with_shortest=False) as store:
+        assert [one.path for one in store.kept] == [str(path) for path in sorted(moved.rglob("*.mcap"))]
+
+
 def test_a_log_that_came_changed_or_went_and_a_mark_are_noticed_and_the_order_is_the_paths(study, tmp_path):
     shutil.move(study / "sub-02", tmp_path / "sub-02")
     rows(study)

@@ -8,7 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from minihuman.figures.learning import draw_learning, learning_curves, mean_and_band, share_and_band
+from minihuman.figures.drawn_from import learning_curves
+from minihuman.figures.learning import draw_learning, mean_and_band, share_and_band
 from minihuman.figures.occupancy import draw_occupancy, occupancy
 from minihuman.figures.waiting import waiting_figure
 from minihuman.statistics.shares import wilson

@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
@@ -8,11 +9,14 @@ from minihuman.data.caches import caches_in
 from minihuman.data.selection import Selection
 from minihuman.errors import AllocationError
 from minihuman.export.run import export
+from minihuman.figures import drawings
+from minihuman.figures.kept import KeptFigures
 from minihuman.lab.next_session import next_session
 from minihuman.lab.register_lines import Withdrawn, read_lines, read_register
 from minihuman.lab.status import status_lines
 from minihuman.lab.withdraw import replace, withdraw
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.statistics.survival import Waited
 from tests.lab.test_next_session import PROTOCOL, play
 
 STUDY = "corridor"
@@ -70,7 +74,9 @@ def test_who_withdrew_occurs_in_no_output_made_afterwards(data: Path, tmp_path: 
 def test_no_cache_remembers_who_withdrew(data: Path, tmp_path: Path) -> None:
     list(status_lines(data / STUDY))
     export("parquet", data / STUDY, tmp_path / "out", Selection())
-    assert len(list(caches_in(data / STUDY))) == 3
+    groups = {"a": Waited(np.array([1.0, 2.0]), np.array([True, False]))}
+    KeptFigures(data / STUDY).save(tmp_path / "paths_sub-02", drawings.waiting, groups, label="s")
+    assert len(list(caches_in(data / STUDY))) == 4
     withdraw(data / STUDY, "sub-02", seal=None)
     assert list(caches_in(data / STUDY)) == []
 

@@ -10,9 +10,12 @@ import msgspec
 import pandas as pd
 import pytest
 
+from minihuman.data.caches import caches_in, is_cache
 from minihuman.data.marks import Mark, add_mark
+from minihuman.data.selection import Selection
 from minihuman.data.study import Sessions
 from minihuman.errors import LogError, ReportError
+from minihuman.figures import files
 from minihuman.log.read.open_log import open_log
 from minihuman.recorded.episode import SessionLog
 from minihuman.report.build import build
@@ -25,7 +28,7 @@ def fingerprints(folder):
     return {
         path: hashlib.sha256(path.read_bytes()).hexdigest()
         for path in folder.rglob("*")
-        if path.is_file() and path.name != "tables.duckdb"
+        if path.is_file() and not is_cache(path.relative_to(folder))
     }
 
 
@@ -116,6 +119,37 @@ def test_the_grids_excess_is_over_the_exact_shortest_path(built):
     grid = episodes[episodes["block"] == "grid"]
     assert (grid["shortest_steps"] == grid["feasible_steps"]).all()
     assert grid["shortest_steps"].notna().all()
+
+
+def contents(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_second_report_is_the_same_to_the_byte_and_no_figure_of_it_is_drawn(built, study, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("drawn again")
+
+    monkeypatch.setattr(files, "save", refuse)
+    build(Sessions(study, processes=1), tmp_path / "out")
+    assert contents(tmp_path / "out") == contents(built[0][0].parent)
+
+
+@pytest.mark.parametrize("became", ["a mark", "another selection"])
+def test_a_report_of_what_changed_is_as_if_nothing_had_been_kept(built, study, tmp_path, became):
+    changed = shutil.copytree(study, tmp_path / "study", ignore=shutil.ignore_patterns("bad", "sub-09"))
+    selection = Selection()
+    match became:
+        case "a mark":
+            one = next((changed / "sub-02").rglob("*.mcap"))
+            add_mark(open_log(one), Mark("exclude", "2026-01-06T10:00:00Z", episode=1))
+        case "another selection":
+            selection = Selection(participant=("sub-01", "sub-02"))
+    build(Sessions(changed, selection, processes=1), tmp_path / "kept")
+    for cache in list(caches_in(changed)):
+        shutil.rmtree(cache) if cache.is_dir() else cache.unlink()
+    build(Sessions(changed, selection, processes=1), tmp_path / "anew")
+    assert contents(tmp_path / "kept") == contents(tmp_path / "anew")
+    assert contents(tmp_path / "kept") != contents(built[0][0].parent)
 
 
 def test_two_studies_are_not_mixed(study, tmp_path):
