@@ -16,7 +16,7 @@ from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
 from tests.counts import PATIENCE_S, count
 from tests.seats.answering_typist import Participant
-from tests.seats.test_answered_session import minihuman
+from tests.seats.test_answered_session import started
 from tests.xserver import Typist, xvfb
 
 PROTOCOL = Path(__file__).parents[2] / "protocols" / "two-days.toml"
@@ -68,7 +68,7 @@ def test_both_days_are_played_through_a_window(tmp_path: Path) -> None:
                 "--window",
                 "pygame",
             )
-            station = minihuman("run", PROTOCOL, "--data", tmp_path, *day, display=display)
+            station = started("run", PROTOCOL, "--data", tmp_path, *day, display=display)
             typist = Typist(display)
             typist.focus(TITLE)
             name = f"sub-02_ses-{session:02d}.mcap"
