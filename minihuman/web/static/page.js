@@ -1194,7 +1194,7 @@ globalThis.minihuman = {
   get state() {
     return {
       welcomed, finished, step: play?.step ?? -1, scene: play?.scene ?? -1, ended: play?.ended ?? false, pictures: pictures.size, playing: play !== null,
-      confirmed: play?.confirmed?.step ?? -1, ready: isReady(), known: play?.known ?? false, unsafe: outbox.size, ways: onward.edges.get(onward.at)?.size ?? 0, foreseen: onward.screens.size, ahead: onward.ahead, kind: screen?.screen.kind ?? "", now: zero === null ? 0 : now(),
+      confirmed: play?.confirmed?.step ?? -1, ready: isReady(), known: play?.known ?? false, unsafe: outbox.size, ways: onward.edges.get(onward.at)?.size ?? 0, foreseen: [...onward.edges.values()].reduce((sum, ways) => sum + ways.size, 0), ahead: onward.ahead, kind: screen?.screen.kind ?? "", now: zero === null ? 0 : now(),
     };
   },
 };
