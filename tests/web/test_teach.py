@@ -47,7 +47,8 @@ def take_part(somebody: Somebody) -> None:
         if somebody.page.locator(".keyboard").count():
             somebody.press("left", "right", "up")
         elif "Show what" in words:
-            somebody.press("left", "space")
+            somebody.press("left", "space")  # once: over a long line a second pair would begin to show again
+            somebody.until("s.kind !== 'play' && !document.querySelector('#screen').innerText.includes('Show what')")
         elif state["kind"] == "play" and state["playing"]:
             if (words, state["step"]) != done:
                 done = words, state["step"]
