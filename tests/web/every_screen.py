@@ -159,15 +159,20 @@ def _acts(somebody: Somebody, state: dict[str, Any], looks: str, *, corrected: b
             somebody.press("left", "right", "up")
         case "question":
             answer = next((key for form, key in _ANSWERS.items() if form in looks), "1")
-            somebody.press(answer, "tab" if "entry" in looks else "enter")
+            somebody.press(answer)
+            somebody.page.wait_for_timeout(60)  # a key counts once what it answers was seen
+            somebody.press("tab" if "entry" in looks else "enter")
             somebody.page.wait_for_timeout(60)
         case "page" | "text":
             somebody.press("enter")
             somebody.page.wait_for_timeout(60)
         case "play" if not state["playing"] or state["ended"]:
             return False
+        case "play" if "Show what" in looks:  # a correction goes on until they end it
+            somebody.press("left", "space")
+            somebody.until("s.kind !== 'play'")
         case "play" if "steers" not in looks:
-            somebody.press("left", *["space"] * ("Show what" in looks))  # a correction goes on until they end it
+            somebody.press("left")
         case (
             "play"
         ):  # taken over, and handed back; or rated: well before the agent's next step, however long looking takes
