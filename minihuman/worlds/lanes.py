@@ -51,6 +51,10 @@ class Plain:
         """What is at some places of an array of uint32, and what is one further."""
         return array[at], array[at + np.uint32(1)]
 
+    def pairs_at(self, array: Array, places: Array, first: int, count: int) -> tuple[Any, Any]:
+        """The same, for places that stand in another array."""
+        return self.pairs(array, places[first : first + count])
+
     def fetch(self, array: Array, at: Any, by: int) -> None:
         """Ask memory for what is so much further than every fourth of some places; it may lie outside the array."""
 
@@ -125,6 +129,10 @@ class Plain:
     def wholes(self, values: Any) -> Any:
         """Two uint16 as one uint32."""
         return values.view(np.uint32)
+
+    def upper(self, a: Any, b: Any) -> Any:
+        """The upper half of each product of two uint16."""
+        return (a.astype(np.uint32) * b >> 16).astype(np.uint16)
 
     def octets(self, values: Any) -> Any:
         """Each uint32 as four uint8, the lowest first."""

@@ -122,21 +122,33 @@ class _Operations:
         self._builder.store(values.value, place, align=_BITS[values.kind] // 8)
 
     def pairs(self, array: Any, at: Lanes) -> tuple[Lanes, Lanes]:
-        build, count, short = self._builder, at.count, ir.IntType(32)
-        parts = []
-        for first in range(0, count, 8):
-            both = ir.Constant(_vector(I64, 8), ir.Undefined)
-            for lane in range(8):
-                number = build.extract_element(at.value, ir.Constant(short, first + lane))
-                place = build.gep(array.start, [build.zext(number, _WHOLE)])
-                found = build.load(build.bitcast(place, _WHOLE.as_pointer()), align=4)
-                both = build.insert_element(both, found, ir.Constant(short, lane))
-            parts.append(build.bitcast(both, _vector(U32, 16)))
-        one, other = parts[0], parts[-1]  # eight lanes or sixteen
-        here, beside = ([2 * lane + odd for lane in range(count)] for odd in (0, 1))
-        return Lanes(build, _shuffle(build, one, other, here), U32), Lanes(
-            build, _shuffle(build, one, other, beside), U32
+        build, short = self._builder, ir.IntType(32)
+        return self._pairs(
+            array, [build.extract_element(at.value, ir.Constant(short, lane)) for lane in range(at.count)]
         )
+
+    def pairs_at(self, array: Any, places: Any, first: Any, count: int) -> tuple[Lanes, Lanes]:
+        build = self._builder
+        start = build.gep(places.start, [self._whole(first)])
+        each = [build.load(build.gep(start, [ir.Constant(_WHOLE, lane)])) for lane in range(count)]
+        return self._pairs(array, each)
+
+    def _pairs(self, array: Any, numbers: Sequence[Any]) -> tuple[Lanes, Lanes]:
+        build, count = self._builder, len(numbers)
+        # two pixels in turn, so that what belongs together is one shuffle within each sixteen bytes; as float64, which
+        # one instruction loads into the upper half
+        parts = []
+        for odd in (0, 2):
+            lanes = [lane for lane in range(count) if lane & 2 == odd]
+            both = ir.Constant(_vector(F64, count // 2), ir.Undefined)
+            for at, lane in enumerate(lanes):
+                place = build.gep(array.start, [build.zext(numbers[lane], _WHOLE)])
+                found = build.load(build.bitcast(place, ir.DoubleType().as_pointer()), align=4)
+                both = build.insert_element(both, found, ir.Constant(ir.IntType(32), at))
+            parts.append(build.bitcast(both, _vector(U32, count)))
+        order = [(lane & 2) // 2 * count + lane // 4 * 4 + lane % 2 * 2 for lane in range(count)]
+        here, beside = (_shuffle(build, parts[0], parts[1], [at + odd for at in order]) for odd in (0, 1))
+        return Lanes(build, here, U32), Lanes(build, beside, U32)
 
     def fetch(self, array: Any, at: Lanes, by: Any) -> None:
         build, short = self._builder, ir.IntType(32)
@@ -211,6 +223,12 @@ class _Operations:
 
     def wholes(self, values: Lanes) -> Lanes:
         return Lanes(self._builder, self._builder.bitcast(values.value, _vector(U32, values.count // 2)), U32)
+
+    def upper(self, a: Lanes, b: Lanes) -> Lanes:
+        build, wide = self._builder, _vector(U32, a.count)
+        product = build.mul(build.zext(a.value, wide), build.zext(b.value, wide))
+        half = build.lshr(product, ir.Constant(wide, [16] * a.count))
+        return Lanes(build, build.trunc(half, a.value.type), U16)
 
     def octets(self, values: Lanes) -> Lanes:
         return Lanes(self._builder, self._builder.bitcast(values.value, _vector(U8, 4 * values.count)), U8)

@@ -4,15 +4,17 @@ import numpy as np
 
 from minihuman.worlds.first_person.render.project import HEIGHT, PLACEMENT_SIZE, ROOM, TILES
 from minihuman.worlds.first_person.render.tables import F64, I32, Drawn, Faces, Rooms
-from minihuman.worlds.first_person.render.texture import LANES
+from minihuman.worlds.first_person.render.texture import BLOCK, LANES
 from minihuman.worlds.first_person.render.visit import VISITS_A_ROOM, Sight
 from minihuman.worlds.kernels import part
 
-# Where in the whole numbers stand: the colours of what is looked up along a row; which sizes of a texture that takes;
-# the row's stretches; a row of the picture; the spans.
+# Where in the whole numbers stand: the colours of what is looked up along a row; which sizes of a texture that takes,
+# under which light and at which places; the row's stretches; a row of the picture; the spans.
 STRIP = 512
 SIZES = STRIP + LANES
-STRETCHES = SIZES + LANES
+LIGHTS = SIZES + 3 * LANES
+PLACES = LIGHTS + 2 * LANES
+STRETCHES = PLACES + 4 * BLOCK
 MOST_STRETCHES = 264
 LINE = STRETCHES + 5 * (2 * MOST_STRETCHES + 4)
 SPANS = LINE + 4096 + 2 * LANES

@@ -5,8 +5,10 @@ from numpy import uint64 as index
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.memory import (
+    LIGHTS,
     LINE,
     MOST_STRETCHES,
+    PLACES,
     SIZES,
     SPANS,
     STRETCHES,
@@ -16,6 +18,7 @@ from minihuman.worlds.first_person.render.memory import (
 from minihuman.worlds.first_person.render.project import BOTTOM, LEAST, SKY, TOP
 from minihuman.worlds.first_person.render.tables import BEGIN, END, F64, FACE, I32, Drawn
 from minihuman.worlds.first_person.render.texture import (
+    BLOCK,
     LANES,
     MOST_SIZES,
     U32,
@@ -23,11 +26,12 @@ from minihuman.worlds.first_person.render.texture import (
     copy,
     fill,
     fit,
+    light,
     look_up_8,
     look_up_16,
-    look_up_each_8,
-    look_up_each_16,
     pack,
+    place,
+    place_each,
     shade,
 )
 from minihuman.worlds.kernels import int64, kernel, part
@@ -40,6 +44,7 @@ MOST_MIXED = 16  # pixels side by side that several faces cover alike are taken 
 MOST_LOOKUPS = STRIP - 4 * (MOST_MIXED + LANES)  # when there are more, they are done before the next stretch
 AHEAD = 8.0  # rows further down, whose texels are asked of memory: it takes longer than a processor looks ahead
 MOST_APART = 2  # sizes that fit at both ends of sixteen pixels: if they are further apart, each has its own
+FULL = 65535  # light: less than all of it by a 65536th, which no rounded colour shows
 RED_BLUE, GREEN = 0xFF00FF, 0x00FF00
 
 
@@ -66,7 +71,8 @@ def look_up_run(
     run: I32, y: int, plane: F64, texture: int, even: bool, table: U32, texels: U32, least: float, memory: U32
 ) -> None:
     """Find the colours of a run of pixels of a row."""
-    strip, sizes = memory, memory[SIZES:]
+    strip, sizes, places = memory, memory[SIZES:], memory[PLACES:]
+    moves, lights = memory[SIZES + LANES :].view(np.float32), memory[LIGHTS:]
     count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
     px, py = run[START] + 0.5, y + 0.5
     inverse_x, inverse_y = plane[3], plane[4]
@@ -87,46 +93,47 @@ def look_up_run(
         first = 2 * MOST_SIZES * texture
         wide, high = float(table[first + 1] & 0xFFFF), float(table[first + 1] >> 16)
         last = int64(table[first + 2 * MOST_SIZES - 1])
-        red_light = green_light = blue_light = 65536
         if even:
-            red_light, green_light = int(plane[12] * 65536.0 + 0.5), int(plane[15] * 65536.0 + 0.5)
-            blue_light = int(plane[18] * 65536.0 + 0.5)
+            red, green, blue = plane[12] * 65536.0 + 0.5, plane[15] * 65536.0 + 0.5, plane[18] * 65536.0 + 0.5
+            light(lights, min(int(red), FULL), min(int(green), FULL), min(int(blue), FULL))
+        else:
+            light(lights, FULL, FULL, FULL)
         beside = float(y & 3)  # only every fourth pixel's are asked for, so others from row to row
-        for i in range(0, count, LANES):
-            k = (i // LANES) % (LANES - 1)
-            if k == 0:
-                fit(
-                    sizes,
-                    inverse + inverse_x * i,
-                    inverse_x,
-                    inverse_y,
-                    u + u_x * i,
-                    u_x,
-                    u_y,
-                    v + v_x * i,
-                    v_x,
-                    v_y,
-                    wide,
-                    high,
-                    least,
-                    count - 1.0 - i,
-                    last,
-                )
-            size, next_size = int64(sizes[k]), int64(sizes[k + 1])
-            if abs(size - next_size) <= MOST_APART:
-                at = first + ((size + next_size) & -2)
-                both = int64(table[at + 1])
-                far = 1.0 / max(inverse + inverse_x * i, least)
-                right, up = (u + u_x * i) * far, (v + v_x * i) * far
-                by_u = (AHEAD * (u_y - right * inverse_y) + beside * (u_x - right * inverse_x)) * far
-                by_v = (AHEAD * (v_y - up * inverse_y) + beside * (v_x - up * inverse_x)) * far
-                ahead = int(by_u * (both & 0xFFFF)) + int(by_v * (both >> 16)) * ((both & 0xFFFF) + 2)
-                if count - i > 8:
-                    look_up_16(
-                        texels,
+        for begin in range(0, count, BLOCK):
+            end = min(begin + BLOCK, count)
+            fit(
+                sizes,
+                inverse + inverse_x * begin,
+                inverse_x,
+                inverse_y,
+                u + u_x * begin,
+                u_x,
+                u_y,
+                v + v_x * begin,
+                v_x,
+                v_y,
+                wide,
+                high,
+                least,
+                count - 1.0 - begin,
+                last,
+                beside,
+                AHEAD,
+            )
+            for i in range(begin, end, LANES):
+                k = index((i - begin) // LANES)
+                size, next_size = int64(sizes[k]), int64(sizes[k + index(1)])
+                if abs(size - next_size) <= MOST_APART:
+                    at = first + ((size + next_size) & -2)
+                    both = int64(table[at + 1])
+                    width, height = both & 0xFFFF, both >> 16
+                    ahead = int(moves[k] * width) + int(moves[k + index(LANES)] * height) * (width + 2)
+                    place(
+                        places,
+                        4 * (i - begin),
                         table[at],
-                        both & 0xFFFF,
-                        both >> 16,
+                        width,
+                        height,
                         inverse + inverse_x * i,
                         inverse_x,
                         u + u_x * i,
@@ -134,81 +141,34 @@ def look_up_run(
                         v + v_x * i,
                         v_x,
                         least,
-                        red_light,
-                        green_light,
-                        blue_light,
-                        strip,
-                        slot + i,
+                        texels,
                         ahead,
                     )
                 else:
-                    look_up_8(
-                        texels,
-                        table[at],
-                        both & 0xFFFF,
-                        both >> 16,
+                    place_each(
+                        places,
+                        4 * (i - begin),
+                        table,
+                        first,
+                        last,
                         inverse + inverse_x * i,
                         inverse_x,
+                        inverse_y,
                         u + u_x * i,
                         u_x,
+                        u_y,
                         v + v_x * i,
                         v_x,
+                        v_y,
+                        wide,
+                        high,
                         least,
-                        red_light,
-                        green_light,
-                        blue_light,
-                        strip,
-                        slot + i,
-                        ahead,
                     )
-            elif count - i > 8:
-                look_up_each_16(
-                    texels,
-                    table,
-                    first,
-                    last,
-                    inverse + inverse_x * i,
-                    inverse_x,
-                    inverse_y,
-                    u + u_x * i,
-                    u_x,
-                    u_y,
-                    v + v_x * i,
-                    v_x,
-                    v_y,
-                    wide,
-                    high,
-                    least,
-                    red_light,
-                    green_light,
-                    blue_light,
-                    strip,
-                    slot + i,
-                )
-            else:
-                look_up_each_8(
-                    texels,
-                    table,
-                    first,
-                    last,
-                    inverse + inverse_x * i,
-                    inverse_x,
-                    inverse_y,
-                    u + u_x * i,
-                    u_x,
-                    u_y,
-                    v + v_x * i,
-                    v_x,
-                    v_y,
-                    wide,
-                    high,
-                    least,
-                    red_light,
-                    green_light,
-                    blue_light,
-                    strip,
-                    slot + i,
-                )
+            for i in range(begin, end - 8, LANES):
+                look_up_16(texels, places, 4 * (i - begin), lights, strip, slot + i)
+            if 0 < (end - begin) % LANES <= 8:
+                i = (end - 1) & -LANES
+                look_up_8(texels, places, 4 * (i - begin), lights, strip, slot + i)
     if not even:
         red = plane[12] * px + (plane[13] * py + plane[14])
         green = plane[15] * px + (plane[16] * py + plane[17])

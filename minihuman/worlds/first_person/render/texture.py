@@ -16,6 +16,7 @@ from minihuman.worlds.lanes import Array, vector
 U32 = NDArray[np.uint32]
 
 LANES = 16  # pixels at once; half of them where no more are wanted
+BLOCK = LANES * (LANES - 1)  # pixels whose places in a texture are found before any is looked up
 MOST_SIZES = 48  # of a texture: more than four for each halving of 2047 texels a side
 WHITE = 0xFFFFFF
 
@@ -39,22 +40,23 @@ def _seen(
     return far, right, up
 
 
-def _fitting(
+def _ways(
     do: Any,
     count: int,
     seen: tuple[Any, Any, Any],
     inverse: tuple[float, float, float],
     u: tuple[float, float, float],
     v: tuple[float, float, float],
-    wide: float,
-    high: float,
-    last: int,
-) -> Any:
+) -> list[Any]:
+    """How far a pixel goes in the texture over ``far``: across by a pixel right and one down, and upwards by them."""
+    _, right, up = seen
+    by = do.single(inverse[1], count), do.single(inverse[2], count)
+    return [do.single(each[k + 1], count) - at * by[k] for each, at in ((u, right), (v, up)) for k in (0, 1)]
+
+
+def _fitting(do: Any, count: int, far: Any, ways: Sequence[Any], wide: float, high: float, last: int) -> Any:
     """The number of the size of a texture that fits: the last of which a pixel covers a texel, by its longer way."""
-    far, right, up = seen
-    by_x, by_y = do.single(inverse[1], count), do.single(inverse[2], count)
-    across = do.larger(do.size(do.single(u[1], count) - right * by_x), do.size(do.single(u[2], count) - right * by_y))
-    along = do.larger(do.size(do.single(v[1], count) - up * by_x), do.size(do.single(v[2], count) - up * by_y))
+    across, along = (do.larger(do.size(ways[k]), do.size(ways[k + 1])) for k in (0, 2))
     covered = do.larger(across * do.single(wide, count), along * do.single(high, count)) * far
     square = covered * covered
     # the power of two in the fourth power counts quarters of a halving
@@ -80,8 +82,13 @@ def fit(
     least: float,
     most: float,
     last: int,
+    beside: float,
+    below: float,
 ) -> None:
     """Find which size of its texture fits a face at every sixteenth pixel of a row, sixteen times.
+
+    After the sizes' numbers stand, as float32, how far in the texture it is to the pixel so many ``beside`` and
+    ``below``: in repeats, from left to right sixteen times, then upwards.
 
     Args:
         do: the operations.
@@ -101,111 +108,112 @@ def fit(
         least: the least nearness; beyond a face's edge it may reach nonsense.
         most: how many pixels follow the first; what is beyond them is like the last.
         last: the number of the smallest size.
+        beside: see above.
+        below: see above.
     """
     ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
     steps = do.smaller(do.steps(LANES) * float(LANES), do.single(most, LANES))
     seen = _seen(do, steps, LANES, least, *ways)
-    do.store(sizes, 0, _fitting(do, LANES, seen, *ways, wide, high, last))
+    changes = _ways(do, LANES, seen, *ways)
+    do.store(sizes, 0, _fitting(do, LANES, seen[0], changes, wide, high, last))
+    for k in (0, 2):
+        moved = (changes[k] * do.single(beside, LANES) + changes[k + 1] * do.single(below, LANES)) * seen[0]
+        do.store(sizes, (1 + k // 2) * LANES, do.bits(moved))
 
 
-def _look_up(count: int) -> Any:
-    def look_up(
-        do: Any,
-        texels: Array,
-        offset: int,
-        width: int,
-        height: int,
-        inverse: float,
-        inverse_x: float,
-        u: float,
-        u_x: float,
-        v: float,
-        v_x: float,
-        least: float,
-        red: int,
-        green: int,
-        blue: int,
-        out: Array,
-        slot: int,
-        ahead: int,
-    ) -> None:
-        """Write down the colours that neighbours in a row have by one size of a face's texture, and by its light.
-
-        The size's texels begin at ``offset``. The light is 0 to 65536 for each channel. Colours go into ``out`` from
-        ``slot`` on. Texels that are ``ahead`` of those will soon be needed too. For the others see `fit`.
-        """
-        ways = (inverse, inverse_x, 0.0), (u, u_x, 0.0), (v, v_x, 0.0)
-        _, right, up = _seen(do, do.steps(count), count, least, *ways)
-        size = [do.fixed(each, count) for each in (offset, width, height)]
-        do.store(out, slot, _lit(do, count, texels, right, up, size, (red, green, blue), ahead))
-
-    return vector()(look_up)
-
-
-def _look_up_each(count: int) -> Any:
-    def look_up_each(
-        do: Any,
-        texels: Array,
-        table: Array,
-        first: int,
-        last: int,
-        inverse: float,
-        inverse_x: float,
-        inverse_y: float,
-        u: float,
-        u_x: float,
-        u_y: float,
-        v: float,
-        v_x: float,
-        v_y: float,
-        wide: float,
-        high: float,
-        least: float,
-        red: int,
-        green: int,
-        blue: int,
-        out: Array,
-        slot: int,
-    ) -> None:
-        """Write them down where each has a size of its own; the texture's are in the table from ``first`` on."""
-        ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
-        seen = _seen(do, do.steps(count), count, least, *ways)
-        number = _fitting(do, count, seen, *ways, wide, high, last)
-        offset, both = do.pairs(table, do.fixed(first, count) + number + number)
-        size = [offset, both & 0xFFFF, both >> 16]
-        do.store(out, slot, _lit(do, count, texels, *seen[1:], size, (red, green, blue)))
-
-    return vector()(look_up_each)
-
-
-def _lit(
+@vector()
+def place(
     do: Any,
-    count: int,
+    places: Array,
+    at: int,
+    offset: int,
+    width: int,
+    height: int,
+    inverse: float,
+    inverse_x: float,
+    u: float,
+    u_x: float,
+    v: float,
+    v_x: float,
+    least: float,
     texels: Array,
-    right: Any,
-    up: Any,
-    size: Sequence[Any],
-    light: tuple[Any, Any, Any],
-    ahead: Any = None,
-) -> Any:
+    ahead: int,
+) -> None:
+    """Write down where neighbours in a row are found in one size of a face's texture, whose texels begin at ``offset``.
+
+    Texels that are ``ahead`` of those will soon be needed too. For the others see `fit`.
+    """
+    ways = (inverse, inverse_x, 0.0), (u, u_x, 0.0), (v, v_x, 0.0)
+    _, right, up = _seen(do, do.steps(LANES), LANES, least, *ways)
+    size = [do.fixed(each, LANES) for each in (offset, width, height)]
+    found = _place(do, places, at, right, up, size)
+    do.fetch(texels, found, ahead)
+
+
+@vector()
+def place_each(
+    do: Any,
+    places: Array,
+    at: int,
+    table: Array,
+    first: int,
+    last: int,
+    inverse: float,
+    inverse_x: float,
+    inverse_y: float,
+    u: float,
+    u_x: float,
+    u_y: float,
+    v: float,
+    v_x: float,
+    v_y: float,
+    wide: float,
+    high: float,
+    least: float,
+) -> None:
+    """Write it down where each has a size of its own; the texture's are in the table from ``first`` on."""
+    ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
+    seen = _seen(do, do.steps(LANES), LANES, least, *ways)
+    number = _fitting(do, LANES, seen[0], _ways(do, LANES, seen, *ways), wide, high, last)
+    offset, both = do.pairs(table, do.fixed(first, LANES) + number + number)
+    _place(do, places, at, *seen[1:], [offset, both & 0xFFFF, both >> 16])
+
+
+def _place(do: Any, places: Array, at: int, right: Any, up: Any, size: Sequence[Any]) -> Any:
     offset, width, height = size
     # half a texel less, for texels are known at their middles; one more, for the ring around them
     x = do.cut((right - do.floor(right)) * (do.short(width) * 256.0)) + 128
     y = do.cut((up - do.floor(up)) * (do.short(height) * 256.0)) + 128
     row = width + 2
-    at = offset + (x >> 8) + (y >> 8) * row
+    found = offset + (x >> 8) + (y >> 8) * row
     right, up = x & 255, y & 255
-    a, b = do.pairs(texels, at)
-    c, d = do.pairs(texels, at + row)
-    if ahead is not None:
-        do.fetch(texels, at, ahead)
-    share = do.halves(right | right << 16), do.halves(up | up << 16)
-    others = [do.halves(each & _OTHERS) for each in (a, b, c, d)]
-    greens = [do.halves(each) >> 8 for each in (a, b, c, d)]
-    red, green, blue = light
-    two = _under(do, count, _between(others, *share), _pair(red >> 8, blue >> 8), _pair(red & 255, blue & 255))
-    one = _under(do, count, _between(greens, *share), green >> 8, green & 255)
-    return do.wholes(two >> 8) | (do.wholes(one) & 0xFF00)
+    for nth, each in enumerate((found, found + row, right | right << 16, up | up << 16)):
+        do.store(places, at + nth * LANES, each)
+    return found
+
+
+@vector()
+def light(do: Any, lights: Array, red: int, green: int, blue: int) -> None:
+    """Write down a light of 0 to 65535 for each channel."""
+    for nth, each in enumerate((red | blue << 16, green)):
+        do.store(lights, nth * LANES, do.fixed(each, LANES))
+
+
+def _look_up(count: int) -> Any:
+    def look_up(do: Any, texels: Array, places: Array, at: int, lights: Array, out: Array, slot: int) -> None:
+        """Write down the colours that are found at some places, under a light that was written down."""
+        a, b = do.pairs_at(texels, places, at, count)
+        c, d = do.pairs_at(texels, places, at + LANES, count)
+        share = [do.halves(do.load(places, at + nth * LANES, count)) for nth in (2, 3)]
+        others = [do.halves(each & _OTHERS) for each in (a, b, c, d)]
+        greens = [do.halves(each) >> 8 for each in (a, b, c, d)]
+        channels = _between(others, *share), _between(greens, *share)
+        # rounded; a channel has 0 to 255 above eight bits of no meaning, before and after
+        by = [do.halves(do.load(lights, nth * LANES, count)) for nth in (0, 1)]
+        two, one = (do.upper((each + 128) & 0xFF00, light) + 128 for each, light in zip(channels, by, strict=True))
+        do.store(out, slot, do.wholes(two >> 8) | (do.wholes(one) & 0xFF00))
+
+    return vector()(look_up)
 
 
 def _between(corners: Sequence[Any], right: Any, up: Any) -> Any:
@@ -216,19 +224,7 @@ def _between(corners: Sequence[Any], right: Any, up: Any) -> Any:
     return low * (256 - up) + high * up
 
 
-def _pair(low: Any, high: Any) -> Any:
-    return low | high << 16
-
-
-def _under(do: Any, count: int, channel: Any, light: Any, more_light: Any) -> Any:
-    """A channel of 0 to 65280 under a light of 1/256 and one of 1/65536, times 256, rounded."""
-    light, more_light = (do.halves(do.fixed(each, count)) for each in (light, more_light))
-    channel = (channel + 128) >> 8
-    return channel * light + ((channel * more_light) >> 8) + 128
-
-
 look_up_8, look_up_16 = _look_up(8), _look_up(16)
-look_up_each_8, look_up_each_16 = _look_up_each(8), _look_up_each(16)
 
 
 @vector()
