@@ -248,7 +248,10 @@ def _end(segment: _Segment, so_far: Sequence[_Segment], *, finished: bool) -> It
             yield f"metadata {topics.END_METADATA}: {name} {end.get(name)!r}, by the messages {value!r}"
     if end.get("clean") not in ("true", "false") or (end.get("clean") == "true" and not ended):
         yield f"metadata {topics.END_METADATA}: clean {end.get('clean')!r}, but the segment says no end"
-    if (stopped := end.get("stopped", "")) and not stopped.startswith("cut off"):
+    stopped = end.get("stopped", "")
+    if stopped.startswith(topics.FINISHED_LOG_WAS):
+        yield stopped
+    elif stopped and not stopped.startswith("cut off"):
         yield f"its live file was damaged: {stopped}"
 
 

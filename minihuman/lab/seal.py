@@ -61,7 +61,8 @@ def seal(study: Path) -> Seal:
     """
     files = _digests(study)
     if not files:
-        raise LogError(f"{study} is no folder with files in it; name a study's folder")
+        wrong = "is no folder with files in it" if study.exists() else "does not exist"
+        raise LogError(f"{study} {wrong}; name a study's folder")
     made = Seal(_digest(files), files)
     unfinished = study / _UNFINISHED
     with unfinished.open("wb") as file:

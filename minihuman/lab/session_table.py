@@ -46,7 +46,8 @@ def sessions(study: Path) -> Iterator[SessionRow]:
         LogError: if the folder does not exist.
     """
     if not study.is_dir():
-        raise LogError(f"{study} is not a folder; name a study's folder, or a session log's own")
+        wrong = "is not a folder" if study.exists() else "does not exist"
+        raise LogError(f"{study} {wrong}; name a study's folder, or a session log's own")
     with closing(_Table(study)) as table:
         after = ""
         while page := table.page(after):  # no page is open while a caller works on its rows

@@ -15,6 +15,7 @@ from google.protobuf.message import Message
 
 from minihuman.log.names import END_METADATA as END_METADATA
 from minihuman.log.names import FACTS_METADATA as FACTS_METADATA
+from minihuman.log.names import FINISHED_LOG_WAS as FINISHED_LOG_WAS
 from minihuman.log.names import MISSING_METADATA as MISSING_METADATA
 from minihuman.log.names import PROFILE as PROFILE
 from minihuman.log.names import REPAIRED_METADATA as REPAIRED_METADATA

@@ -119,14 +119,14 @@ def test_every_command_names_what_it_cannot_read_does_the_rest_and_changes_no_lo
         assert re.search(r"one of 2 logs of this session.*damaged\.mcap", result.output)
     for name in ("damaged", "empty", "foreign", "half")[command == "status" :]:
         assert re.search(
-            rf"{name}\.mcap.*(damaged|never finished|not a session log|cut off|1 of sub-02)", result.output
+            rf"{name}\.mcap.*(damaged|is empty|not a session log|cut off|1 of sub-02)", result.output
         )
     assert done(result.output)
     assert {path: path.read_bytes() for path in spoiled.rglob("*.mcap")} == logs
 
 
 def test_a_replay_of_nothing_that_can_be_read_is_an_error(app, spoiled, tmp_path):
-    with pytest.raises(LogError, match=r"nothing to show|never finished|cut off"):
+    with pytest.raises(LogError, match=r"nothing to show|is empty|cut off"):
         run(app, "replay", spoiled / "bad" / "half.mcap", "--save", tmp_path / "none.rrd")
 
 

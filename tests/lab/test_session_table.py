@@ -127,7 +127,7 @@ def test_unreadable_logs_are_named_with_their_reason_and_the_rest_is_read(tmp_pa
     rows = {row.path: row for row in sessions(tmp_path)}
     assert rows[good].summary is not None
     assert "is cut off at byte" in rows[cut].problem
-    assert "never finished" in rows[tmp_path / "empty.mcap"].problem
+    assert "is empty" in rows[tmp_path / "empty.mcap"].problem
     assert "is not a session log" in rows[tmp_path / "foreign.mcap"].problem
     assert all(rows[path].summary is None for path in rows if path != good)
 
@@ -194,5 +194,8 @@ def test_a_study_of_ten_thousand_sessions_takes_no_more_memory_than_a_small_one(
 
 
 def test_a_folder_that_does_not_exist_is_said(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="is not a folder"):
+    with pytest.raises(LogError, match="none does not exist; name a study's folder"):
         list(sessions(tmp_path / "none"))
+    (tmp_path / "file").touch()
+    with pytest.raises(LogError, match="file is not a folder; name a study's folder"):
+        list(sessions(tmp_path / "file"))

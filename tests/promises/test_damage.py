@@ -1,5 +1,6 @@
 """Damage costs what it hits: every flipped bit of a log is noticed, and all that it did not hit is recovered."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,11 @@ from mcap.opcode import Opcode
 
 from minihuman.data.opened import worth_reading
 from minihuman.errors import LogError, LossError
+from minihuman.lab.proofs import proofs
 from minihuman.log import topics
 from minihuman.log.paths import MAGIC
 from minihuman.log.read.chunk import HEAD, Messages
+from minihuman.log.read.glance import glance
 from minihuman.log.read.open_log import open_log, read_events
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.finish import repair
@@ -100,6 +103,34 @@ def test_a_flipped_bit_of_what_a_log_says_first_leaves_it_out_in_one_line(log: P
         open_log(copy)
 
 
+def test_a_finished_log_that_is_cut_short_lost_something_and_every_look_at_it_says_so(
+    log: Path, tmp_path: Path
+) -> None:
+    """A copy that broke off: what is left is kept, and nothing of it is then said to be wrong in itself."""
+    copy = tmp_path / log.name
+    copy.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    became = repair(copy)
+    assert became.damaged
+    assert "ended: cut_off; the file was cut off at byte " in became.line()
+    assert became.line().endswith(f"; it is kept as it was found: {copy}.as-found-1")
+    assert 0 < became.steps < sum(len(episode.actions) for episode in open_log(log).episodes)
+    lines = list(proofs(copy))
+    assert [fine for _, fine in lines] == [False]
+    assert re.fullmatch(r"segment 1: the finished log was cut off at byte \d+", lines[0][0])
+
+
+def test_a_finished_log_that_lost_its_end_only_still_says_how_it_ended(log: Path, tmp_path: Path) -> None:
+    copy = tmp_path / log.name
+    whole = log.read_bytes()
+    copy.write_bytes(whole[: _end_facts(whole).start])
+    assert repair(copy).end_reason == "complete"
+    [end], [before] = _ends(copy), _ends(log)
+    assert (end["clean"], before["clean"]) == ("false", "true")
+    assert end["stopped"].startswith("the finished log was cut off at byte ")
+    for name in ("reason", "steps", "last_message", "planned", "completed", "lasted_ns"):
+        assert end[name] == before[name], name
+
+
 @pytest.mark.long
 def test_a_flipped_bit_of_a_live_log_ends_as_a_failed_check(tmp_path: Path) -> None:
     plan = session_plan(episodes=2)
@@ -138,6 +169,13 @@ def _heads(log: bytes) -> list[int]:
         opcode, length = HEAD.unpack_from(log, at)
         at += HEAD.size + length
     return heads
+
+
+def _ends(log: Path) -> tuple[dict[str, str], ...]:
+    """What a log's summary says of its segments' ends."""
+    found = glance(log)
+    assert found is not None
+    return found.ends
 
 
 def _end_facts(log: bytes) -> range:

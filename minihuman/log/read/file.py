@@ -63,9 +63,8 @@ class Reading:
         self.damage, self.missing = scan.damage, scan.missing
         holed = {str(gap.segment) for gap in scan.declared}
         self.ends = [end | {"clean": "false"} if end["segment"] in holed else end for end in self.ends]
-        if not self.path.name.endswith(PART_SUFFIX) and (scan.damage or not scan.finished):
-            reason = scan.damage or "never finished"
-            raise LogError(f"{self.path} is {reason}; to keep what is whole, run: minihuman recover {self.path}")
+        if not self.path.name.endswith(PART_SUFFIX) and (lacks := scan.unfinished):
+            raise LogError(f"{self.path} is {lacks}; to keep what is whole, run: minihuman recover {self.path}")
 
     def events(self) -> Iterator[Event]:
         """Yield every event in the order it was recorded.

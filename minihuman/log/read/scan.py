@@ -101,6 +101,14 @@ class Scan:
         missing = [f"without messages {gap.first} to {gap.last}" for gap in self.missing if gap not in self.declared]
         return "; ".join([*gaps, *missing, *([self.stopped] if self.stopped else [])])
 
+    @property
+    def unfinished(self) -> str:
+        """What a finished log lacks, in words; "" if it is whole."""
+        if self.damage or self.finished:
+            return self.damage
+        size = self.path.stat().st_size  # it ends where a record does, and reading met nothing wrong
+        return f"cut off at byte {size}" if size else "empty"
+
     def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
         for record in self.records():
             if isinstance(record, Messages):

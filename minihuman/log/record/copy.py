@@ -15,6 +15,7 @@ from minihuman.log.encode import for_viewers
 from minihuman.log.kinds import TRUTHS
 from minihuman.log.read.chunk import LogMessage
 from minihuman.log.read.scan import Missing, Scan
+from minihuman.recorded.episode import CUT_OFF
 from minihuman.study.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
 
 NOT_COUNTED = 0  # the sequence of a message that only repeats another for viewers
@@ -33,14 +34,14 @@ class Copy:
         self.chain = Chain()
         self.starts: list[dict[str, str]] = []  # the segments' metadata
         self.ends: list[dict[str, str]] = []
-        self.counts: Counter[str] = Counter()  # messages a topic, of the last file copied
-        self.total: Counter[str] = Counter()  # of all files
-        self.end_reason = ""  # of the last file copied; "" if it holds none
-        self.last_sequence = 0  # of the last file copied
+        self.counts: Counter[str] = Counter()  # messages a topic, of the last segment copied
+        self.total: Counter[str] = Counter()  # of all segments
+        self.end_reason = ""  # of the last segment copied; "" if it holds none
+        self.last_sequence = 0  # of the last segment copied
         self.planned = 0  # episodes of the session
-        self.skipped = 0  # of them, in all files copied: a criterion was met, or the time was up
-        self.completed: set[int] = set()  # of them, in all files copied: with an outcome other than abandoned
-        self.lasted_ns = 0  # from the last file's first message to its last
+        self.skipped = 0  # of them, in all segments copied: a criterion was met, or the time was up
+        self.completed: set[int] = set()  # of them, in all segments copied: with an outcome other than abandoned
+        self.lasted_ns = 0  # from the last segment's first message to its last
         self._first_ns = 0
         self._writer = writer
         self._schemas: dict[tuple[str, bytes], int] = {}
@@ -55,9 +56,6 @@ class Copy:
 
     def all_of(self, scan: Scan, *, draw: bool = False) -> None:
         """Copy every record that the scan finds; add what viewers draw, unless the file has it already."""
-        self.counts.clear()
-        self.end_reason, self.last_sequence = "", 0
-        self.lasted_ns = self._first_ns = 0
         self._started_ns, self._draw = None, draw
         for record in scan:
             match record:
@@ -83,6 +81,9 @@ class Copy:
         self._writer.add_metadata(record.name, record.metadata)
         if name == topics.SEGMENT_METADATA:
             self.starts.append(record.metadata)
+            self.counts.clear()
+            self.end_reason, self.last_sequence = "", 0
+            self.lasted_ns = self._first_ns = 0
         elif name == topics.END_METADATA:
             self.ends.append(record.metadata)
 
@@ -91,9 +92,20 @@ class Copy:
         for gap in gaps:
             self.metadata(topics.MISSING_METADATA, {"segment": gap.segment, "first": gap.first, "last": gap.last})
 
-    def end(self, facts: Mapping[str, object]) -> None:
+    def end(self, segment: int, **facts: object) -> None:
         """Say how a segment ended; the head of the chain goes with it."""
-        self.metadata(topics.END_METADATA, facts, sealed=True)
+        self.metadata(topics.END_METADATA, {"segment": segment} | facts, sealed=True)
+
+    def told(self) -> dict[str, object]:
+        """What the messages of the last segment copied say of its end."""
+        return {
+            "reason": self.end_reason or CUT_OFF,
+            "steps": self.counts[topics.STEP],
+            "last_message": self.last_sequence,
+            "planned": self.planned - self.skipped,
+            "completed": len(self.completed),
+            "lasted_ns": self.lasted_ns,
+        }
 
     def _attachment(self, record: Attachment) -> None:
         if (record.name, record.data) in self._attachments:
@@ -112,9 +124,9 @@ class Copy:
             return
         if topic == topics.PLAN:
             self._start(message, schema)
+        self._write_head()
         if topic in TRUTHS:
             self.last_sequence = message.sequence
-        self._write_head()
         self._for_viewers(message)
         self._add(message, schema)
         if topic == topics.PLAN or (topic == topics.EPISODE_END and self._chunk_bytes > EPISODE_BYTES):

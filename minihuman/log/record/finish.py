@@ -52,11 +52,13 @@ class Finished:
     messages: int = 0  # of this segment that hold the truth
     aside: Path | None = None  # where the live file was kept as it was found, if it was not whole
     chain: str = ""  # the head of the log's hash chain
+    was_finished: bool = False  # a finished log, made again: what it lacks was there once
 
     @property
     def damaged(self) -> bool:
-        """Whether something in it was harmed; a last write that a cut tore is not."""
-        return bool(self.stopped) and self.readable and not self.stopped.startswith("cut off")
+        """Whether something in it was harmed; a live file's last write that a cut tore is not."""
+        torn = self.stopped.startswith("cut off") and not self.was_finished
+        return bool(self.stopped) and self.readable and not torn
 
     def line(self) -> str:
         """Say it in one line."""
@@ -140,11 +142,14 @@ def _repaired(log: Path) -> Finished:
             copy.all_of(scan)
             segments = {int(facts["segment"]) for facts in copy.starts}
             if not segments:
-                raise LogError(f"{log} is {scan.damage or 'empty'}: no session plan is left in it; it stays as it is")
+                raise LogError(f"{log} is {scan.unfinished}: no session plan is left in it; move it out of its study")
+            lacks = scan.unfinished
             copy.missing(gap for gap in scan.missing if gap not in scan.declared)
+            last = int(copy.starts[-1]["segment"])
             for segment in sorted(segments - {int(facts["segment"]) for facts in copy.ends if "segment" in facts}):
-                copy.end({"segment": segment, "reason": CUT_OFF, "clean": False, "stopped": scan.damage})
-            copy.metadata(topics.REPAIRED_METADATA, {"damage": scan.damage})
+                told = copy.told() if segment == last else {"reason": CUT_OFF}
+                copy.end(segment, **told, clean=False, stopped=f"{topics.FINISHED_LOG_WAS}{lacks}")
+            copy.metadata(topics.REPAIRED_METADATA, {"damage": lacks})
         aside = _put_aside(log, "as-found", linked=True)
         os.replace(temporary, log)
         sync_folder(log.parent)
@@ -153,7 +158,8 @@ def _repaired(log: Path) -> Finished:
     finally:
         temporary.unlink(missing_ok=True)
     steps, episodes = copy.total[topics.STEP], copy.total[topics.EPISODE_START]
-    return Finished(log, True, steps, episodes, copy.end_reason or CUT_OFF, scan.damage, aside=aside)
+    ended = copy.end_reason or CUT_OFF
+    return Finished(log, True, steps, episodes, ended, lacks, aside=aside, was_finished=True)
 
 
 def leftovers(folder: Path) -> list[Path]:
@@ -167,35 +173,25 @@ def _rewrite(where: SegmentPath, target: Path, *, with_log: bool, clean: bool, p
             copy.all_of(Scan(where.log))
         part = Scan(where.part)
         copy.all_of(part, draw=True)
-        end_reason = copy.end_reason or CUT_OFF
         messages = sum(count for topic, count in copy.counts.items() if topic in TRUTHS)
         damage = part.damage
         if promised is not None and not damage and (messages, part.crc) != (promised.messages, promised.crc):
             damage = "not what was written"
-        facts = {
-            "segment": where.segment,
-            "reason": end_reason,
-            "clean": clean and not damage,
-            "steps": copy.counts[topics.STEP],
-            "last_message": copy.last_sequence if promised is None else promised.messages,
-            "stopped": damage,
-            "planned": copy.planned - copy.skipped,
-            "completed": len(copy.completed),
-            "lasted_ns": copy.lasted_ns,
-        }
+        facts = copy.told() | {"clean": clean and not damage, "stopped": damage}
         if promised is not None:
             facts |= {
+                "last_message": promised.messages,
                 "late_writes": promised.late_writes,
                 "longest_wait_ms": round(1e3 * promised.longest_wait_s),
             }
         copy.missing(part.missing)
-        copy.end(facts)
+        copy.end(where.segment, **facts)
     return Finished(
         path=where.log,
         readable=True,
         steps=copy.counts[topics.STEP],
         episodes=copy.counts[topics.EPISODE_START],
-        end_reason=end_reason,
+        end_reason=copy.end_reason or CUT_OFF,
         stopped=damage,
         messages=messages,
         chain=copy.chain.head,

@@ -34,7 +34,8 @@ class RunningSessions:
 
     def __init__(self, study_dir: Path) -> None:
         if not study_dir.is_dir():
-            raise LogError(f"{study_dir} is not a folder; name a study's folder")
+            wrong = "is not a folder" if study_dir.exists() else "does not exist"
+            raise LogError(f"{study_dir} {wrong}; name a study's folder")
         self._study_dir = study_dir
         self._watched: dict[str, _Watched] = {}
         self._parts = Seldom(lambda: sorted(study_dir.rglob(f"*{PART_SUFFIX}")))
