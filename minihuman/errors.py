@@ -1,8 +1,11 @@
 """What can go wrong that a user can put right. Bugs stay asserts and tracebacks."""
 
+import errno
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from os import PathLike, fspath
+from os import PathLike, fspath, strerror
+
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 @contextmanager
@@ -17,6 +20,21 @@ def naming(path: PathLike[str]) -> Iterator[None]:
     except OSError as error:
         if error.filename is None:
             error.filename = fspath(path)
+        raise
+
+
+@contextmanager
+def room_for(out: PathLike[str]) -> Iterator[None]:
+    """Let an error of a full disk name what was to be written: libraries name nothing, or what they copied from.
+
+    Raises:
+        OSError: as what was raised, with the output's name.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _NO_ROOM:
+            raise OSError(error.errno, strerror(error.errno), fspath(out)) from error
         raise
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from minihuman.cli.choosing import choosing, say
 from minihuman.cli.declared import Argument, Option
+from minihuman.errors import room_for
 
 if TYPE_CHECKING:
     from typer import Typer
@@ -41,7 +42,7 @@ def export(
 
     from minihuman.export.run import export as run
 
-    with Console(stderr=True).status("exporting") as status:
+    with Console(stderr=True).status("exporting") as status, room_for(out):
         written, card = run(
             format_name,
             source,

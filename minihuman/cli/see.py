@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from minihuman.cli.choosing import choosing, say
 from minihuman.cli.declared import Argument, Option
+from minihuman.errors import room_for
 
 if TYPE_CHECKING:
     from typer import Typer
@@ -66,8 +67,9 @@ def plot(
     from minihuman.figures.gallery import draw_all
 
     sessions = Sessions(source, selection)
-    for path in draw_all(sessions, out, each=each):
-        print(path, flush=True)
+    with room_for(out):
+        for path in draw_all(sessions, out, each=each):
+            print(path, flush=True)
     say(sessions.account.lines())
 
 
@@ -104,8 +106,9 @@ def report(
     from minihuman.report.build import build
 
     sessions = Sessions(study, selection)
-    for path in build(sessions, out):
-        print(path, flush=True)
+    with room_for(out):
+        for path in build(sessions, out):
+            print(path, flush=True)
     say(sessions.account.lines())
 
 

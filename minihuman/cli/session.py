@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from minihuman.cli.declared import Argument, Option
 from minihuman.cli.waiting import waiting
-from minihuman.errors import printable
+from minihuman.errors import printable, room_for
 
 if TYPE_CHECKING:
     from typer import Typer
@@ -130,7 +130,7 @@ def check(
     if pictures is not None:
         from minihuman.seats.screens import save_screens
 
-        with waiting("drawing every screen"):
+        with waiting("drawing every screen"), room_for(pictures):
             drawn = list(save_screens(plan, pictures))
         print(f"{len(drawn) - 1} screens in {pictures}; all at a glance in {drawn[-1]}")
     if preregistration is not None:

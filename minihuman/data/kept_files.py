@@ -7,6 +7,7 @@ taken is what is compared. So others may write here meanwhile, and at worst noth
 import hashlib
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -58,8 +59,10 @@ class KeptFiles:
             shutil.copyfile(written, kept)
             unfinished.write_bytes(msgspec.json.encode(_Note(self._made_of, of, _sha256(kept))))
             os.replace(unfinished, note)
-        except OSError:
-            return
+        except OSError:  # a full disk, most likely: it is not to be filled by half a copy
+            for left in (kept, unfinished):
+                with suppress(OSError):
+                    left.unlink(missing_ok=True)
 
     def _places(self, name: str) -> tuple[Path, Path]:
         return self._folder / name, self._folder / f"{name}.json"

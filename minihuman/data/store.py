@@ -2,7 +2,8 @@
 
 It is a cache: whenever it is asked it is first brought up to date, by comparing the sizes and times of logs and marks,
 and it may be deleted at any time. What it holds is what the default selection says of every session; for another
-selection, or where the file cannot be written or is another process's, the same tables are made in a temporary file.
+selection, or where the file cannot be written, for want of room or of leave, or is another process's, the same tables
+are made in a temporary file.
 """
 
 import hashlib
@@ -30,7 +31,7 @@ from minihuman.data.rows import Rows
 from minihuman.data.selection import Selection
 from minihuman.data.study import SessionRows, Sessions, read_rows
 from minihuman.data.table_file import OfAnotherVersionError, TableFile, made_by
-from minihuman.errors import LogError
+from minihuman.errors import LogError, StoreError
 
 _TOGETHER = 256  # sessions put in at once: half the work of 64, as whole pieces of the file are written at once
 
@@ -66,6 +67,7 @@ class Store:
 
     Raises:
         LogError: if there is no such file or folder, or it is a single log that cannot be read.
+        StoreError: if there is no room for the tables, beside the study or among the temporary files.
     """
 
     def __init__(self, sessions: Sessions, *, with_shortest: bool) -> None:
@@ -80,7 +82,18 @@ class Store:
         try:
             for one in skipped:
                 sessions.skip(one)
-            self._refresh({_key(path, sessions.source): path for path in paths})
+            now = {_key(path, sessions.source): path for path in paths}
+            try:
+                self._refresh(now)
+            except duckdb.Error:
+                if self._temporary is not None:
+                    raise
+                self.tables.close()
+                self.tables = self._aside()
+                self._refresh(now)
+        except duckdb.Error as error:
+            self.close()
+            raise _no_room(sessions.source, error) from error
         except BaseException:
             self.close()
             raise
@@ -111,18 +124,24 @@ class Store:
         """The study's own file if it can hold what is asked for, else one that goes away."""
         own = self._sessions.source / FILE_NAME
         if self._sessions.selection == Selection() and own.parent.is_dir():
-            try:
-                return TableFile(own)
-            except OfAnotherVersionError:
-                own.unlink()
-                return TableFile(own)
-            except duckdb.IOException:  # another process has it, or the folder may not be written
-                pass
-            except duckdb.Error:  # cut off, or no such file at all
-                own.unlink()
-                return TableFile(own)
+            for _ in ("as it is", "anew"):
+                try:
+                    return TableFile(own)
+                except duckdb.IOException:  # another process has it, or the folder may not be written
+                    break
+                except (OfAnotherVersionError, duckdb.Error):  # cut off, no such file at all, or there is no room
+                    for file in (own, own.with_name(f"{own.name}.wal")):
+                        file.unlink(missing_ok=True)
+        return self._aside()
+
+    def _aside(self) -> TableFile:
+        """A file that goes away."""
         self._temporary = tempfile.TemporaryDirectory(prefix="minihuman-")
-        return TableFile(Path(self._temporary.name) / FILE_NAME)
+        try:
+            return TableFile(Path(self._temporary.name) / FILE_NAME)
+        except duckdb.Error as error:
+            self._temporary.cleanup()
+            raise _no_room(self._sessions.source, error) from error
 
     def _refresh(self, now: dict[str, Path]) -> None:
         logs = self.tables.connection
@@ -197,6 +216,11 @@ def _kept(one: SessionRows) -> Kept:
 
 def _digest(*facts: object) -> str:
     return hashlib.sha256(msgspec.msgpack.encode(facts)).hexdigest()
+
+
+def _no_room(source: Path, error: duckdb.Error) -> StoreError:
+    why = str(error).splitlines()[0]
+    return StoreError(f"{source}: its tables cannot be made, beside it or in {tempfile.gettempdir()}: {why}")
 
 
 def _key(path: Path, source: Path) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from minihuman.data.caches import is_cache
-from minihuman.errors import LogError
+from minihuman.errors import LogError, naming
 from minihuman.lab.register import note_seal
 from minihuman.lab.register_lines import Sealed, register_of
 from minihuman.lab.shelf import put_away
@@ -65,11 +65,14 @@ def seal(study: Path) -> Seal:
         raise LogError(f"{study} {wrong}; name a study's folder")
     made = Seal(_digest(files), files)
     unfinished = study / _UNFINISHED
-    with unfinished.open("wb") as file:
-        file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
-        file.flush()
-        os.fsync(file.fileno())
-    unfinished.replace(study / FILE_NAME)
+    try:
+        with naming(unfinished), unfinished.open("wb") as file:
+            file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+        unfinished.replace(study / FILE_NAME)
+    finally:
+        unfinished.unlink(missing_ok=True)
     sync_folder(study)
     return made
 

@@ -1,5 +1,8 @@
 """A recording: sessions into a ``.rrd`` file with its layout inside. No world runs unless the view is asked for."""
 
+import errno
+import os
+import shutil
 import uuid
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +16,7 @@ from minihuman.replay.moments import Moments, common_starts
 from minihuman.replay.scene import send_session, send_views, session_root
 
 APPLICATION = "minihuman"
+FIRST_BYTES = 2**20  # rerun waits for ever where a disk has no room for what a recording begins with
 
 
 def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = False) -> Path:
@@ -24,23 +28,35 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
         LogError: if there is no session, or one session twice; or if a world shows something else than was seen, and
             the log holds no pictures.
         WorldError: if a world cannot be run here, and the log holds no pictures.
+        OSError: if the disk is full; then there is no recording.
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
         raise LogError(f"a replay needs different sessions, one or more; these are {roots}")
     aligned_ns = common_starts(logs) if len(logs) > 1 else None
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if shutil.disk_usage(path.parent).free < FIRST_BYTES:
+        raise _full(path)
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(logs))
     with recording:
-        path.parent.mkdir(parents=True, exist_ok=True)
         recording.save(path, default_blueprint=layout(logs, with_view=with_view))
         for log in logs:
             moments = Moments.of(log, aligned_ns=aligned_ns)
             send_session(recording, log, moments)
             if with_view:
                 send_views(recording, log, moments)
-        recording.flush()
+        try:
+            recording.flush()
+        except RuntimeError as error:  # all that is said of a write that failed; the reason is on the terminal
+            recording.disconnect()
+            path.unlink(missing_ok=True)
+            raise _full(path) from error
         recording.disconnect()
     return path
+
+
+def _full(path: Path) -> OSError:
+    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
 def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:

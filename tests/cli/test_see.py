@@ -118,9 +118,7 @@ def test_every_command_names_what_it_cannot_read_does_the_rest_and_changes_no_lo
     if command == "status":  # a glance at both ends: what is damaged between looks like the other copy of its session
         assert re.search(r"one of 2 logs of this session.*damaged\.mcap", result.output)
     for name in ("damaged", "empty", "foreign", "half")[command == "status" :]:
-        assert re.search(
-            rf"{name}\.mcap.*(damaged|is empty|not a session log|cut off|1 of sub-02)", result.output
-        )
+        assert re.search(rf"{name}\.mcap.*(damaged|is empty|not a session log|cut off|1 of sub-02)", result.output)
     assert done(result.output)
     assert {path: path.read_bytes() for path in spoiled.rglob("*.mcap")} == logs
 

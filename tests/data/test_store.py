@@ -4,12 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 
 import duckdb
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from minihuman.cli import export as export_commands
 from minihuman.cli import see
 from minihuman.data import store as the_store
 from minihuman.data import writing
@@ -19,10 +21,12 @@ from minihuman.data.marks import Mark, add_mark
 from minihuman.data.selection import Selection
 from minihuman.data.store import FILE_NAME, Store
 from minihuman.data.study import Sessions
+from minihuman.data.writing import write_tables
 from minihuman.errors import StoreError
 from minihuman.export.run import export
 from minihuman.log.read.open_log import open_log
 from tests.builders import session, write_log
+from tests.disks import fill, read_only, small_disk
 
 
 @pytest.fixture(scope="module")
@@ -123,11 +127,57 @@ def test_the_account_is_the_same_from_the_store_as_from_the_logs(study):
     assert list(sessions.account.lines()) == accounts[0]
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_may_not_be_written_is_read_all_the_same(study):
     expected = by_hand(study)
-    study.chmod(0o555)
-    assert rows(study) == expected
+    if os.geteuid() == 0:  # who may write wherever writing can be done
+        with read_only(study):
+            assert rows(study) == expected
+    else:
+        study.chmod(0o555)
+        assert rows(study) == expected
+    assert not (study / FILE_NAME).exists()
+
+
+@pytest.mark.parametrize("free", [0, 8 * 1024, 64 * 1024, 256 * 1024, 512 * 1024])
+def test_a_study_on_a_full_disk_is_read_all_the_same_and_takes_the_rest_of_it_for_nothing(played, tmp_path, free):
+    with small_disk(tmp_path, 4 * 2**20):
+        study = shutil.copytree(played, tmp_path / "transfer")
+        expected = by_hand(study)
+        fill(tmp_path, but=free)
+        assert rows(study) == expected
+        assert rows(study) == expected
+        with Store(Sessions(study, processes=1), with_shortest=False) as store:
+            write_tables(store.tables, tmp_path.parent / f"{tmp_path.name}-out", kept=store.files)
+        kept = {path.name for path in (study / FILES).glob("*")}
+        assert {name.removesuffix(".json") for name in kept if name.endswith(".json")} == {
+            name for name in kept if not name.endswith(".json")
+        }
+
+
+def test_where_no_disk_has_room_for_the_tables_one_sentence_says_so(played, tmp_path, monkeypatch):
+    with small_disk(tmp_path, 4 * 2**20):
+        study = shutil.copytree(played, tmp_path / "transfer")
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+        fill(tmp_path, but=0)
+        with pytest.raises((StoreError, OSError), match=r"transfer: its tables cannot be made|No space left on device"):
+            rows(study)
+
+
+def test_a_table_that_a_disk_has_no_room_for_is_named(study, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    app = typer.Typer()
+    export_commands.add_to(app)
+    with small_disk(disk, 2**20):
+        fill(disk, but=20 * 1024)
+        for kind in ("csv", "parquet"):
+            result = CliRunner().invoke(app, [kind, str(study), str(disk / "out")])
+            assert isinstance(result.exception, OSError), result.output
+            assert (result.exception.filename, result.exception.strerror) == (
+                str(disk / "out"),
+                "No space left on device",
+            )
+            assert [path.name for path in disk.iterdir()] == ["ballast"]
 
 
 def test_a_query_is_answered_in_lines_or_as_csv_and_changes_nothing(study):

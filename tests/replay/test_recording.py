@@ -10,11 +10,12 @@ from rerun.chunk import RrdReader
 from minihuman.errors import LogError
 from minihuman.replay.facts import facts_page
 from minihuman.replay.moments import ALIGNED, EPISODE, SESSION_TIME, STEP
-from minihuman.replay.recording import save_recording
+from minihuman.replay.recording import FIRST_BYTES, save_recording
 from minihuman.replay.scene import session_root
 from minihuman.replay.viewer import viewer_command
 from minihuman.study.events import KeyPressed, Noted, Paused
 from tests.builders import made, plan, session, session_of
+from tests.disks import fill, small_disk
 
 
 @pytest.fixture(autouse=True)
@@ -180,3 +181,14 @@ def test_the_web_viewer_listens_on_this_machine_only(tmp_path):
     command = viewer_command(tmp_path / "x.rrd", web=True)
     assert command[command.index("--bind") + 1] == "127.0.0.1"
     assert "--web-viewer" in command
+
+
+@pytest.mark.parametrize("free", [0, 30_000, FIRST_BYTES + 4096])
+def test_a_recording_that_a_disk_has_no_room_for_is_named_and_not_there(tmp_path, free):
+    log = session(episodes=60)
+    with small_disk(tmp_path, 4 * 2**20):
+        fill(tmp_path, but=free)
+        with pytest.raises(OSError, match="No space left on device") as raised:
+            save_recording([log, session(participant="sub-02", episodes=60)], tmp_path / "session.rrd")
+        assert raised.value.filename == str(tmp_path / "session.rrd")
+        assert [path.name for path in tmp_path.iterdir()] == ["ballast"]

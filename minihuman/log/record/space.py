@@ -23,6 +23,6 @@ def require_space(folder: Path, episode: EpisodePlan) -> None:
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise LogError(
-            f"{folder} has {free / 2**20:.1f} MiB free; episode {episode.episode} needs {needed / 2**20:.1f} MiB: "
+            f"{folder} has {free / 2**20:.1f} MiB free; episode {episode.episode + 1} needs {needed / 2**20:.1f} MiB: "
             "free some space, or choose another --data"
         )

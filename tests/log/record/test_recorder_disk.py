@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ from minihuman.log.record.live_file import LiveLog
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.space import RESERVE_BYTES
 from minihuman.study.events import Event, Stepped
+from tests.disks import small_disk
 from tests.lab.station import play_until_full, stations
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -235,13 +235,9 @@ def test_a_full_disk_stops_the_recorder_and_keeps_what_was_written(tmp_path: Pat
     _check_kept(tmp_path, durable)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can mount a small tmpfs")
 def test_a_full_tmpfs_stops_the_recorder_and_keeps_what_was_written(tmp_path: Path) -> None:
     size = RESERVE_BYTES + 2**20
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", tmp_path], capture_output=True)
-    if mounted.returncode != 0:
-        pytest.skip(f"no tmpfs can be mounted here: {mounted.stderr.decode().strip()}")
-    try:
+    with small_disk(tmp_path, size):
         recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
         recorder.write(EVENTS[:20])
         recorder.drain()
@@ -254,24 +250,16 @@ def test_a_full_tmpfs_stops_the_recorder_and_keeps_what_was_written(tmp_path: Pa
         _check_kept(tmp_path, recorder.durable_steps, recovering=False)
         (tmp_path / "ballast").unlink()
         _check_kept(tmp_path, recorder.durable_steps)
-    finally:
-        subprocess.run(["umount", tmp_path], check=True)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can mount a small tmpfs")
 def test_an_episode_that_may_not_fit_is_not_begun(tmp_path: Path) -> None:
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2M", "tmpfs", tmp_path], capture_output=True)
-    if mounted.returncode != 0:
-        pytest.skip(f"no tmpfs can be mounted here: {mounted.stderr.decode().strip()}")
-    try:
+    with small_disk(tmp_path, 2 * 2**20):
         recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
-        with pytest.raises(LogError, match=r"MiB free; episode 0 needs 16\.2 MiB: free some space"):
+        with pytest.raises(LogError, match=r"MiB free; episode 1 needs 16\.2 MiB: free some space"):
             recorder.write(EVENTS)
         with pytest.raises(LogError, match="MiB free"):
             recorder.close()
         assert list(read_events(recorder.where.part)) == EVENTS[:3]
-    finally:
-        subprocess.run(["umount", tmp_path], check=True)
 
 
 def _size(events: list[Event]) -> int:
