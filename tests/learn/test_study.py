@@ -9,6 +9,7 @@ from rich.console import Console
 from minihuman.errors import LearnError
 from minihuman.learn.agent.training import Point
 from minihuman.learn.transfer.engines import LocalPool, RayCluster, open_engine
+from minihuman.learn.transfer.figure import curves_figure
 from minihuman.learn.transfer.folder import open_folder, read_results
 from minihuman.learn.transfer.job import Result
 from minihuman.learn.transfer.plan import BASELINE, SOURCE, Cell, Job, Ppo, Study
@@ -107,6 +108,13 @@ def test_the_report_is_written_and_says_where_the_time_goes(results, tmp_path):
     assert len(pd.read_csv(tmp_path / "curves.csv")) == 3 * len(made)
     assert json.loads((tmp_path / "run.json").read_text())["jobs_done"] == len(made)
     assert "QUICK" not in text
+
+
+def test_a_panel_without_a_cell_is_not_drawn():
+    points = pd.DataFrame([(cell, 0, n, 0.5) for cell in (SOURCE, BASELINE, "M") for n in (0, 100)])
+    points.columns = ["cell", "run", "steps", "reward"]
+    axes = curves_figure(TINY, points).axes
+    assert [(ax.get_title(), ax.axison) for ax in axes] == [(SOURCE, True), (BASELINE, True), ("M", True), ("", False)]
 
 
 def test_a_quick_study_says_so_everywhere(results, tmp_path):

@@ -17,7 +17,7 @@ def curves_figure(study: Study, points: pd.DataFrame) -> Figure:
     figure = Figure(figsize=(2.7 * columns, 2.2 * rows + 0.5), layout="constrained")
     quick = "; QUICK, numbers mean nothing" if study.quick else ""
     figure.suptitle(f"Transfer study, {study.protocol}, {study.runs} run(s){quick}", fontsize=11)
-    axes = figure.subplots(rows, columns, squeeze=False, sharey=True).flat
+    axes = list(figure.subplots(rows, columns, squeeze=False, sharey=True).flat)
     baseline = points[points["cell"] == BASELINE]
     for ax, label in zip(axes, labels, strict=False):
         draw_curves(ax, points[points["cell"] == label])
@@ -25,7 +25,7 @@ def curves_figure(study: Study, points: pd.DataFrame) -> Figure:
             mean = baseline.groupby("steps")["reward"].mean()
             ax.plot(mean.index, mean, color=REFERENCE, linewidth=1, linestyle="--")
         ax.set_title(label, fontsize=10)
-    for ax in list(axes)[len(labels) :]:
+    for ax in axes[len(labels) :]:
         ax.set_axis_off()
     figure.supxlabel("steps", fontsize=10)
     figure.supylabel("mean reward of the last 100 episodes (dashed: baseline's mean)", fontsize=9)
