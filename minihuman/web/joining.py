@@ -6,6 +6,7 @@ import hashlib
 import itertools
 import re
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from weakref import WeakValueDictionary
 from minihuman.errors import LogError, MinihumanError
 from minihuman.log.paths import LOG_SUFFIX, session_folder
 from minihuman.log.record.claim import is_live
-from minihuman.log.record.group_sync import GroupSync
+from minihuman.log.record.rounds import Rounds
 from minihuman.seats.desk import Desk, requests_path
 from minihuman.study.events import SETTLED
 from minihuman.web import wire
@@ -51,7 +52,8 @@ class Joining:
     def __init__(self, arrivals: Arrivals, data: Path, places: dict[str, Place]) -> None:
         self.facts: Mapping[str, str] = {}  # of this machine
         self._arrivals, self._data, self._places = arrivals, data, places
-        self._disk = Disk(arrivals.protocol, data, GroupSync())
+        self._disk = Disk(arrivals.protocol, data, Rounds())
+        self._wakes = _Wakes()
         web = arrivals.protocol.web
         self._web = web
         self._settings = Settings(web.picture_px, web.encoding)
@@ -98,7 +100,7 @@ class Joining:
         facts = {**self.facts, **browser_facts(hello.facts)}
         facts["picture_px"] = "{} x {}".format(*self._settings.picture_px)
         facts["picture_encoding"] = self._settings.encoding
-        wake = _Wake()
+        wake = _Wake(self._wakes)
         try:
             made = await asyncio.to_thread(self._made, seated, facts, wake)
         except (MinihumanError, OSError):
@@ -138,14 +140,37 @@ class Joining:
         return Turned(reason, f"{words} {self._words['code']}: {code}" if code and reason in _FOR_GOOD else words)
 
 
-class _Wake:
-    """Tells a place that something is durable; its recorder is made before it is."""
+class _Wakes:
+    """Tells places that something of theirs is durable: the loop is called once for all that it has not seen to yet."""
 
-    place: Place | None = None
+    def __init__(self) -> None:
+        self._woken: deque[Place] = deque()
+        self._called = False
+
+    def wake(self, place: Place) -> None:
+        """Something became durable; called by the log's thread."""
+        self._woken.append(place)
+        if not self._called:
+            self._called = True
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is there to be told
+                place.loop.call_soon_threadsafe(self._tell)
+
+    def _tell(self) -> None:
+        self._called = False
+        while self._woken:
+            self._woken.popleft().changed.set()
+
+
+class _Wake:
+    """Tells one place; its recorder is made before it is."""
+
+    def __init__(self, wakes: _Wakes) -> None:
+        self.place: Place | None = None
+        self._wakes = wakes
 
     def __call__(self) -> None:
         if self.place is not None:
-            self.place.woken()
+            self._wakes.wake(self.place)
 
 
 def _door(facts: Mapping[str, bool | float | str]) -> Door:

@@ -56,7 +56,7 @@ class Place:
         self._zero_ns = time.monotonic_ns() - (time.time_ns() - made.started_ns)
         self._hearing = Hearing()
         self._stream = ""
-        self._loop = asyncio.get_running_loop()
+        self.loop = asyncio.get_running_loop()
         self.path: Path | None = None
         self.over: wire.Over | None = None  # what the page is told at last
 
@@ -77,10 +77,6 @@ class Place:
     def now_ns(self) -> int:
         """The session's time, by the server's clock."""
         return time.monotonic_ns() - self._zero_ns
-
-    def woken(self) -> None:
-        """Something became durable; called by a thread of the log's."""
-        self._loop.call_soon_threadsafe(self.changed.set)
 
     def greet(self, hello: wire.Hello) -> tuple[wire.Welcome, int]:
         """A page is here, on a new socket: the answer, and after which of our messages to go on."""

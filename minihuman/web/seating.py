@@ -13,6 +13,7 @@ from minihuman.log.record.held import HeldRecorder
 from minihuman.log.record.left import take_up
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import Recorder
+from minihuman.log.record.rounds import Rounds
 from minihuman.seats.agent_seat import agent_seat
 from minihuman.study.again import taken_up
 from minihuman.study.events import Event, SessionStarted
@@ -34,12 +35,12 @@ class Disk:
     Args:
         protocol: the study; the policies of its agents lie beside it.
         data: the data folder.
-        sync: makes a file durable; all seats of a process share it.
+        rounds: writes for all seats of a process.
     """
 
     protocol: Protocol
     data: Path
-    sync: Callable[[int], None]
+    rounds: Rounds
 
 
 @dataclass(slots=True)
@@ -70,9 +71,7 @@ def begin(
     files: list[McapRecorder] = []
 
     def opened() -> Recorder:
-        files.append(
-            McapRecorder(disk.data, session.plan, started_ns=started_ns, sync=disk.sync, bound_s=None, at_sync=at_sync)
-        )
+        files.append(McapRecorder(disk.data, session.plan, started_ns=started_ns, rounds=disk.rounds, at_sync=at_sync))
         return files[0]
 
     refuse_taken(SegmentPath.of_plan(disk.data, plan))
@@ -98,9 +97,7 @@ def go_on(part: Path, disk: Disk, facts: Mapping[str, str], settings: Settings, 
         left.close()
         raise
     plan = session.plan
-    recorder = McapRecorder(
-        disk.data, plan, started_ns=left.started_ns, sync=disk.sync, bound_s=None, at_sync=at_sync, left=left
-    )
+    recorder = McapRecorder(disk.data, plan, started_ns=left.started_ns, rounds=disk.rounds, at_sync=at_sync, left=left)
     agent = agent_seat(disk.protocol, plan, disk.data, logged=left.events)
     seat = Seat(session, recorder, World, settings, agent=agent, logged=left.events, unwritten=unwritten)
     return Made(seat, recorder, left.started_ns, _name(disk.data, plan), [recorder])

@@ -11,7 +11,7 @@ from minihuman.lab.prove import prove
 from minihuman.lab.register_lines import read_register
 from minihuman.lab.seal import note_end
 from minihuman.log.read.open_log import open_log
-from minihuman.log.record.group_sync import GroupSync
+from minihuman.log.record.rounds import Rounds
 from minihuman.study.protocol import decode
 from minihuman.web.arrivals import Arrival, Arrivals, Seated
 from minihuman.web.seating import Disk, begin
@@ -68,7 +68,7 @@ def serve(folder: str, people: int) -> None:
     """Seat people one after the other, in a process of its own; each log is proven when it is there."""
     data = Path(folder)
     protocol = decode((data / "tried.toml").read_bytes())
-    arrivals, disk = Arrivals(protocol, data), Disk(protocol, data, GroupSync())
+    arrivals, disk = Arrivals(protocol, data), Disk(protocol, data, Rounds())
     for _ in range(people):
         seated = arrivals.arrive(Arrival())
         assert isinstance(seated, Seated), seated

@@ -17,7 +17,7 @@ from minihuman.errors import LogError
 from minihuman.lab.next_session import next_session
 from minihuman.lab.prove import prove
 from minihuman.log.read.open_log import open_log
-from minihuman.log.record.group_sync import GroupSync
+from minihuman.log.record.rounds import Rounds
 from minihuman.study.protocol import decode
 from minihuman.web.seating import Disk, Made, begin, go_on
 from minihuman.web.telling import Settings
@@ -106,7 +106,7 @@ def test_a_log_is_gone_on_with_by_the_rules_that_it_began_with_or_in_a_segment_o
     tmp_path: Path, changed: str
 ) -> None:
     protocol = decode(study(tmp_path).read_bytes())
-    disk = Disk(protocol, tmp_path, GroupSync())
+    disk = Disk(protocol, tmp_path, Rounds())
     made = begin(next_session(protocol, tmp_path), disk, RULES, SETTINGS, at_sync=lambda: None)
     keys = ["enter", "1", "2", "3", "1"]
     presses = [(number * 400 * MS, key, True) for number, key in enumerate(keys, 1)]

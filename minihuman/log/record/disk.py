@@ -3,8 +3,7 @@
 Two threads stand between a session and a file. One writes: what it has written survives the process, however that
 ends. One fsyncs behind it: what it has done survives the power. Neither can hold a picture up for longer than a bound:
 a write that the disk does not take by then goes on by itself, and until it is done nobody waits for the next ones.
-Where nobody waits for a write at all, since only what is durable counts, one thread does both, for all that comes
-within a moment at once: a press, its picture and its release are one fsync.
+Where nobody waits for a write at all, since only what is durable counts, one thread does both for all files (`Rounds`).
 """
 
 import fcntl
@@ -14,18 +13,19 @@ import queue
 import threading
 import time
 import zlib
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.log.record.claim import is_at, sync_folder
 from minihuman.log.record.live_file import Piece
+from minihuman.log.record.rounds import Rounds
 from minihuman.log.record.space import require_space
 
 LOG = logging.getLogger("minihuman")
 WRITE_BOUND_S = 0.1  # the longest that a write holds a picture up
-GATHER_S = 0.1  # so long a write waits for others where nobody waits for it
 BACKLOG = 65_536  # writes that may wait; at a hundred a second a disk may stall for ten minutes
 
 
@@ -44,7 +44,9 @@ class Disk:
     Args:
         sync: makes a file descriptor's writes durable.
         put: writes to a file descriptor, and says how many bytes it took.
-        bound_s: how long ``settle`` waits; None: it does not, since whoever writes tells nobody before it is durable.
+        bound_s: how long ``settle`` waits.
+        rounds: writes instead of threads of this one's own, and ``settle`` waits for nothing: whoever writes tells
+            nobody before it is durable. What is synced by it is not by ``sync``.
         backlog: how many writes may wait before it gives up.
         crc: of what the file holds already.
         at_sync: called, by a thread of this, whenever more has become durable.
@@ -57,7 +59,8 @@ class Disk:
         *,
         sync: Callable[[int], None] = os.fsync,
         put: Callable[[int, memoryview], int] = os.write,
-        bound_s: float | None = WRITE_BOUND_S,
+        bound_s: float = WRITE_BOUND_S,
+        rounds: Rounds | None = None,
         backlog: int = BACKLOG,
         crc: int = 0,
         at_sync: Callable[[], None] = lambda: None,
@@ -86,13 +89,17 @@ class Disk:
         self._file = threading.Lock()  # held while the file is written, or written again
         self._rest = threading.Condition()
         self._broken = False  # it cannot be fsynced
-        self._hurries = threading.Event()  # somebody waits for all that was written
-        both = (("write", self._write_all), ("sync", self._sync_all))
-        # Daemons, so that a crash of the program is not held up; what was written stays and is recovered.
-        self._threads = [
-            threading.Thread(target=run, name=f"minihuman-log-{name}", daemon=True)
-            for name, run in (both if bound_s is not None else (("write", self._write_and_sync_all),))
-        ]
+        self._rounds = rounds
+        self._waiting: deque[_Job] = deque()  # for a round
+        self._in_round: list[_Job] = []
+        self._expected = False  # its round will come
+        self._threads: list[threading.Thread] = []
+        if rounds is None:
+            # Daemons, so that a crash of the program is not held up; what was written stays and is recovered.
+            self._threads = [
+                threading.Thread(target=run, name=f"minihuman-log-{name}", daemon=True)
+                for name, run in (("write", self._write_all), ("sync", self._sync_all))
+            ]
         for thread in self._threads:
             thread.start()
 
@@ -106,15 +113,21 @@ class Disk:
             self.failure = self.failure or TimeoutError(f"the disk is {behind} writes behind")
             return
         job = _Job(pieces, steps)
-        job.done.acquire()
         self._given += 1
+        if self._rounds is not None:
+            self._waiting.append(job)
+            if not self._expected:
+                self._expected = True
+                self._rounds.expect(self)
+            return
+        job.done.acquire()
         self._last = job
         self._jobs.put(job)
 
     def settle(self) -> None:
         """Wait for what was begun: it is written then, has had ``bound_s`` to be, or ``failure`` says why not."""
         job, self._last = self._last, None
-        if job is None or self._bound_s is None:
+        if job is None:
             return
         if self._stuck is not None and not self._stuck.over:  # a picture has waited for the disk already
             self.late += 1
@@ -126,14 +139,16 @@ class Disk:
 
     def drain(self) -> None:
         """Wait until all that was written is durable, or never will be."""
-        self._hurries.set()
+        if self._rounds is not None and self._settled < self._given:
+            self._rounds.expect(self, at_once=True)
         with self._rest:
             self._rest.wait_for(lambda: self._settled >= self._given)
-        self._hurries.clear()
 
     def close(self) -> None:
         """Write and fsync what is left, and end both threads. The descriptor stays its owner's."""
-        self._hurries.set()
+        if self._rounds is not None:
+            self.drain()
+            return
         self._jobs.put(None)
         for thread in self._threads:
             thread.join()
@@ -148,27 +163,47 @@ class Disk:
         closing = False
         while not closing:
             written, closing = _waiting(self._unsynced)
-            self._make_durable(written, closing=closing)
+            self._make_durable(written, sync=self._sync, closing=closing)
 
-    def _write_and_sync_all(self) -> None:
-        closing = False
-        while not closing:
-            jobs, closing = _waiting(self._jobs, lambda: self._hurries.wait(GATHER_S))
-            for job in jobs:
-                self._write(job)
-            self._make_durable(jobs, closing=closing)
+    # As a file that rounds write
 
-    def _write(self, job: _Job) -> None:
+    @property
+    def fd(self) -> int:
+        """The descriptor."""
+        return self._fd
+
+    def write_waiting(self) -> bool:
+        """Write all that waits; whether there was any."""
+        self._expected = False  # what comes from here on has another round
+        while self._waiting:
+            self._in_round.append(self._waiting.popleft())
+        self._write(*self._in_round)
+        return bool(self._in_round)
+
+    def written_is(self, failed: Exception | None) -> None:
+        """What was written is durable, or never will be."""
+        jobs, self._in_round = self._in_round, []
+
+        def outcome(_fd: int) -> None:
+            if failed is not None:
+                raise failed
+
+        self._make_durable(jobs, sync=outcome)
+
+    def _write(self, *jobs: _Job) -> None:
         if self.failure is None or isinstance(self.failure, TimeoutError):
             try:
-                for piece in job.pieces:
+                for piece in _joined(piece for job in jobs for piece in job.pieces):
                     self._append(piece)
-                job.whole = True
+                for job in jobs:
+                    job.whole = True
             except Exception as error:  # handed to the session at this write or the next
                 self.failure = error
-        self._written += 1
-        job.over = True
-        job.done.release()
+        self._written += len(jobs)
+        for job in jobs:
+            job.over = True
+            if self._rounds is None:
+                job.done.release()
 
     def _append(self, piece: Piece) -> None:
         if piece.room_for is not None:
@@ -180,21 +215,21 @@ class Disk:
                 rest = rest[taken:]
             self.crc = zlib.crc32(piece.data, self.crc)
 
-    def _make_durable(self, written: Sequence[_Job], *, closing: bool) -> None:
+    def _make_durable(self, written: Sequence[_Job], *, sync: Callable[[int], None], closing: bool = False) -> None:
         if not self._broken and (written or closing):
             try:
-                self._sync(self._fd)
+                sync(self._fd)
                 self._stay_there()
                 self.durable_steps = max([self.durable_steps, *(job.steps for job in written if job.whole)])
                 if all(job.whole for job in written):
                     self.durable_writes += len(written)
             except Exception as error:
                 self._broken, self.failure = True, self.failure or error
+        if written:
+            self._at_sync()
         with self._rest:
             self._settled += len(written)
             self._rest.notify_all()
-        if written:
-            self._at_sync()
 
     def _stay_there(self) -> None:
         """Where somebody took the file away or moved it, write it again from the open handle."""
@@ -227,12 +262,24 @@ class Disk:
         return copied
 
 
-def _waiting(
-    jobs: "queue.SimpleQueue[_Job | None]", gather: Callable[[], object] = lambda: None
-) -> tuple[list[_Job], bool]:
-    """All jobs that wait, one at least, and whether there will be no more; ``gather`` lets others join the first."""
+def _waiting(jobs: "queue.SimpleQueue[_Job | None]") -> tuple[list[_Job], bool]:
+    """All jobs that wait, one at least, and whether there will be no more."""
     found = [jobs.get()]
-    gather()
     while not jobs.empty():
         found.append(jobs.get())
     return [job for job in found if job is not None], found[-1] is None
+
+
+def _joined(pieces: Iterable[Piece]) -> Iterator[Piece]:
+    """The same bytes in as few writes as can be."""
+    held: list[bytes] = []
+    for piece in pieces:
+        if piece.room_for is not None and held:
+            yield Piece(b"".join(held))
+            held = []
+        if piece.room_for is not None:
+            yield piece
+        else:
+            held.append(piece.data)
+    if held:
+        yield Piece(b"".join(held))

@@ -18,6 +18,7 @@ from minihuman.log.record.finish import Finished, Promised, finish
 from minihuman.log.record.left import Left
 from minihuman.log.record.live_file import LiveLog
 from minihuman.log.record.recorder import Recorder
+from minihuman.log.record.rounds import Rounds
 from minihuman.study.events import Event, SessionEnded
 from minihuman.study.plan import SessionPlan
 
@@ -31,7 +32,8 @@ class McapRecorder(Recorder):
         started_ns: the wall clock at the session's time 0, ns since 1970.
         sync: makes a file descriptor's writes durable.
         put: writes to a file descriptor, and says how many bytes it took.
-        bound_s: how long a write that the disk does not take may hold its picture up; None: not at all.
+        bound_s: how long a write that the disk does not take may hold its picture up.
+        rounds: does the disk's work for many recorders, where no picture waits for a write; ``sync`` is not asked then.
         backlog: how many writes may wait for the disk before the recorder gives up.
         at_sync: called, by another thread, whenever more has become durable.
         left: a live file of this segment that a killed program left, to go on with; it was locked for this.
@@ -48,7 +50,8 @@ class McapRecorder(Recorder):
         started_ns: int,
         sync: Callable[[int], None] = os.fsync,
         put: Callable[[int, memoryview], int] = os.write,
-        bound_s: float | None = WRITE_BOUND_S,
+        bound_s: float = WRITE_BOUND_S,
+        rounds: Rounds | None = None,
         backlog: int = BACKLOG,
         at_sync: Callable[[], None] = lambda: None,
         left: Left | None = None,
@@ -66,6 +69,7 @@ class McapRecorder(Recorder):
             sync=sync,
             put=put,
             bound_s=bound_s,
+            rounds=rounds,
             backlog=backlog,
             crc=0 if left is None else left.crc,
             at_sync=at_sync,

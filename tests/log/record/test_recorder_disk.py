@@ -14,6 +14,7 @@ from minihuman.log.read.open_log import open_log, read_events
 from minihuman.log.record.finish import recover
 from minihuman.log.record.live_file import LiveLog
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.log.record.rounds import Rounds
 from minihuman.log.record.space import RESERVE_BYTES
 from minihuman.study.events import Event, Stepped
 from tests.disks import small_disk
@@ -40,9 +41,9 @@ def test_writing_never_waits_for_the_disk(tmp_path: Path) -> None:
 def test_where_nobody_waits_what_comes_within_a_moment_is_one_fsync_and_who_cannot_wait_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("minihuman.log.record.disk.GATHER_S", 3600.0)  # a moment
+    monkeypatch.setattr("minihuman.log.record.rounds.GATHER_S", 3600.0)  # a moment
     synced: list[int] = []
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=synced.append, bound_s=None)
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, rounds=Rounds(sync_one=synced.append))
     for event in EVENTS[:20]:
         recorder.write([event])
     assert (recorder.durable_writes, synced) == (0, [])
