@@ -133,7 +133,7 @@ class Seat:
             WireError: if its time is not later than the last one's.
         """
         self._telling.through = number
-        if _may_lead_on(said):
+        if _may_lead_on(said) and not (_is_release(said) and self._telling.goes_by_presses):
             self._telling.moved = number
         if at_ns <= self._mark_ns:  # it is in the log that the session was taken up from
             self._taken.append(_Taken(number, 0))
@@ -310,6 +310,10 @@ class Seat:
 def _may_lead_on(said: wire.Said) -> bool:
     """Whether a session may go on by what a page says: not by word of what it showed, nor of the line."""
     return not isinstance(said, wire.Show | wire.Link | wire.Unheard)
+
+
+def _is_release(said: wire.Said) -> bool:
+    return isinstance(said, wire.Key) and not said.down
 
 
 def _in_order(said: wire.Show, at_ns: int) -> tuple[int, int]:

@@ -94,6 +94,12 @@ class Telling:
             return ""
         return f"step {said.step} of episode {said.episode + 1} was shown as scene {said.node}, it is {scene}"
 
+    @property
+    def goes_by_presses(self) -> bool:
+        """Whether the page waits for no word of a release: an episode is played, and by no agent."""
+        session = self._session
+        return not session.over and session.play is not None and not isinstance(session.part, AgentPlaying)
+
     # Where the session went
 
     def follow(self, events: list[Event]) -> None:

@@ -86,6 +86,7 @@ class TypedPage:
         self._due_ns: int | None = None
         self._told_due_ns = 0
         self._line: asyncio.Queue[tuple[float, str]] = asyncio.Queue()
+        self._held: list[str] = []
         self._done = asyncio.Event()
 
     async def take_part(self) -> Counts:
@@ -117,12 +118,15 @@ class TypedPage:
         assert self._zero_s is not None
         return max(self._last_ns + 1, round((time.monotonic() - self._zero_s) * 1e9))
 
-    def say(self, **what: object) -> int:
-        """Say something, numbered."""
+    def say(self, *, waits: bool = False, **what: object) -> int:
+        """Say something, numbered; what ``waits`` goes with what is said next."""
         self._said += 1
         self._last_ns = self._now_ns()
-        message = {"t": "n", "n": self._said, "at": self._last_ns, "what": what}
-        self._line.put_nowait((time.monotonic() + self._line_s, json.dumps(message)))
+        self._held.append(json.dumps({"t": "n", "n": self._said, "at": self._last_ns, "what": what}))
+        if not waits:
+            for text in self._held:
+                self._line.put_nowait((time.monotonic() + self._line_s, text))
+            self._held.clear()
         return self._said
 
     async def _send(self, socket: ClientConnection) -> None:
@@ -256,9 +260,10 @@ class TypedPage:
         led = self._edges.get((episode, scene, action)) if known else None
         if led is not None:
             self.counts.ahead += 1
-            submit_ns = self._now_ns()
+            submit_ns, waits = self._now_ns(), not led[1] and step + 1 < rules["most_steps"]
             await asyncio.sleep(FLIP_S)
-            self.say(t="shown", submit=submit_ns, flip=self._now_ns(), episode=episode, step=step + 1, node=led[0])
+            shown = {"episode": episode, "step": step + 1, "node": led[0]}
+            self.say(t="shown", submit=submit_ns, flip=self._now_ns(), waits=waits, **shown)
         await asyncio.sleep(HOLD_S)
         self.say(t="key", key=key, down=False, stamp=self._now_ns())
 

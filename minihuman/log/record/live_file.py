@@ -17,6 +17,7 @@ import minihuman
 from minihuman.log import segment_head
 from minihuman.log.encode import caused_ns, truth
 from minihuman.log.kinds import known, topics_of
+from minihuman.log.record.live_chunk import LiveChunk
 from minihuman.log.topics import (
     FACTS_METADATA,
     PROFILE,
@@ -54,6 +55,7 @@ class LiveLog:
         self.messages = 0  # encoded so far; the last one's sequence
         self.steps = 0  # among them
         self._bytes = _Taken()
+        self._chunk = LiveChunk()
         self._writer = Writer(
             cast(IO[bytes], self._bytes),
             compression=CompressionType.NONE,  # a step's chunk is too small to gain from it
@@ -99,8 +101,7 @@ class LiveLog:
 
     def _flushed(self) -> bytes:
         self._writer.flush()
-        # The library keeps an index entry for every write, for a summary that a live file never has: megabytes an hour.
-        getattr(self._writer, "_Writer__chunk_indices", []).clear()
+        self._bytes.write(self._chunk.take())
         return self._bytes.take()
 
     def _start(self, event: SessionStarted) -> bytes:
@@ -117,7 +118,7 @@ class LiveLog:
         for name, media_type, content in attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
         channels = self._number(event.plan)
-        plan = self._add(event)
+        plan = self._add_plan(event)
         rest = self._flushed()
         builder = RecordBuilder()
         copied = segment_head.packed(head, list(self._schemas.values()), channels, plan)
@@ -138,14 +139,27 @@ class LiveLog:
         self._channels[topic.name] = self._writer.register_channel(topic.name, "protobuf", schema)
         return Channel(self._channels[topic.name], topic.name, "protobuf", {}, schema)
 
-    def _add(self, event: Event) -> Message:
+    def _add(self, event: Event) -> None:
         topic, message = truth(event)
-        if topic not in self._channels:  # of a kind of activity that the plan has no part of
+        new = topic not in self._channels
+        if new:  # of a kind of activity that the plan has no part of
             found = known(topic)
             assert found is not None
+            self._bytes.write(self._chunk.take())
             self._channel(found)
         self.messages += 1
         self.steps += isinstance(event, Stepped)
+        data = message.SerializeToString(deterministic=True)
+        log_ns, caused = self._started_ns + event.t_ns, self._started_ns + caused_ns(event)
+        if new:  # the library writes the channel into the same chunk
+            self._writer.add_message(self._channels[topic], log_ns, data, caused, self.messages)
+            self._writer.flush()
+        else:
+            self._chunk.add(self._channels[topic], self.messages, log_ns, caused, data)
+
+    def _add_plan(self, event: SessionStarted) -> Message:
+        topic, message = truth(event)
+        self.messages += 1
         added = Message(
             channel_id=self._channels[topic],
             log_time=self._started_ns + event.t_ns,

@@ -20,7 +20,7 @@ from typing import Protocol
 LOG = logging.getLogger("minihuman")
 GATHER_S = 0.1  # so long a write waits for others of its file
 TOGETHER_S = 0.02  # so much earlier it is done where another file's round is due
-_ONE_BY_ONE = 4  # files that are fsynced by themselves; a server of a few people has seldom more in a round
+_ONE_BY_ONE = 12  # files that are fsynced by themselves; a disk that keeps up has seldom more in a round
 
 
 class Waiting(Protocol):

@@ -84,9 +84,28 @@ function say(what) {
   outbox.set(n, text);
   sessionStorage.setItem(`m${n}`, text);
   keep();
-  if (welcomed && socket.readyState === WebSocket.OPEN) socket.send(text);
+  send(text, isWordOfAStep(what));
   if (!UNTIMED.has(what.t)) passTime(n, at);
   return n;
+}
+
+// Word of a step's picture goes with what is said next, if that is soon: nobody waits for it before an episode's end.
+const WAIT_MS = 100;
+let unsent = [];
+let waitingToSend = null;
+function send(text, canWait) {
+  unsent.push(text);
+  if (canWait) waitingToSend ??= setTimeout(sendAll, WAIT_MS);
+  else sendAll();
+}
+function sendAll() {
+  clearTimeout(waitingToSend);
+  waitingToSend = null;
+  if (welcomed && socket.readyState === WebSocket.OPEN) for (const text of unsent) socket.send(text);
+  unsent = []; // what was not sent is in the outbox
+}
+function isWordOfAStep(what) {
+  return what.t === "shown" && what.step > 0 && play?.number === what.episode && !play.ended && !play.agent;
 }
 
 function forget(n) {
@@ -194,6 +213,7 @@ const aside = {
       onward.clear();
       play = null;
     }
+    unsent = [];
     for (const n of [...outbox.keys()].sort((a, b) => a - b)) if (n > m.heard) socket.send(outbox.get(n));
     welcomed = true;
     waitMs = 200;
