@@ -1,6 +1,5 @@
 """Pictures as they go over the line: each one once, by its content, packed as small as it can be shown soon. No I/O."""
 
-import io
 from collections import OrderedDict
 from typing import Literal
 
@@ -8,7 +7,7 @@ import numpy as np
 import xxhash
 from isal import isal_zlib
 from numpy.typing import NDArray
-from PIL import Image
+from simplejpeg import encode_jpeg
 
 from minihuman.web.wire import Picture
 
@@ -87,9 +86,7 @@ def _packed(encoding: Encoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]
         packed = isal_zlib.compress(picture.data, _LEVEL)
         if encoding == "lossless" or len(packed) < _FLAT * picture.nbytes:
             return ZLIB, packed
-    out = io.BytesIO()
-    Image.fromarray(picture).save(out, "JPEG", quality=JPEG_QUALITY)
-    return JPEG, out.getvalue()
+    return JPEG, encode_jpeg(picture, quality=JPEG_QUALITY, colorsubsampling="420")
 
 
 def _may_be_flat(picture: NDArray[np.uint8]) -> bool:

@@ -3,11 +3,13 @@
 import hashlib
 import struct
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 _FLOAT = struct.Struct("<cd")
+_PLAIN = frozenset(np.dtype(f"<{kind}") for kind in ("u1", "i1", "i2", "i4", "i8", "u2", "u4", "u8", "f4", "f8"))
 
 
 def hash64(value: Any) -> int:
@@ -37,6 +39,9 @@ def _canonical(value: Any, add: Callable[[bytes], None]) -> None:
         add(b"l%d;" % len(value))
         for item in value:
             _canonical(item, add)
+    elif kind is np.ndarray and value.dtype in _PLAIN and value.flags.c_contiguous:
+        add(_array_head(value.dtype.str, value.shape))
+        add(value.tobytes())
     elif kind is dict:
         add(b"d%d;" % len(value))
         for key in sorted(value):
@@ -63,7 +68,7 @@ def _rarer(value: Any, add: Callable[[bytes], None]) -> None:
         case np.ndarray() if not value.dtype.hasobject:  # whose bytes would be addresses
             array = np.ascontiguousarray(value)
             array = array.astype(array.dtype.newbyteorder("<"), copy=False)
-            add(f"a{array.dtype.str}{array.shape};".encode())
+            add(_array_head(array.dtype.str, array.shape))
             add(array.tobytes())
         case dict():
             _canonical(dict(value), add)
@@ -71,3 +76,8 @@ def _rarer(value: Any, add: Callable[[bytes], None]) -> None:
             _canonical(list(value), add)
         case _:
             raise TypeError(f"{type(value).__name__} {value!r} has no canonical form to hash")
+
+
+@cache
+def _array_head(dtype: str, shape: tuple[int, ...]) -> bytes:
+    return f"a{dtype}{shape};".encode()
