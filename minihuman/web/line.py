@@ -5,11 +5,13 @@ which one comes depends on who was first. Here all of them are `LineError`.
 """
 
 import contextlib
-from collections.abc import Iterator
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from minihuman.web.wire import WireError
+
+
+_ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
 
 
 class LineError(Exception):
@@ -28,8 +30,10 @@ class Line:
 
     async def accept(self) -> None:
         """Take the call."""
-        with _ends():
+        try:
             await self._socket.accept()
+        except _ENDS as error:
+            raise LineError from error
 
     async def hear(self) -> str:
         """The next message.
@@ -37,29 +41,24 @@ class Line:
         Raises:
             WireError: it is bytes, which no page sends.
         """
-        with _ends():
-            try:
-                return await self._socket.receive_text()
-            except KeyError:
-                raise WireError("a page sends text") from None
+        try:
+            return await self._socket.receive_text()
+        except KeyError:
+            raise WireError("a page sends text") from None
+        except _ENDS as error:
+            raise LineError from error
 
     async def say(self, message: str | bytes) -> None:
         """Send a message."""
-        with _ends():
+        try:
             if isinstance(message, str):
                 await self._socket.send_text(message)
             else:
                 await self._socket.send_bytes(message)
+        except _ENDS as error:
+            raise LineError from error
 
     async def close(self, code: int, reason: str = "") -> None:
         """End the socket, which may have ended already."""
-        with contextlib.suppress(LineError), _ends():
+        with contextlib.suppress(*_ENDS):
             await self._socket.close(code, reason[:100])
-
-
-@contextlib.contextmanager
-def _ends() -> Iterator[None]:
-    try:
-        yield
-    except (WebSocketDisconnect, RuntimeError) as error:  # RuntimeError: something was sent after the end
-        raise LineError from error

@@ -128,6 +128,8 @@ class Place:
 
     def poll(self) -> bool:
         """See whether a learner has made something; True if there is something to tell the page."""
+        if not self.seat.has_agent:
+            return False
         found = False
 
         def look() -> None:

@@ -116,6 +116,11 @@ class Seat:
         """Of the line, at its best lately; None until it was measured."""
         return self._link.rtt_ns
 
+    @property
+    def has_agent(self) -> bool:
+        """Whether a part may want something from outside."""
+        return self._agent is not None
+
     def safe(self) -> int:
         """The last of the page's messages that is on the disk, and all before it: what may be acknowledged."""
         durable = self.recorder.durable_writes

@@ -23,7 +23,7 @@ from minihuman.seats.machine import machine_facts, world_facts
 from minihuman.web import wire
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.ending import end_of, ending
-from minihuman.web.guard import HELLO_S, MAX_KEPT, MAX_WAITING, Allowance, is_ours
+from minihuman.web.guard import HELLO_S, KEPT, MAX_KEPT, MAX_WAITING, Allowance, is_ours
 from minihuman.web.headers import Guarded
 from minihuman.web.joining import Joining, Turned
 from minihuman.web.line import Line, LineError
@@ -155,8 +155,10 @@ class Server:
                 if place.seat.saying.said != told or isinstance(message.what, wire.Link):  # there is more to find
                     self._want_more(place)
             case wire.Heard():
+                was_behind = place.seat.saying.kept > KEPT
                 place.seat.saying.heard(message.n)
-                self._want_more(place)
+                if was_behind:  # nothing was looked for ahead
+                    self._want_more(place)
             case wire.Ping():
                 received_ns = place.now_ns()
                 await line.say(wire.plain(wire.Pong(message.sent, received_ns, place.now_ns())))
