@@ -10,7 +10,6 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from minihuman.web.wire import WireError
 
-
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
 
 
