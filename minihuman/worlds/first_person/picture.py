@@ -13,13 +13,15 @@ from minihuman.worlds.contract import Palette, View
 from minihuman.worlds.first_person.building.floor import FloorPlan
 from minihuman.worlds.first_person.entities import Entity, Mesh, Position
 from minihuman.worlds.first_person.library import library, library_lock
-from minihuman.worlds.first_person.render.draw import Easel, render, render_depth, render_top, visible_things
+from minihuman.worlds.first_person.render.draw import Easel, render_depth, render_top, visible_things
 from minihuman.worlds.first_person.render.layout import furnish
 from minihuman.worlds.first_person.render.scene import FAR_M, NEAR_M, Camera, Scene
 from minihuman.worlds.first_person.render.tables import Faces, Rooms
 from minihuman.worlds.first_person.scenery import light, look, places, room_tables, shaded, shadow
 from minihuman.worlds.first_person.stage import Stage
 from minihuman.worlds.pose import Pose
+
+_MOST_EASELS = 8  # palettes and sizes; a window that is drawn larger passes many sizes
 
 
 class Pictures:
@@ -32,7 +34,7 @@ class Pictures:
         self._floor: FloorPlan | None = None
         self._rooms: tuple[Faces, Rooms]  # the floor's
         self._staged: dict[Palette, tuple[Stage, list[Entity], Scene]] = {}
-        self._easel: _Observed | None = None  # where observations are drawn
+        self._easels: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # where what the agent sees is drawn
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(Pictures, shadows=self.shadows), (self.size_px, self.assets)
@@ -51,13 +53,17 @@ class Pictures:
         """What the agent sees, in the size of an observation; drawn into ``out`` if there is one."""
         return self.aimed(stage).draw(out)
 
-    def aimed(self, stage: Stage) -> Easel:
-        """Where the next observation is drawn, all in its place."""
-        observed = self._easel
+    def aimed(self, stage: Stage, palette: Palette = "classic", size_px: tuple[int, int] | None = None) -> Easel:
+        """Where what the agent sees is drawn next, all in its place; in the size of an observation if none is given."""
+        key = palette, size_px or self.size_px
+        observed = self._easels.get(key)
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
             camera(stage)  # or it says what is wrong with it
-            easel = Easel(self.scene(stage), *self.size_px)
-            observed = self._easel = _Observed(stage, self._staged["classic"][1], easel, shadows=self.shadows)
+            easel = Easel(self.scene(stage, palette), *key[1])
+            if len(self._easels) == _MOST_EASELS:
+                self._easels.clear()
+            observed = _Observed(stage, self._staged[palette][1], easel, shadows=self.shadows)
+            self._easels[key] = observed
         return observed.aimed()
 
     def draw(
@@ -71,10 +77,9 @@ class Pictures:
         """What the agent sees, or the world from above with the agent in it."""
         if min(size_px) < 1:
             raise WorldError(f"a picture of {size_px[0]} x {size_px[1]} pixels shows nothing; both are 1 or more")
-        scene = self.scene(stage, palette)
         if view == "partial":
-            return render(scene, camera(stage), *size_px)
-        return render_top(scene, *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
+            return self.aimed(stage, palette, (size_px[0], size_px[1])).draw()
+        return render_top(self.scene(stage, palette), *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
 
     def depth(self, stage: Stage, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
         """How far away what the agent sees is, metres along its view."""

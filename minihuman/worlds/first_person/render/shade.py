@@ -66,7 +66,7 @@ def span_at(drawn: Drawn, row: int, k: int, x: int, width: int) -> tuple[int, in
     return int(spans[index(row), index(k), FACE]), int(spans[index(row), index(k), END]), k + 1
 
 
-@part(lean=True)
+@part(lean=True, into_caller=True)
 def look_up_run(
     run: I32, y: int, plane: F64, texture: int, even: bool, table: U32, texels: U32, least: float, memory: U32
 ) -> None:
@@ -189,7 +189,7 @@ def look_up_run(
             )
 
 
-@part(lean=True, k=int64, j=int64, covered=int64, two=int64, one=int64, colour=int64)
+@part(lean=True, into_caller=True, k=int64, j=int64, covered=int64, two=int64, one=int64, colour=int64)
 def paint_row(stretches: I32, stretch_count: int, runs: I32, strip: U32, drawn: Drawn, sky: int, line: U32) -> None:
     """Put the colours of some stretches of a row together."""
     planes = drawn.planes
