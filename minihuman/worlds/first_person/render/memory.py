@@ -4,7 +4,7 @@ import numpy as np
 
 from minihuman.worlds.first_person.render.project import HEIGHT, PLACEMENT_SIZE, ROOM, TILES
 from minihuman.worlds.first_person.render.tables import F64, I32, Drawn, Faces, Rooms
-from minihuman.worlds.first_person.render.texture import BLOCK, LANES
+from minihuman.worlds.first_person.render.texture import LANES
 from minihuman.worlds.first_person.render.visit import VISITS_A_ROOM, Sight
 from minihuman.worlds.kernels import part
 
@@ -14,7 +14,7 @@ STRIP = 512
 SIZES = STRIP + LANES
 LIGHTS = SIZES + 3 * LANES
 PLACES = LIGHTS + 2 * LANES
-STRETCHES = PLACES + 4 * BLOCK
+STRETCHES = PLACES + 4 * STRIP
 MOST_STRETCHES = 264
 LINE = STRETCHES + 5 * (2 * MOST_STRETCHES + 4)
 SPANS = LINE + 4096 + 2 * LANES

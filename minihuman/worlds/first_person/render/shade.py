@@ -67,20 +67,15 @@ def span_at(drawn: Drawn, row: int, k: int, x: int, width: int) -> tuple[int, in
 
 
 @part(lean=True, into_caller=True)
-def look_up_run(
-    run: I32, y: int, plane: F64, texture: int, even: bool, table: U32, texels: U32, least: float, memory: U32
-) -> None:
-    """Find the colours of a run of pixels of a row."""
-    strip, sizes, places = memory, memory[SIZES:], memory[PLACES:]
-    moves, lights = memory[SIZES + LANES :].view(np.float32), memory[LIGHTS:]
+def place_run(run: I32, y: int, plane: F64, texture: int, table: U32, texels: U32, least: float, memory: U32) -> None:
+    """Find where the pixels of a run of a row lie in a texture, if there is one."""
+    sizes, places = memory[SIZES:], memory[PLACES:]
+    moves = memory[SIZES + LANES :].view(np.float32)
     count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
     px, py = run[START] + 0.5, y + 0.5
     inverse_x, inverse_y = plane[3], plane[4]
     inverse = inverse_x * px + (inverse_y * py + plane[5])
-    if texture < 0:
-        for i in range(0, count, LANES):
-            fill(strip, slot + i, WHITE)
-    else:
+    if texture >= 0:
         u = plane[6] * px + (plane[7] * py + plane[8])
         v = plane[9] * px + (plane[10] * py + plane[11])
         # whole repeats are taken away where the face is nearest: there its texels are largest
@@ -93,11 +88,6 @@ def look_up_run(
         first = 2 * MOST_SIZES * texture
         wide, high = float(table[first + 1] & 0xFFFF), float(table[first + 1] >> 16)
         last = int64(table[first + 2 * MOST_SIZES - 1])
-        if even:
-            red, green, blue = plane[12] * 65536.0 + 0.5, plane[15] * 65536.0 + 0.5, plane[18] * 65536.0 + 0.5
-            light(lights, min(int(red), FULL), min(int(green), FULL), min(int(blue), FULL))
-        else:
-            light(lights, FULL, FULL, FULL)
         beside = float(y & 3)  # only every fourth pixel's are asked for, so others from row to row
         for begin in range(0, count, BLOCK):
             end = min(begin + BLOCK, count)
@@ -130,7 +120,7 @@ def look_up_run(
                     ahead = int(moves[k] * width) + int(moves[k + index(LANES)] * height) * (width + 2)
                     place(
                         places,
-                        4 * (i - begin),
+                        4 * (slot + i),
                         table[at],
                         width,
                         height,
@@ -147,7 +137,7 @@ def look_up_run(
                 else:
                     place_each(
                         places,
-                        4 * (i - begin),
+                        4 * (slot + i),
                         table,
                         first,
                         last,
@@ -164,12 +154,31 @@ def look_up_run(
                         high,
                         least,
                     )
-            for i in range(begin, end - 8, LANES):
-                look_up_16(texels, places, 4 * (i - begin), lights, strip, slot + i)
-            if 0 < (end - begin) % LANES <= 8:
-                i = (end - 1) & -LANES
-                look_up_8(texels, places, 4 * (i - begin), lights, strip, slot + i)
+
+
+@part(lean=True, into_caller=True)
+def look_up_run(run: I32, y: int, plane: F64, texture: int, even: bool, texels: U32, least: float, memory: U32) -> None:
+    """Find the colours of a run of pixels, whose places were found."""
+    strip, lights, places = memory, memory[LIGHTS:], memory[PLACES:]
+    count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
+    if texture < 0:
+        for i in range(0, count, LANES):
+            fill(strip, slot + i, WHITE)
+    else:
+        if even:
+            red, green, blue = plane[12] * 65536.0 + 0.5, plane[15] * 65536.0 + 0.5, plane[18] * 65536.0 + 0.5
+            light(lights, min(int(red), FULL), min(int(green), FULL), min(int(blue), FULL))
+        else:
+            light(lights, FULL, FULL, FULL)
+        for i in range(slot, slot + count - 8, LANES):
+            look_up_16(texels, places, 4 * i, lights, strip, i)
+        if 0 < count % LANES <= 8:
+            i = slot + (count & -LANES)
+            look_up_8(texels, places, 4 * i, lights, strip, i)
     if not even:
+        px, py = run[START] + 0.5, y + 0.5
+        inverse_x = plane[3]
+        inverse = inverse_x * px + (plane[4] * py + plane[5])
         red = plane[12] * px + (plane[13] * py + plane[14])
         green = plane[15] * px + (plane[16] * py + plane[17])
         blue = plane[18] * px + (plane[19] * py + plane[20])
@@ -292,10 +301,12 @@ def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture
                 for r in range(run_count):
                     runs[r, SLOT] = slot
                     face = runs[r, OF]
-                    look_up_run(
-                        runs[r], y, planes[face], kind[face, 0], kind[face, 1] == 1, table, texels, least, strip
-                    )
-                    slot += (runs[r, STOP] - runs[r, START] + 7) & -8
+                    place_run(runs[r], y, planes[face], kind[face, 0], table, texels, least, strip)
+                    slot += (runs[r, STOP] - runs[r, START] + LANES - 1) & -LANES
+                # a processor waits less for many short chains of instructions than for a few long ones
+                for r in range(run_count):
+                    face = runs[r, OF]
+                    look_up_run(runs[r], y, planes[face], kind[face, 0], kind[face, 1] == 1, texels, least, strip)
                 paint_row(stretches, stretch_count, runs, strip, drawn, sky, line)
                 run_count = stretch_count = lookups = 0
         packed = width & -LANES

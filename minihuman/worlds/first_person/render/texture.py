@@ -16,7 +16,7 @@ from minihuman.worlds.lanes import Array, vector
 U32 = NDArray[np.uint32]
 
 LANES = 16  # pixels at once; half of them where no more are wanted
-BLOCK = LANES * (LANES - 1)  # pixels whose places in a texture are found before any is looked up
+BLOCK = LANES * (LANES - 1)  # pixels between the ends of which sizes are found at once
 MOST_SIZES = 48  # of a texture: more than four for each halving of 2047 texels a side
 WHITE = 0xFFFFFF
 
