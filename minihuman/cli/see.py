@@ -103,13 +103,14 @@ def report(
     Example: minihuman report sessions/fourrooms-transfer --out report
     """
     from minihuman.data.study import Sessions
-    from minihuman.report.build import build
+    from minihuman.report.build import build, of_another_report
 
     sessions = Sessions(study, selection)
     with room_for(out):
-        for path in build(sessions, out):
-            print(path, flush=True)
-    say(sessions.account.lines())
+        written = build(sessions, out)
+    for path in written:
+        print(path, flush=True)
+    say((*sessions.account.lines(), *of_another_report(out, written)))
 
 
 def query(

@@ -28,7 +28,7 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
         LogError: if there is no session, or one session twice; or if a world shows something else than was seen, and
             the log holds no pictures.
         WorldError: if a world cannot be run here, and the log holds no pictures.
-        OSError: if the disk is full; then there is no recording.
+        OSError: if the file cannot be written, or the disk is full; then there is no recording.
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
@@ -37,6 +37,7 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
     path.parent.mkdir(parents=True, exist_ok=True)
     if shutil.disk_usage(path.parent).free < FIRST_BYTES:
         raise _full(path)
+    path.open("ab").close()  # what cannot be written is an error that names it; rerun has one of its own
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(logs))
     with recording:
         recording.save(path, default_blueprint=layout(logs, with_view=with_view))

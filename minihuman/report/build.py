@@ -1,7 +1,7 @@
 """The report of a study, from its logs to a folder: tables, figures and one page."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -89,6 +89,17 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
     whole = out / "report.html"
     whole.write_text(page(facts, found), encoding="utf-8")
     return (whole, *tables, *(path for _, path, _ in figures))
+
+
+def of_another_report(out: Path, written: Collection[Path]) -> tuple[str, ...]:
+    """Name the figures in a report's folder that it did not write: another study's, or of people left out now."""
+    ours = {path.stem for path in written}
+    left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in ours)
+    if not left:
+        return ()
+    return (
+        f"{out / 'figures'} holds {len(left)} files that are not this report's: {left[0]} to {left[-1]}; remove them",
+    )
 
 
 def named_before(kept: Sequence[Kept]) -> Analysis:

@@ -128,6 +128,19 @@ def test_a_replay_of_nothing_that_can_be_read_is_an_error(app, spoiled, tmp_path
         run(app, "replay", spoiled / "bad" / "half.mcap", "--save", tmp_path / "none.rrd")
 
 
+def test_a_report_names_the_figures_in_its_folder_that_it_did_not_draw(app, tmp_path):
+    """Whose they are, nobody can see: those of another study, or of people who have withdrawn since."""
+    data, out = tmp_path / "data", tmp_path / "out"
+    write_log(session(blocks=("grid",), episodes=1), data)
+    run(app, "report", data, "--out", out)
+    assert "not this report's" not in run(app, "report", data, "--out", out).stderr
+    for name in ("paths_gone.png", "paths_gone.pdf", "notes.txt"):
+        (out / "figures" / name).write_bytes(b"")
+    said = run(app, "report", data, "--out", out).stderr
+    assert f"{out}/figures holds 2 files that are not this report's: paths_gone.pdf to paths_gone.png; remove" in said
+    assert (out / "figures" / "notes.txt").exists()
+
+
 @pytest.mark.parametrize("command", ["replay", "plot", "mark", "report", "query"])
 def test_every_command_has_help_with_an_example(app, command):
     assert f"Example: minihuman {command}" in run(app, command, "--help").stdout

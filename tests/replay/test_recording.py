@@ -15,7 +15,7 @@ from minihuman.replay.scene import session_root
 from minihuman.replay.viewer import viewer_command
 from minihuman.study.events import KeyPressed, Noted, Paused
 from tests.builders import made, plan, session, session_of
-from tests.disks import fill, small_disk
+from tests.disks import fill, read_only, small_disk
 
 
 @pytest.fixture(autouse=True)
@@ -192,3 +192,12 @@ def test_a_recording_that_a_disk_has_no_room_for_is_named_and_not_there(tmp_path
             save_recording([log, session(participant="sub-02", episodes=60)], tmp_path / "session.rrd")
         assert raised.value.filename == str(tmp_path / "session.rrd")
         assert [path.name for path in tmp_path.iterdir()] == ["ballast"]
+
+
+def test_a_recording_that_cannot_be_written_is_named(log, tmp_path):
+    with pytest.raises(IsADirectoryError) as raised:
+        save_recording([log], tmp_path)
+    assert raised.value.filename == str(tmp_path)
+    with read_only(tmp_path), pytest.raises(OSError, match="Read-only file system") as raised:
+        save_recording([log], tmp_path / "session.rrd")
+    assert raised.value.filename == str(tmp_path / "session.rrd")

@@ -17,6 +17,7 @@ from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
 from tests.counts import PATIENCE_S
 from tests.seats.answering_typist import Participant
+from tests.seats.station import started
 from tests.xserver import Typist, xvfb
 
 pytestmark = pytest.mark.program
@@ -38,16 +39,6 @@ form = "demographics"
 name = "last"
 form = "nasa-tlx"
 """
-
-
-def started(*words: str | Path, display: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "minihuman", *map(str, words)],
-        env={**os.environ, "DISPLAY": display},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
 
 
 def done(*words: str | Path, within_s: float) -> subprocess.CompletedProcess[str]:

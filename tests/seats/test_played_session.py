@@ -1,9 +1,5 @@
 """The whole product, as a participant meets it: `minihuman run` in a real window, played by real X key events."""
 
-import os
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,37 +11,10 @@ from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
 from tests.counts import PATIENCE_S
 from tests.seats.session_typist import begin, type_session
-from tests.xserver import Typist, xvfb
+from tests.seats.station import DEMO, demo_started
+from tests.xserver import Typist
 
 pytestmark = pytest.mark.program
-
-SMALL_SCREEN_PX = (640, 480)  # the window shrinks to it; a first-person picture costs by the pixel
-DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
-
-
-@pytest.fixture
-def typist_and_display() -> Iterator[tuple[Typist, str]]:
-    with xvfb(SMALL_SCREEN_PX) as display:
-        typist = Typist(display)
-        yield typist, display
-        typist.close()
-
-
-def start(window: str, display: str, data: Path) -> subprocess.Popen[str]:
-    command = [
-        sys.executable,
-        "-m",
-        "minihuman",
-        "run",
-        str(DEMO),
-        "--data",
-        str(data),
-        "--window",
-        window,
-        "--windowed",
-    ]
-    environment = {**os.environ, "DISPLAY": display}
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.mark.parametrize("window", ["pygame", "pyglet"])
@@ -55,7 +24,7 @@ def test_a_whole_demo_session_keeps_every_stroke_and_verifies(
     typist, display = typist_and_display
     demo = read_protocol(DEMO)
     plan = expand(demo, enrol(demo, 0))
-    station = start(window, display, tmp_path)
+    station = demo_started(window, display, tmp_path)
     typist.focus(TITLE)
     type_session(typist, plan, tmp_path)
     said, complained = station.communicate(timeout=PATIENCE_S)
@@ -80,7 +49,7 @@ def test_closing_the_window_mid_episode_says_abandoned(typist_and_display: tuple
     typist, display = typist_and_display
     demo = read_protocol(DEMO)
     plan = expand(demo, enrol(demo, 0))
-    station = start("pygame", display, tmp_path)
+    station = demo_started("pygame", display, tmp_path)
     typist.focus(TITLE)
     begin(typist, plan, tmp_path)
     typist.tap(*plan.episodes[0].key_map.keys)

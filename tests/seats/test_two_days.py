@@ -16,7 +16,7 @@ from minihuman.study.expand import enrol, expand
 from minihuman.windows.blocking import TITLE
 from tests.counts import PATIENCE_S, count
 from tests.seats.answering_typist import Participant
-from tests.seats.test_answered_session import started
+from tests.seats.station import started
 from tests.xserver import Typist, xvfb
 
 PROTOCOL = Path(__file__).parents[2] / "protocols" / "two-days.toml"

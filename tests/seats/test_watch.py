@@ -27,7 +27,7 @@ from minihuman.study.inputs import Asked, Tick
 from minihuman.study.session import Session
 from minihuman.windows.blocking import TITLE
 from tests.counts import PATIENCE_S
-from tests.seats.test_played_session import DEMO, start, typist_and_display  # noqa: F401
+from tests.seats.station import DEMO, demo_started
 from tests.study.sessions import corridor_plan
 from tests.xserver import Typist
 
@@ -84,14 +84,14 @@ def pages() -> Iterator[list[Page]]:
 
 @pytest.mark.program
 def test_the_page_shows_a_session_takes_notes_pauses_dies_comes_back_and_aborts(
-    typist_and_display: tuple[Typist, str],  # noqa: F811
+    typist_and_display: tuple[Typist, str],
     tmp_path: Path,
     pages: list[Page],
 ) -> None:
     typist, display = typist_and_display
     demo = read_protocol(DEMO)
     plan = expand(demo, enrol(demo, 0))
-    station = start("pygame", display, tmp_path)
+    station = demo_started("pygame", display, tmp_path)
     typist.focus(TITLE)
     typist.tap(*plan.key_pool, "enter")
     study = tmp_path / demo.study.name

@@ -13,9 +13,9 @@ from minihuman.log.read.open_log import read_events
 from minihuman.study.events import KeyPressed
 from minihuman.worlds.adapt.world import World
 from tests.counts import PATIENCE_S
+from tests.web.processes import below, runs, until
 from tests.web.served import Served, served
 from tests.web.serving import free_port
-from tests.web.test_workers import below, runs, until
 from tests.web.typed_page import Counts, TypedPage
 
 ACKED = 12  # presses of each of them at least, when it comes

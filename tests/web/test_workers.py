@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ from minihuman.study.events import KeyPressed
 from minihuman.worlds.adapt.world import World
 from tests.counts import PATIENCE_S, count
 from tests.web.browser import Somebody, browsing
+from tests.web.processes import below, runs, until
 from tests.web.protocols import study
 from tests.web.serving import Serving, listens
 from tests.web.typed_page import TypedPage
@@ -32,13 +32,6 @@ def two_workers(protocol: Path, data: Path, *, links: int) -> Iterator[Serving]:
         yield served
     finally:
         served.stop()
-
-
-def until(condition) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.1)
 
 
 def worker_at(parent: int, port: int) -> int | None:
@@ -115,19 +108,6 @@ def test_told_to_end_it_takes_its_workers_and_its_watch_with_it_and_logs_are_who
     for part, page in zip(parts, pages, strict=True):
         assert list(prove(part, World)) == []
         assert len([key for key in pressed(part) if key in "123"]) == page.counts.presses
-
-
-def below(pid: int) -> list[int]:
-    """The processes that one has begun."""
-    found = (task / "children" for task in Path(f"/proc/{pid}/task").iterdir())
-    return [int(word) for children in found for word in children.read_text().split()]
-
-
-def runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 def pressed(path: Path) -> list[str]:
