@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from minihuman.cli.choosing import choosing, say
 from minihuman.cli.declared import Argument, Option
+from minihuman.cli.waiting import waiting
 from minihuman.errors import room_for
 
 if TYPE_CHECKING:
@@ -38,18 +39,16 @@ def export(
 
     Example: minihuman export minari sessions/fourrooms-transfer demos --outcome goal
     """
-    from rich.console import Console
-
     from minihuman.export.run import export as run
 
-    with Console(stderr=True).status("exporting") as status, room_for(out):
+    with waiting("exporting") as told, room_for(out):
         written, card = run(
             format_name,
             source,
             out,
             selection,
             stored_frames=stored_frames,
-            progress=lambda log: status.update(str(log)),
+            progress=lambda log: told(str(log)),
         )
     say((*card.account.lines(), *(f"left out: {line}" for line in written.left_out)))
     print(f"{written.episodes} episodes, {written.steps} steps in {out}; see {out / 'README.md'}")

@@ -163,6 +163,17 @@ def test_where_no_disk_has_room_for_the_tables_one_sentence_says_so(played, tmp_
             rows(study)
 
 
+@pytest.mark.parametrize("name", ["[lab] a study", "[/red] it's 100% #1? &<b>", "two\nlines \x1b[2J"])
+def test_a_folder_of_any_name_is_exported(played, tmp_path, name):
+    study = shutil.copytree(played, tmp_path / name)
+    app = typer.Typer()
+    export_commands.add_to(app)
+    for kind in ("csv", "bids"):
+        result = CliRunner().invoke(app, [kind, str(study), str(tmp_path / name / f"out {kind}")])
+        assert result.exit_code == 0, result.exception
+        assert "6 episodes" in result.stdout
+
+
 def test_a_table_that_a_disk_has_no_room_for_is_named(study, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
