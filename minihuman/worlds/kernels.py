@@ -33,6 +33,7 @@ from numba.misc.appdirs import AppDirs
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
+from minihuman.worlds.quick import Quick
 from minihuman.worlds.shipped import FOLDER, made_for
 from minihuman.worlds.sources import module_digest
 
@@ -83,7 +84,7 @@ def _compiled(signature: str | None, options: dict[str, Any], variables: dict[st
     options = _KERNEL | options
 
     def compiled(function: F) -> F:
-        dispatcher = numba.njit(locals=variables, **options)(function)
+        dispatcher = numba.njit(locals=variables, pipeline_class=Quick, **options)(function)
         if not hasattr(dispatcher, "py_func"):
             return function  # NUMBA_DISABLE_JIT
         _announce()

@@ -235,7 +235,7 @@ def nearness(faces: Faces, face: int, view: F64, drawn: Drawn, number: int) -> b
     v0 = -p[0, 2] if parallel else 1.0
     v1 = -p[i1, 2] if parallel else 1.0
     v2 = -p[i2, 2] if parallel else 1.0
-    plane(drawn, view, number, 0, v0, v1, v2)
+    plane(drawn, view, number, int64(0), v0, v1, v2)
     return True
 
 

@@ -128,12 +128,12 @@ def share(drawn: Drawn, face: int, row: int, k: int, begin: int, end: int) -> in
     got = merged_count = 0
     x, j = begin, k
     while j < count and spans[j, BEGIN] < end:
-        rival = spans[j, FACE]
-        rival_begin, rival_end = spans[j, BEGIN], spans[j, END]
+        rival = int64(spans[j, FACE])
+        rival_begin, rival_end = int64(spans[j, BEGIN]), int64(spans[j, END])
         if x < rival_begin:
             merged_count = add(merged, merged_count, x, rival_begin, face)
             got += rival_begin - x
-            x = int64(rival_begin)
+            x = rival_begin
         elif rival_begin < x:
             merged_count = add(merged, merged_count, rival_begin, x, rival)
         stop = min(rival_end, end)
@@ -155,7 +155,7 @@ def share(drawn: Drawn, face: int, row: int, k: int, begin: int, end: int) -> in
             got += stop - x if wins else 0
         if stop < rival_end:
             merged_count = add(merged, merged_count, stop, rival_end, rival)
-        x = int64(stop)
+        x = stop
         j += 1
     if x < end:
         merged_count = add(merged, merged_count, x, end, face)
@@ -165,9 +165,9 @@ def share(drawn: Drawn, face: int, row: int, k: int, begin: int, end: int) -> in
         if count + more > spans.shape[0]:
             return -1
         if more != 0:
-            shift(drawn, row, j, count, more)
+            shift(drawn, row, j, int64(count), more)
         for i in range(merged_count):
-            put(drawn, row, k + i, merged[i, BEGIN], merged[i, END], merged[i, FACE])
+            put(drawn, row, k + i, int64(merged[i, BEGIN]), int64(merged[i, END]), int64(merged[i, FACE]))
         drawn.counts[row] = count + more
     return got
 
@@ -218,7 +218,7 @@ def claim(drawn: Drawn, face: int, first: int, last: int, only: int) -> int:
         if k == count or spans[index(row), index(k), BEGIN] >= end:
             if count == spans.shape[1]:
                 return -1
-            shift(drawn, row, k, count, 1)
+            shift(drawn, row, k, int64(count), int64(1))
             put(drawn, row, k, begin, end, face)
             counts[index(row)] = count + 1
             claimed += end - begin

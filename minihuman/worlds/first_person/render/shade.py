@@ -254,7 +254,7 @@ def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture
     out = picture.reshape(picture.shape[0] * width * 3)
     for y in range(int(view[TOP]), int(view[BOTTOM])):
         for s in range(4):
-            now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, 0, 0, width)
+            now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, int64(0), int64(0), width)
         x = run_count = stretch_count = lookups = 0
         while x < width:
             face = now[0, 0]
@@ -295,7 +295,7 @@ def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture
             x = end
             for s in range(4):
                 if now[s, 1] == x:
-                    now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, now[s, 2], x, width)
+                    now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, int64(now[s, 2]), x, width)
             if x == width or lookups > MOST_LOOKUPS or stretch_count > MOST_STRETCHES - 4:
                 slot = 0
                 for r in range(run_count):

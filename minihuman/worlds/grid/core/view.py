@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from minihuman.worlds.grid.core.cells import AGENT, DOOR, GREY_WALL, OPEN, RED, WALL, colour_of, kind_of, state_of
 from minihuman.worlds.grid.core.own import hiding_looks
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
-from minihuman.worlds.kernels import inlined, kernel, part
+from minihuman.worlds.kernels import inlined, int64, kernel, part
 from minihuman.worlds.options import whole
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
@@ -34,12 +34,12 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
     that lets see passes it on to its neighbour in that direction and to the two cells ahead of both.
     """
     if image.shape[0] == USUAL_VIEW:
-        see_cells(row, image, USUAL_VIEW)  # a constant here makes straight code of its loops, twice as fast
+        see_cells(row, image, int64(USUAL_VIEW))  # a constant here makes straight code of its loops, twice as fast
     else:
         see_cells(row, image, image.shape[0])
 
 
-@part()
+@part(into_caller=True)
 def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
     """What `see` says, for a view of ``size`` cells. Without branches on what lies where: those cannot be foreseen."""
     half = size // 2
@@ -87,7 +87,7 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
             code = (row[place] if inside else GREY_WALL) & -(seen >> i & 1)
             show(image, i, size - 1 - distance, code)
         start += onward
-    show(image, half, size - 1, row[CARRYING])
+    show(image, half, size - 1, int64(row[CARRYING]))
 
 
 @part(into_caller=True)
