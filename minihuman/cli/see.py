@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from minihuman.cli.choosing import choosing, say
 from minihuman.cli.declared import Argument, Option
+from minihuman.collector import seldom_collected
 from minihuman.errors import room_for
 
 if TYPE_CHECKING:
@@ -63,14 +64,15 @@ def plot(
 
     Example: minihuman plot sessions/demo --out figures --each
     """
-    from minihuman.data.study import Sessions
-    from minihuman.figures.gallery import draw_all
+    with seldom_collected():
+        from minihuman.data.study import Sessions
+        from minihuman.figures.gallery import draw_all
 
-    sessions = Sessions(source, selection)
-    with room_for(out):
-        for path in draw_all(sessions, out, each=each):
-            print(path, flush=True)
-    say(sessions.account.lines())
+        sessions = Sessions(source, selection)
+        with room_for(out):
+            for path in draw_all(sessions, out, each=each):
+                print(path, flush=True)
+        say(sessions.account.lines())
 
 
 def mark(
@@ -102,15 +104,16 @@ def report(
 
     Example: minihuman report sessions/fourrooms-transfer --out report
     """
-    from minihuman.data.study import Sessions
-    from minihuman.report.build import build, of_another_report
+    with seldom_collected():
+        from minihuman.data.study import Sessions
+        from minihuman.report.build import build, of_another_report
 
-    sessions = Sessions(study, selection)
-    with room_for(out):
-        written = build(sessions, out)
-    for path in written:
-        print(path, flush=True)
-    say((*sessions.account.lines(), *of_another_report(out, written)))
+        sessions = Sessions(study, selection)
+        with room_for(out):
+            written = build(sessions, out)
+        for path in written:
+            print(path, flush=True)
+        say((*sessions.account.lines(), *of_another_report(out, written)))
 
 
 def query(

@@ -1,9 +1,5 @@
 """The columns of every table: the computed ones, and the list of all. The data dictionary is written from here."""
 
-from functools import cache
-
-import pyarrow as pa
-
 from minihuman.data.column import BLOCK, LEFT_OUT, WHERE, WHO, Column
 from minihuman.data.columns_logged import (
     ADVICE,
@@ -31,8 +27,6 @@ from minihuman.data.columns_logged import (
     STARTS,
     STEPS,
 )
-
-_ARROW = {"text": pa.string(), "key": pa.string(), "whole": pa.int64(), "number": pa.float64(), "yes_no": pa.bool_()}
 
 KEYS = (
     *WHO,
@@ -161,18 +155,6 @@ NEED_WORLD = frozenset(
     | {"excess_steps_mean", "log_excess_steps_mean", "log_steps_ratio_mean", "spl_mean"}
 )
 """The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
-
-
-@cache
-def schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
-    """The table's Arrow schema, some columns left out, each field with its unit and meaning as metadata."""
-    return pa.schema(
-        [
-            pa.field(column.name, _ARROW[column.kind], metadata={"unit": column.unit, "meaning": column.meaning})
-            for column in TABLES[table]
-            if column.name not in without
-        ]
-    )
 
 
 def dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:

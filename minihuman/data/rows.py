@@ -13,7 +13,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from minihuman.data.columns import TABLES, schema
+from minihuman.data.arrow import schema
+from minihuman.data.columns import TABLES
 from minihuman.recorded.categorical import Words
 
 _NUMPY: dict[pa.DataType, type] = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}

@@ -11,7 +11,8 @@ import numpy as np
 import pyarrow as pa
 
 import minihuman
-from minihuman.data.columns import TABLES, schema
+from minihuman.data.arrow import schema
+from minihuman.data.columns import TABLES
 from minihuman.data.rows import Rows, together, whole_numbers
 from minihuman.data.table_schema import OF_EPISODES
 from minihuman.errors import StoreError

@@ -10,7 +10,8 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
-from minihuman.data.columns import TABLES, dictionary, schema
+from minihuman.data.arrow import schema
+from minihuman.data.columns import TABLES, dictionary
 from minihuman.data.kept_files import KeptFiles
 from minihuman.data.table_file import TableFile
 from minihuman.data.table_schema import package

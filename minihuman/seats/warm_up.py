@@ -5,7 +5,6 @@ one core busy: a second process then compiles too, from the last piece on, and t
 What is not needed yet, and what looks for ways, it can compile behind, while somebody plays.
 """
 
-import gc
 import os
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 
+from minihuman.collector import never_collected
 from minihuman.study.protocol import Block, Protocol
 from minihuman.study.rehearse import play_a_step, rehearse
 from minihuman.worlds.adapt.world import World
@@ -42,7 +42,7 @@ def warm_up(protocol: Protocol, source: str = "protocol", companion: "Companion 
     if companion is None:
         with shared(protocol.blocks) as companion:
             return warm_up(protocol, source, companion)
-    with _no_collection():
+    with never_collected():
         rehearse(protocol, source, before=companion.compile_with)
 
 
@@ -135,7 +135,7 @@ class Companion:
 def companion() -> None:
     """What the second process does, with a folder, blocks and whether they are planned on its standard input."""
     folder, stages, plans = msgspec.json.decode(sys.stdin.buffer.read(), type=tuple[str, list[list[Block]], bool])
-    with _no_collection():
+    with never_collected():
         for blocks in stages:
             for block in reversed(blocks):
                 for name, piece in reversed(_pieces(block).items()):
@@ -178,15 +178,3 @@ def _begin(folder: str, name: str) -> bool:
     except FileExistsError:
         return False
     return True
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Without the collection of cycles: the compiler makes millions of small objects, and scanning them is a tenth."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()

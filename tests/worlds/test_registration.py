@@ -45,3 +45,9 @@ def test_what_makes_no_world_brings_neither_gymnasium_nor_numpy_nor_pandas(what)
 @pytest.mark.parametrize("what", ["minihuman.log.read.open_log", "minihuman.data.store", "minihuman.export.tables"])
 def test_what_only_reads_logs_does_not_bring_gymnasium(what):
     python(f"import sys, {what}; assert 'gymnasium' not in sys.modules")
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("what", ["minihuman.data.study", "minihuman.figures.gallery"])
+def test_what_draws_from_logs_does_not_bring_arrow(what):
+    python(f"import sys, {what}; assert 'pyarrow' not in sys.modules")
