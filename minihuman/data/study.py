@@ -4,19 +4,20 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from minihuman.data.counted import Account, Counted
 from minihuman.data.facts import episode_facts
 from minihuman.data.measured import Measured
 from minihuman.data.opened import Skipped, each_log, worth_reading
 from minihuman.data.quality import Quality, quality_of
-from minihuman.data.rows import Rows
 from minihuman.data.selection import Selection
-from minihuman.data.tables import session_tables
 from minihuman.errors import LogError
 from minihuman.recorded.episode import SessionLog
 from minihuman.study.plan import SessionPlan
+
+if TYPE_CHECKING:
+    from minihuman.data.rows import Rows
 
 T = TypeVar("T")
 
@@ -101,7 +102,7 @@ class SessionRows:
 
     path: Path
     plan: SessionPlan
-    rows: Rows
+    rows: "Rows"
     facts: tuple[dict[str, Any], ...]  # of each episode that counts
     account: Account
     quality: Quality
@@ -131,6 +132,8 @@ def read_rows(log: SessionLog, *, selection: Selection, with_shortest: bool) -> 
         ProtocolError: if the protocol in the log cannot be understood.
         ReportError: if the protocol excludes by a measure that there is not.
     """
+    from minihuman.data.tables import session_tables  # here, as importing Arrow takes longer than many a command
+
     measured = Measured.of(log, selection.planner(log.plan, with_shortest=with_shortest))
     counted = selection.judge(log, measured=measured)
     facts = tuple(episode_facts(log, episode) for episode in counted.episodes)
