@@ -115,7 +115,8 @@ def _study(store: Store, sessions: Sessions) -> str:
     read = [kept for kept in store.kept if kept.study]
     if not read:
         skipped = len(sessions.account.skipped)
-        raise ReportError(f"{sessions.source} holds no session log that can be read; {skipped} were skipped")
+        found = f"{sessions.source} holds no session log that can be read; {skipped} were skipped"
+        raise ReportError(f"{found}: name the folder of a study that somebody has played")
     for one in read:
         if one.study != read[0].study:
             raise ReportError(
