@@ -22,7 +22,6 @@ import llvmlite.binding
 import numba
 import numpy as np
 from numba import float64
-from numba import int64 as int64  # for kernels whose variables' first values say too little
 from numba.core import config, event
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
@@ -33,12 +32,13 @@ from numba.misc.appdirs import AppDirs
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
-from minihuman.worlds.quick import Quick
 from minihuman.worlds.shipped import FOLDER, made_for
 from minihuman.worlds.sources import module_digest
 
+int64: Any = numba.int64  # for variables whose first values say too little, and constants that are to be as any number
 LOG = logging.getLogger("minihuman")
 LINE = "compiling the worlds for this machine; this takes some seconds, and only the first time"
+QUICK = ("0.68",)  # Numba's versions that `minihuman.worlds.quick` was tried with; others compile by themselves
 MOST_KEPT_BYTES = 512 * 1024**2  # when there is more, what was not used for longest is deleted, down to half of it
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -84,7 +84,7 @@ def _compiled(signature: str | None, options: dict[str, Any], variables: dict[st
     options = _KERNEL | options
 
     def compiled(function: F) -> F:
-        dispatcher = numba.njit(locals=variables, pipeline_class=Quick, **options)(function)
+        dispatcher = numba.njit(locals=variables, **compiler(numba.__version__), **options)(function)
         if not hasattr(dispatcher, "py_func"):
             return function  # NUMBA_DISABLE_JIT
         _announce()
@@ -95,6 +95,16 @@ def _compiled(signature: str | None, options: dict[str, Any], variables: dict[st
         return cast(F, dispatcher)
 
     return compiled
+
+
+@cache
+def compiler(version: str) -> dict[str, Any]:
+    """Numba's option for how kernels are compiled; the machine code is the same."""
+    if version.rpartition(".")[0] not in QUICK:
+        return {}
+    from minihuman.worlds.quick import Quick
+
+    return {"pipeline_class": Quick}
 
 
 class ArrayStart(NamedTuple):

@@ -1,7 +1,7 @@
 """Numba's compiler in less time, to the same code: it is asked less often for what it has answered.
 
 A kernel is compiled with `Quick` by Numba's own option for that: nothing in Numba is changed, nor in what else it
-compiles.
+compiles. It leans on Numba's inside, so it is used with the versions that it was tried with (`kernels.QUICK`) alone.
 """
 
 import operator

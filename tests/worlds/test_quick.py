@@ -5,10 +5,16 @@ import re
 
 import numba
 import numpy as np
+import pytest
 from numba.core.registry import cpu_target
 from numba.core.types import Function
 
-from minihuman.worlds.quick import Quick
+from minihuman.worlds.kernels import QUICK, compiler
+
+if not compiler(numba.__version__):
+    pytest.skip(f"Numba {numba.__version__} compiles by itself", allow_module_level=True)
+
+from minihuman.worlds.quick import Quick  # after what may skip: other versions may lack what it imports
 
 
 def nearest(places, x, wanted):
@@ -55,3 +61,8 @@ def test_numba_compiles_all_else_as_before():
     compiled(pipeline_class=Quick)
     known = cpu_target.typing_context.resolve_value_type(operator.mul)
     assert type(known) is Function
+
+
+def test_a_version_it_was_not_tried_with_compiles_by_itself():
+    assert compiler(f"{QUICK[0]}.7") == {"pipeline_class": Quick}
+    assert compiler("0.99.0") == compiler("0.6.8") == {}
