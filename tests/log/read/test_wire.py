@@ -91,7 +91,8 @@ def test_a_message_cut_off_anywhere_is_read_as_far_as_the_parser_reads_it_or_ref
     try:
         parsed = type(sent).FromString(cut)
     except DecodeError:
-        with pytest.raises(ValueError, match=r"cut off|utf-8"):
+        # too long: what stands behind the cut may go on with a number as if it were its own
+        with pytest.raises(ValueError, match=r"cut off|utf-8|too long"):
             columns(type(sent), [cut, whole])
     else:
         assert_read(columns(type(sent), [cut]), [parsed])
