@@ -17,6 +17,7 @@ from minihuman.lab.register import note_seal
 from minihuman.lab.register_lines import Sealed, register_of
 from minihuman.lab.shelf import put_away
 from minihuman.log.chain import HEAD
+from minihuman.log.paths import require_folder
 from minihuman.log.read.glance import glance
 from minihuman.log.record.claim import sync_folder
 
@@ -59,10 +60,10 @@ def seal(study: Path) -> Seal:
         LogError: if it is no folder, or empty.
         OSError: if a file cannot be read, or the seal cannot be written.
     """
+    require_folder(study)
     files = _digests(study)
     if not files:
-        wrong = "is no folder with files in it" if study.exists() else "does not exist"
-        raise LogError(f"{study} {wrong}; name a study's folder")
+        raise LogError(f"{study} is no folder with files in it; name a study's folder")
     made = Seal(_digest(files), files)
     unfinished = study / _UNFINISHED
     try:

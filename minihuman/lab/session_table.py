@@ -17,7 +17,7 @@ from typing import Any
 from minihuman.data.caches import SESSIONS as FILE_NAME
 from minihuman.errors import LogError
 from minihuman.lab.summary import Summary
-from minihuman.log.paths import folders_with_logs, sessions_among
+from minihuman.log.paths import folders_with_logs, require_folder, sessions_among
 
 _STORED: dict[Any, Any] = {str: str, int: int, bool: int, float: (int, float)}
 _TYPES = tuple(_STORED[field.type] for field in fields(Summary))
@@ -45,9 +45,7 @@ def sessions(study: Path) -> Iterator[SessionRow]:
     Raises:
         LogError: if the folder does not exist.
     """
-    if not study.is_dir():
-        wrong = "is not a folder" if study.exists() else "does not exist"
-        raise LogError(f"{study} {wrong}; name a study's folder, or a session log's own")
+    require_folder(study, instead="a study's folder, or a session log's own")
     with closing(_Table(study)) as table:
         after = ""
         while page := table.page(after):  # no page is open while a caller works on its rows

@@ -29,6 +29,17 @@ _PROFILE = b"minihuman"
 _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
+def require_folder(study: Path, *, instead: str = "a study's folder") -> None:
+    """Make sure that there is a folder.
+
+    Raises:
+        LogError: if there is none; it says what to name instead.
+    """
+    if not study.is_dir():
+        wrong = "is not a folder" if study.exists() else "does not exist"
+        raise LogError(f"{study} {wrong}; name {instead}")
+
+
 @dataclass(frozen=True, slots=True)
 class SegmentPath:
     """A live segment's file and the log it becomes part of."""

@@ -36,7 +36,7 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
     aligned_ns = common_starts(logs) if len(logs) > 1 else None
     path.parent.mkdir(parents=True, exist_ok=True)
     if shutil.disk_usage(path.parent).free < FIRST_BYTES:
-        raise _full(path)
+        raise _unwritten(path, errno.ENOSPC)
     path.open("ab").close()  # what cannot be written is an error that names it; rerun has one of its own
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(logs))
     with recording:
@@ -49,15 +49,16 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
         try:
             recording.flush()
         except RuntimeError as error:  # all that is said of a write that failed; the reason is on the terminal
+            full = shutil.disk_usage(path.parent).free < FIRST_BYTES
             recording.disconnect()
             path.unlink(missing_ok=True)
-            raise _full(path) from error
+            raise _unwritten(path, errno.ENOSPC if full else errno.EIO) from error
         recording.disconnect()
     return path
 
 
-def _full(path: Path) -> OSError:
-    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+def _unwritten(path: Path, why: int) -> OSError:
+    return OSError(why, os.strerror(why), str(path))
 
 
 def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from minihuman.errors import LogError
-from minihuman.log.paths import PART_SUFFIX, SegmentPath
+from minihuman.log.paths import PART_SUFFIX, SegmentPath, require_folder
 from minihuman.log.read.open_log import read_events
 from minihuman.log.record.claim import is_live
 from minihuman.seats.watch.live import Live
@@ -33,9 +33,7 @@ class RunningSessions:
     """
 
     def __init__(self, study_dir: Path) -> None:
-        if not study_dir.is_dir():
-            wrong = "is not a folder" if study_dir.exists() else "does not exist"
-            raise LogError(f"{study_dir} {wrong}; name a study's folder")
+        require_folder(study_dir)
         self._study_dir = study_dir
         self._watched: dict[str, _Watched] = {}
         self._parts = Seldom(lambda: sorted(study_dir.rglob(f"*{PART_SUFFIX}")))

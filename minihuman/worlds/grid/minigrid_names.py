@@ -3,6 +3,7 @@
 They are views: they say what is now, and setting one changes nothing in the world.
 """
 
+import abc
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -80,13 +81,13 @@ class _Read:
         return self if world is None else self._read(world)
 
 
-class MinigridNames:
+class MinigridNames(abc.ABC):
     """Mixed into every grid world: reads its ``state``."""
 
     @property
+    @abc.abstractmethod
     def state(self) -> State:
         """The state, readable by name: the world's own."""
-        raise NotImplementedError
 
     @_Read
     def agent_pos(self) -> tuple[int, int]:
