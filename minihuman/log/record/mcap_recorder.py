@@ -12,13 +12,16 @@ from pathlib import Path
 
 from minihuman.errors import LogError, LossError
 from minihuman.log.paths import SegmentPath
+from minihuman.log.record.appended_file import AppendedFile
 from minihuman.log.record.claim import create
-from minihuman.log.record.disk import BACKLOG, WRITE_BOUND_S, Disk
+from minihuman.log.record.disk import BACKLOG, Disk
 from minihuman.log.record.finish import Finished, Promised, finish
 from minihuman.log.record.left import Left
 from minihuman.log.record.live_file import LiveLog
 from minihuman.log.record.recorder import Recorder
 from minihuman.log.record.rounds import Rounds
+from minihuman.log.record.shared_disk import SharedDisk
+from minihuman.log.record.waited_disk import WRITE_BOUND_S, WaitedDisk
 from minihuman.study.events import Event, SessionEnded
 from minihuman.study.plan import SessionPlan
 
@@ -33,7 +36,7 @@ class McapRecorder(Recorder):
         sync: makes a file descriptor's writes durable.
         put: writes to a file descriptor, and says how many bytes it took.
         bound_s: how long a write that the disk does not take may hold its picture up.
-        rounds: does the disk's work for many recorders, where no picture waits for a write; ``sync`` is not asked then.
+        rounds: does the disk's work for many recorders, where no picture waits for a write.
         backlog: how many writes may wait for the disk before the recorder gives up.
         at_sync: called, by another thread, whenever more has become durable.
         left: a live file of this segment that a killed program left, to go on with; it was locked for this.
@@ -63,16 +66,11 @@ class McapRecorder(Recorder):
         else:
             self._fd = left.fd
             self._live = LiveLog.going_on(plan, started_ns=started_ns, messages=left.messages, steps=left.steps)
-        self._disk = Disk(
-            self._fd,
-            self.where.part,
-            sync=sync,
-            put=put,
-            bound_s=bound_s,
-            rounds=rounds,
-            backlog=backlog,
-            crc=0 if left is None else left.crc,
-            at_sync=at_sync,
+        file = AppendedFile(self._fd, self.where.part, sync=sync, put=put, crc=0 if left is None else left.crc)
+        self._disk: Disk = (
+            WaitedDisk(file, bound_s=bound_s, backlog=backlog, at_sync=at_sync)
+            if rounds is None
+            else SharedDisk(file, rounds, backlog=backlog, at_sync=at_sync)
         )
         self._ended = False
         self._closed = False
@@ -162,7 +160,7 @@ class McapRecorder(Recorder):
         self._disk.close()
         try:
             self._refuse_after_failure()
-            promised = Promised(self._live.messages, self._disk.crc, self._disk.late, self._disk.longest_wait_s)
+            promised = Promised(self._live.messages, self._disk.file.crc, self._disk.late, self._disk.longest_wait_s)
             return self._whole(finish(self.where, clean=self._ended, promised=promised)).path
         except OSError as error:
             self._disk.failure = error
