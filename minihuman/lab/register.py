@@ -57,6 +57,20 @@ def take_slot(
     return who, taken
 
 
+def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
+    """Refuse more participants than there is room for, before any of them has a slot.
+
+    Raises:
+        AllocationError: if fewer slots are free, or the register cannot be read.
+    """
+    free = len(_Holders(register_of(study_dir).read()).free_slots(protocol))
+    if count > free:
+        raise AllocationError(
+            f"{count} participants are more than the {free} free slots of study {protocol.study.name!r}; ask for "
+            f"fewer, or raise $.study.participants in the protocol, which is {protocol.study.participants}"
+        )
+
+
 def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> Participant:
     """Draw the group of somebody who has answered: the first slot of their stratum that nobody holds; make it last.
 
@@ -176,18 +190,21 @@ class _Holders:
             raise AllocationError(f"{code} and {self._held[index].participant} are the same slot; choose another code")
         return index
 
+    def free_slots(self, protocol: Protocol) -> list[int]:
+        """The slots that nobody holds, in order."""
+        return [index for index in range(protocol.study.participants) if index not in self._held]
+
     def next_free(self, protocol: Protocol) -> int:
         """The first slot that nobody holds.
 
         Raises:
             AllocationError: if all are held.
         """
-        count = protocol.study.participants
-        for index in range(count):
-            if index not in self._held:
-                return index
+        if free := self.free_slots(protocol):
+            return free[0]
         raise AllocationError(
-            f"all {count} slots of study {protocol.study.name!r} are taken; raise $.study.participants in the protocol"
+            f"all {protocol.study.participants} slots of study {protocol.study.name!r} are taken; raise "
+            "$.study.participants in the protocol"
         )
 
     def next_of(self, protocol: Protocol, stratum: str) -> Slot:

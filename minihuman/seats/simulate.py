@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from minihuman.lab.next_session import next_session
-from minihuman.lab.register import free
+from minihuman.lab.register import free, require_free_slots
 from minihuman.lab.seal import note_end
 from minihuman.log.record.gathered import GatheringRecorder
 from minihuman.log.record.held import HeldRecorder
@@ -33,12 +33,13 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
     Each has a stream of chance of its own, from ``seed``, its place in the allocation list and who left that before.
 
     Raises:
-        AllocationError: if there are not so many free slots.
+        AllocationError: if there are not so many free slots, before anybody plays; or another program took them since.
         LogError: if a log cannot be written.
         PlayerError: if there is no such player, or it cannot play a block's world.
     """
     facts = {"player": player, "player_seed": str(seed), **machine_facts()}
     make_player(player, np.random.default_rng(seed))  # an unknown name must not cost a slot
+    require_free_slots(protocol, data / protocol.study.name, participants)
     left = Counter[int]()  # by place: who left no data
     for _ in range(participants):
         plan = next_session(protocol, data)

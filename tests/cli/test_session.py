@@ -135,11 +135,18 @@ def test_the_status_of_no_study_is_an_error(tmp_path):
     assert isinstance(typed("status", tmp_path / "none").exception, LogError)
 
 
-def test_more_participants_than_slots_are_refused(tmp_path, grid_only):
-    grid_only.write_text(grid_only.read_text().replace("participants = 60", "participants = 1"))
-    failed = typed("simulate", grid_only, "--participants", 2, "--data", tmp_path, "--player", "optimal").exception
-    assert isinstance(failed, AllocationError)
-    assert "all 1 slots" in str(failed)
+def test_more_participants_than_slots_are_refused_before_anybody_plays(tmp_path, grid_only):
+    grid_only.write_text(grid_only.read_text().replace("participants = 60", "participants = 2"))
+    options = ("--data", tmp_path / "data", "--player", "optimal")
+    failed = typed("simulate", grid_only, "--participants", 3, *options)
+    assert isinstance(failed.exception, AllocationError)
+    assert "3 participants are more than the 2 free slots of study 'fourrooms-transfer'" in str(failed.exception)
+    assert "which is 2" in str(failed.exception)
+    assert (failed.stdout, (tmp_path / "data").exists()) == ("", False)
+    assert typed("simulate", grid_only, "--participants", 1, *options).exit_code == 0
+    failed = typed("simulate", grid_only, "--participants", 2, *options)
+    assert "2 participants are more than the 1 free slots" in str(failed.exception)
+    assert len(list((tmp_path / "data").rglob("*.mcap"))) == 1
 
 
 def test_what_nobody_could_read_is_refused_before_anybody_has_a_slot(tmp_path):
