@@ -19,6 +19,7 @@ from minihuman.lab.register_lines import Replaced, Withdrawn
 from minihuman.lab.shelf import take_away
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.claim import is_live, sync_folder
+from minihuman.study.expand import participant_index
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +49,9 @@ def withdraw(study_dir: Path, code: str, *, seal: Path | None) -> Gone:
         seal: a ZIP archive to be made, outside of the study's folder; None erases.
 
     Raises:
-        AllocationError: if there is no such participant, a session of theirs is running, or the archive cannot be made.
+        AllocationError: if that is no code or nobody's, a session of theirs is running, or the archive cannot be made.
     """
+    participant_index(code)  # nothing but a participant's folder is ever taken out
     folder = study_dir / code
     if any(is_live(part) for part in folder.rglob(f"*{PART_SUFFIX}")):
         raise AllocationError(f"a session of {code} is running; end it first, then withdraw")

@@ -149,6 +149,17 @@ def test_nobody_of_that_code_and_nothing_said_of_the_data_are_errors(data: Path)
     assert "--erase" in str(told.exception)
 
 
+@pytest.mark.parametrize("code", [".", "..", "", "policies", "sub-02/ses-01"])
+def test_what_is_no_code_takes_nothing_out(data: Path, code: str) -> None:
+    (data / STUDY / "policies").mkdir()
+    (data / STUDY / "policies" / "kept.pt").write_text("an agent's")
+    (data / "another-study").mkdir()
+    before = sorted(data.rglob("*"))
+    with pytest.raises(AllocationError, match="is no code"):
+        withdraw(data / STUDY, code, seal=None)
+    assert sorted(data.rglob("*")) == before
+
+
 def test_a_session_is_refused_before_the_one_before_it_is_complete(data: Path) -> None:
     assert next_session(PROTOCOL, data, participant="sub-01", session=2).session == 2
     with pytest.raises(AllocationError, match="has not begun session 2; run it first"):
