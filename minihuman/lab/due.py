@@ -9,7 +9,7 @@ from typing import Literal
 import msgspec
 
 from minihuman.errors import LogError
-from minihuman.lab.register_lines import Replaced, read_lines, read_register
+from minihuman.lab.register_lines import read_lines, read_register, replaced_by_others
 from minihuman.lab.session_table import SessionRow, sessions
 from minihuman.log.read.open_log import open_log
 from minihuman.study.events import SETTLED
@@ -70,7 +70,7 @@ def due(study_dir: Path, today: date) -> tuple[Due, ...]:
         ProtocolError: if the protocol in the logs cannot be understood.
     """
     seen, unreadable = _furthest(study_dir)
-    replaced = {line.replaced for line in read_lines(study_dir) if isinstance(line, Replaced)}
+    replaced = replaced_by_others(read_lines(study_dir))
     protocols: dict[str, Protocol] = {}
     found = []
     for slot in read_register(study_dir):

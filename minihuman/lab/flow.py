@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from minihuman.lab.register_lines import Freed, Line, Replaced, Taken, Withdrawn, read_lines, slots_taken
+from minihuman.lab.register_lines import Freed, Line, Taken, Withdrawn, read_lines, replaced_by_others, slots_taken
 from minihuman.lab.session_table import sessions
 from minihuman.lab.summary import Summary
 
@@ -54,7 +54,7 @@ def flow(study_dir: Path) -> Flow:
     lines = read_lines(study_dir)
     taken = {line.participant: line.group for line in slots_taken(lines)}
     gone = {line.withdrawn for line in lines if isinstance(line, Withdrawn)}
-    replaced = {line.replaced for line in lines if isinstance(line, Replaced)}
+    replaced = set(replaced_by_others(lines))
     found: dict[tuple[int, str], Summary] = {}
     for row in sessions(study_dir):
         one = row.summary

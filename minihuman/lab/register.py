@@ -5,6 +5,7 @@ Lines of other kinds, which other programs may add, are passed over.
 """
 
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 
 import msgspec
@@ -20,6 +21,7 @@ from minihuman.lab.register_lines import (
     Taken,
     Withdrawn,
     register_of,
+    replaced_by_others,
     slots_taken,
 )
 from minihuman.study.allocation import Slot, allocation, allocation_sha256, slot_of
@@ -121,7 +123,7 @@ def leave(study_dir: Path, parting: Withdrawn | Replaced) -> None:
             here = [line.participant for line in holders.taken if line.participant not in gone]
             known = ", ".join(here[:8]) or "nobody yet"
             raise AllocationError(f"{code!r} has no slot in {study_dir}; there are {known}")
-        if not any(type(line) is type(parting) and code in (holders.left_by(line)) for line in register.lines):
+        if not isinstance(parting, Replaced) or code not in holders.replaced:
             register.append(parting)
 
 
@@ -150,20 +152,10 @@ class _Holders:
         self.taken = slots_taken(lines)
         self._began = {line.participant: line for line in lines if isinstance(line, Taken)}
         self._withdrawn = {line.withdrawn for line in lines if isinstance(line, Withdrawn)}
-        self._replaced = {line.replaced for line in lines if isinstance(line, Replaced)}
+        self.replaced = set(replaced_by_others(lines))
         self._held = {
-            line.index: line for line in self.taken if line.participant not in self._withdrawn | self._replaced
+            line.index: line for line in self.taken if line.participant not in self._withdrawn | self.replaced
         }
-
-    @staticmethod
-    def left_by(line: Line) -> tuple[str, ...]:
-        """Whose parting a line is."""
-        match line:
-            case Withdrawn():
-                return (line.withdrawn,)
-            case Replaced():
-                return (line.replaced,)
-        return ()
 
     def line_of(self, code: str) -> Taken | None:
         """The slot that a participant took.
@@ -222,7 +214,9 @@ class _Holders:
 
     def next_code(self, index: int) -> str:
         """The code of the next participant in a slot: never one that was somebody's."""
-        return participant_code(index, sum(line.index == index for line in self.taken))
+        known = {line.participant for line in self.taken}
+        codes = (participant_code(index, before) for before in count())
+        return next(code for code in codes if code not in known)
 
 
 def _again(line: Taken, group: str | None) -> tuple[Participant, Taken]:

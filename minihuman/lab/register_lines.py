@@ -112,6 +112,18 @@ def slots_taken(lines: tuple[Line, ...]) -> tuple[Taken, ...]:
     return tuple(taken.values())
 
 
+def replaced_by_others(lines: tuple[Line, ...]) -> tuple[str, ...]:
+    """Who does not come back, in the order in which that was said; whose slot was freed since is nobody."""
+    replaced: dict[str, None] = {}
+    for line in lines:
+        match line:
+            case Replaced():
+                replaced.setdefault(line.replaced)
+            case Freed():
+                replaced.pop(line.freed, None)
+    return tuple(replaced)
+
+
 def _line(line: bytes, number: int) -> Line | None:
     """A whole line of ours; a cut-off one was never acknowledged and is passed over, as others' are.
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from minihuman.lab.flow import left_before
-from minihuman.lab.register_lines import Replaced, Withdrawn, read_lines, read_register
+from minihuman.lab.register_lines import Withdrawn, read_lines, read_register, replaced_by_others
 from minihuman.lab.session_table import SessionRow, sessions
 from minihuman.lab.summary import Summary
 from minihuman.log.paths import PART_SUFFIX
@@ -41,9 +41,8 @@ def _partings(study_dir: Path) -> Iterator[str]:
     lines = read_lines(study_dir)
     for what, count in left_before(lines).items():
         yield f"{count} {what}"
-    for line in lines:
-        if isinstance(line, Replaced):
-            yield f"{line.replaced:12} does not come back; the slot is offered again"
+    for code in replaced_by_others(lines):
+        yield f"{code:12} does not come back; the slot is offered again"
     withdrawn = sum(isinstance(line, Withdrawn) for line in lines)
     if withdrawn:
         yield f"{withdrawn} withdrew and {'is' if withdrawn == 1 else 'are'} left out"

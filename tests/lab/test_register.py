@@ -7,8 +7,10 @@ import msgspec
 import pytest
 
 from minihuman.errors import AllocationError
-from minihuman.lab.register import take_slot
+from minihuman.lab.register import free, take_slot
 from minihuman.lab.register_lines import FILE_NAME, read_register
+from minihuman.lab.status import status_lines
+from minihuman.lab.withdraw import replace, withdraw
 from minihuman.study.allocation import allocation
 from minihuman.study.protocol import decode
 from tests.counts import count
@@ -132,3 +134,25 @@ def test_a_damaged_line_stops_the_station(tmp_path):
     (tmp_path / FILE_NAME).write_bytes(b'{"participant": 3}\n')
     with pytest.raises(AllocationError, match=r"register\.jsonl:1: cannot be read"):
         take_slot(PROTOCOL, tmp_path)
+
+
+def test_the_slot_of_who_was_replaced_came_back_and_declined_is_one_person_s(tmp_path):
+    take_slot(PROTOCOL, tmp_path)
+    replace(tmp_path, "sub-01")
+    free(tmp_path, "sub-01", "declined")
+    assert [take_slot(PROTOCOL, tmp_path)[0].id for _ in range(2)] == ["sub-01", "sub-02"]
+    assert not any("does not come back" in line for line in status_lines(tmp_path))
+    replace(tmp_path, "sub-01")
+    replace(tmp_path, "sub-01")
+    assert [take_slot(PROTOCOL, tmp_path)[0].id for _ in range(2)] == ["sub-100001", "sub-03"]
+
+
+def test_nobody_gets_the_code_of_who_withdrew_though_another_of_that_slot_left_no_data(tmp_path):
+    take_slot(PROTOCOL, tmp_path)
+    replace(tmp_path, "sub-01")
+    assert take_slot(PROTOCOL, tmp_path)[0].id == "sub-100001"
+    free(tmp_path, "sub-01", "declined")
+    withdraw(tmp_path, "sub-100001", seal=None)
+    taken = [take_slot(PROTOCOL, tmp_path)[0] for _ in range(2)]
+    assert [who.index for who in taken] == [0, 1]
+    assert [line.participant for line in read_register(tmp_path)] == [who.id for who in taken]
