@@ -71,9 +71,17 @@ Line = Taken | Drawn | Withdrawn | Replaced | Freed | Sealed
 
 def read_register(study_dir: Path) -> tuple[Taken, ...]:
     """Who is in the study, in order of taking their slots; those who withdrew are not."""
-    lines = read_lines(study_dir)
-    gone = {line.withdrawn for line in lines if isinstance(line, Withdrawn)}
-    return tuple(line for line in slots_taken(lines) if line.participant not in gone)
+    gone = withdrawn(study_dir)
+    return tuple(line for line in slots_taken(read_lines(study_dir)) if line.participant not in gone)
+
+
+def withdrawn(study_dir: Path) -> set[str]:
+    """The codes of those who withdrew.
+
+    Raises:
+        AllocationError: if a whole line cannot be read.
+    """
+    return {line.withdrawn for line in read_lines(study_dir) if isinstance(line, Withdrawn)}
 
 
 def read_lines(study_dir: Path) -> tuple[Line, ...]:

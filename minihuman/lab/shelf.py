@@ -10,6 +10,7 @@ import shutil
 from pathlib import Path
 
 from minihuman.errors import LogError
+from minihuman.lab.register_lines import withdrawn
 from minihuman.log.paths import LOG_SUFFIX
 from minihuman.log.record.claim import sync_folder
 
@@ -103,33 +104,36 @@ def shelf_of(data: Path) -> Shelf | None:
 
 
 def put_away(log: Path) -> None:
-    """Put a finished log on its study's shelf, if there is one.
+    """Put a finished log on its study's shelf, if there is one; nobody's who withdrew.
 
     Raises:
+        AllocationError: if the register cannot be read.
         ShelfError: if it cannot be put there; the log stays here in any case.
     """
     data = log.absolute().parents[3]  # behind study, participant and session
     shelf = shelf_of(data)
-    if shelf is not None:
+    if shelf is not None and log.absolute().parents[1].name not in withdrawn(log.absolute().parents[2]):
         shelf.put(str(log.absolute().relative_to(data)), log)
 
 
 def gather(data: Path, prefix: str) -> tuple[int, int]:
     """Bring here what the shelf has, and put there what it has not; how many logs came and went.
 
-    A log grows with each of its segments: where both have one, the longer is the newer.
+    A log grows with each of its segments: where both have one, the longer is the newer. Those of whoever withdrew, by
+    the register that this machine has, are left where they are.
 
     Args:
         data: the data folder.
         prefix: "study/" or "study/sub-07/".
 
     Raises:
+        AllocationError: if the register cannot be read.
         ShelfError: if the shelf cannot be reached.
     """
     shelf = shelf_of(data)
     if shelf is None:
         return 0, 0
-    there, here = shelf.sizes(prefix), sizes_in(data, prefix)
+    there, here = (_of_those_in_it(data, sizes) for sizes in (shelf.sizes(prefix), sizes_in(data, prefix)))
     coming = [name for name, size in there.items() if size > here.get(name, -1)]
     going = [name for name, size in here.items() if size > there.get(name, -1)]
     for name in coming:
@@ -157,6 +161,13 @@ def sizes_in(folder: Path, prefix: str) -> dict[str, int]:
     files = (path for path in below.rglob(f"*{LOG_SUFFIX}") if path.is_file())
     named = ((path.relative_to(folder).as_posix(), path.stat().st_size) for path in sorted(files))
     return {name: size for name, size in named if name.startswith(prefix)}
+
+
+def _of_those_in_it(data: Path, sizes: dict[str, int]) -> dict[str, int]:
+    """What is of nobody who withdrew from their study; a name is study, participant, session and log."""
+    parts = {name: name.split("/") for name in sizes}
+    gone = {study: withdrawn(data / study) for study in {its[0] for its in parts.values()}}
+    return {name: size for name, size in sizes.items() if not gone[parts[name][0]].intersection(parts[name][1:2])}
 
 
 def _copied(path: Path, to: Path) -> None:

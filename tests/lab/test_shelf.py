@@ -9,6 +9,7 @@ import pytest
 
 from minihuman.lab.prove import prove
 from minihuman.lab.recruits import Came, key_of_link
+from minihuman.lab.register_lines import FILE_NAME
 from minihuman.lab.shelf import URL_FILE_NAME, ShelfError, gather, put_away, shelf_of
 from minihuman.lab.withdraw import withdraw
 from minihuman.seats.simulate import simulate
@@ -108,6 +109,25 @@ def test_whoever_withdraws_is_on_no_shelf(machines: tuple[Path, Path], tmp_path:
     played(here, tmp_path)
     withdraw(here / "tried", "sub-01", seal=None)
     assert gather(there, "tried/") == (0, 0)
+
+
+def test_whoever_withdraws_is_put_on_no_shelf_again(machines: tuple[Path, Path], tmp_path: Path) -> None:
+    here, there = machines
+    log = played(here, tmp_path)
+    assert gather(there, "tried/") == (1, 0)
+    [kept] = there.rglob("*.mcap")
+    withdraw(here / "tried", "sub-01", seal=None)
+    register = (here / "tried" / FILE_NAME).read_bytes()
+    (there / "tried" / FILE_NAME).write_bytes(register)  # as a database would have it everywhere
+    assert gather(there, "tried/") == (0, 0)
+    put_away(kept)
+    assert gather(here, "tried/") == (0, 0)
+    assert not log.exists()
+    shelf = shelf_of(there)
+    assert shelf is not None
+    shelf.put("tried/sub-01/ses-01/sub-01_ses-01.mcap", kept)  # by a machine that had not heard of it
+    assert gather(here, "tried/sub-01/") == (0, 0)
+    assert not log.exists()
 
 
 def test_what_is_not_there_is_said_in_one_line(machines: tuple[Path, Path], tmp_path: Path) -> None:
