@@ -10,6 +10,8 @@ import numpy as np
 
 from minihuman.errors import MinihumanError
 from minihuman.lab.policies import Policies
+from minihuman.log.paths import study_folder
+from minihuman.log.read.open_log import files_of
 from minihuman.players.agent import Agent, agent_of_file, is_agent, make_agent
 from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.recorded.taught import NO_ADVICE, Taught
@@ -27,7 +29,7 @@ def advice(log: SessionLog, make_world: MakeWorld) -> Iterator[tuple[str, bool]]
         MinihumanError: if it cannot be loaded.
         WorldError: if a world of the log cannot be made here.
     """
-    policies = Policies(log.path.parent.parent.parent)
+    policies = Policies(study_folder(files_of(log.path)[0]))
     agents: dict[str, Agent] = {}
     states, furthest = 0, 0.0
     for episode in log.episodes:

@@ -19,7 +19,7 @@ from minihuman.lab.register_lines import sealed_heads
 from minihuman.log import segment_head, topics
 from minihuman.log.chain import HEAD, OURS, Chain
 from minihuman.log.kinds import known
-from minihuman.log.paths import PART_SUFFIX
+from minihuman.log.paths import PART_SUFFIX, study_folder
 from minihuman.log.read.chunk import LogMessage, Messages
 from minihuman.log.read.scan import Scan
 from minihuman.log.record.live_file import attachments, segment_facts
@@ -109,7 +109,7 @@ def prove(path: Path, make_world: MakeWorld) -> Iterator[str]:
             ):
                 yield f"{where}: {complaint}"
     last = found.segments[-1]
-    known = sealed_heads(path.parent.parent.parent, path.name).get(last.number)
+    known = sealed_heads(study_folder(path), path.name).get(last.number)
     if known is not None and last.end is not None and known != last.end.get(HEAD):
         yield f"the register says that the log ended with chain {known[:16]}, not {last.end.get(HEAD, '')[:16]}"
 

@@ -17,7 +17,7 @@ from minihuman.lab.register import note_seal
 from minihuman.lab.register_lines import Sealed, register_of
 from minihuman.lab.shelf import put_away
 from minihuman.log.chain import HEAD
-from minihuman.log.paths import require_folder
+from minihuman.log.paths import require_folder, study_folder
 from minihuman.log.read.glance import glance
 from minihuman.log.record.claim import sync_folder
 
@@ -46,7 +46,7 @@ def note_end(log: Path) -> str:
     if found is None or not found.ends or HEAD not in found.ends[-1]:
         return ""
     end = found.ends[-1]
-    study = log.absolute().parent.parent.parent
+    study = study_folder(log)
     if register_of(study).begun:  # a log by itself, far from its study, stays by itself
         note_seal(study, Sealed(log.name, end["segment"], end[HEAD]))
         put_away(log)

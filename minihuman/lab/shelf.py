@@ -11,7 +11,7 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.lab.register_lines import withdrawn
-from minihuman.log.paths import LOG_SUFFIX
+from minihuman.log.paths import LOG_SUFFIX, study_folder
 from minihuman.log.record.claim import sync_folder
 
 URL_FILE_NAME = "logs.url"
@@ -112,7 +112,7 @@ def put_away(log: Path) -> None:
     """
     data = log.absolute().parents[3]  # behind study, participant and session
     shelf = shelf_of(data)
-    if shelf is not None and log.absolute().parents[1].name not in withdrawn(log.absolute().parents[2]):
+    if shelf is not None and log.absolute().parents[1].name not in withdrawn(study_folder(log)):
         shelf.put(str(log.absolute().relative_to(data)), log)
 
 

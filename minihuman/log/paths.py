@@ -99,6 +99,11 @@ def session_folder(data: Path, study: str, participant: str, session: int) -> Pa
     return data / study / participant / f"ses-{session:02d}"
 
 
+def study_folder(log: Path) -> Path:
+    """Name the folder of the study that a log lies in, also where the log is named from inside of it."""
+    return log.absolute().parent.parent.parent  # behind session and participant
+
+
 def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[str]]]:
     """Yield every folder from one down that has an MCAP file in it, with the names of all its files; links are left."""
     waiting = [os.fspath(top)]

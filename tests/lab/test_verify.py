@@ -1,15 +1,23 @@
 """A log that was really played replays exactly; one changed number is found and named."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from minihuman.errors import LogError
+from minihuman.lab.advised import advice
+from minihuman.lab.next_session import next_session
 from minihuman.lab.verify import verify
 from minihuman.log.read.open_log import open_log
+from minihuman.recorded.taught import Taught
 from minihuman.study.events import EpisodeStarted, Event, Stepped
 from minihuman.study.plan import SessionPlan
+from minihuman.worlds.adapt.world import World
 from minihuman.worlds.pose import Pose
+from tests.lab.test_next_session import PROTOCOL, play
 from tests.log.played import played_events, record
 from tests.log.samples import session_plan
 
@@ -72,3 +80,16 @@ def test_a_seed_that_was_not_played_is_found(tmp_path: Path, plan: SessionPlan, 
     ]
     result = verify(open_log(record(tmp_path, plan, changed)))
     assert "reset" in result.difference
+
+
+def test_a_policy_is_looked_for_in_the_study_of_a_session_in_several_files_and_from_inside_it(tmp_path, monkeypatch):
+    play(next_session(PROTOCOL, tmp_path), tmp_path, episodes=1)
+    play(next_session(PROTOCOL, tmp_path, participant="sub-01"), tmp_path, episodes=1, cut=True)
+    folder = tmp_path / "corridor" / "sub-01" / "ses-01"
+    monkeypatch.chdir(folder)
+    for given in (folder, Path("sub-01_ses-01.mcap")):
+        log = open_log(given)
+        steered = Taught("ab" * 32, *(np.zeros(0),) * 3, (), ())
+        taught = replace(log, episodes=(replace(log.episodes[0], taught=steered),))
+        with pytest.raises(LogError, match=re.escape(f"is not in {tmp_path / 'corridor' / 'policies'};")):
+            list(advice(taught, World))

@@ -137,6 +137,19 @@ def test_a_log_that_was_made_anew_is_not_the_one_in_the_register(app: typer.Type
         assert f"{log}: the register says that the log ended with chain" in result.stdout
 
 
+@pytest.mark.parametrize(("inside", "given"), [(1, "{log.name}"), (2, "ses-01"), (2, "."), (1, ".")])
+def test_the_register_is_asked_of_a_log_that_is_named_from_inside_its_study(
+    app: typer.Typer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inside: int, given: str
+) -> None:
+    (log,) = simulate(study(episodes=1), tmp_path, participants=1, seed=1, player="random")
+    (other,) = simulate(study(episodes=1), tmp_path / "other", participants=1, seed=2, player="random")
+    log.write_bytes(other.read_bytes())
+    monkeypatch.chdir(log.parents[inside - 1])
+    result = CliRunner().invoke(app, ["verify", given.format(log=log)])
+    assert result.exit_code == 1
+    assert "the register says that the log ended with chain" in result.stdout
+
+
 def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_path: Path) -> None:
     events = [
         replace(event, state_hash=0) if isinstance(event, Stepped) and event.step == 3 else event
