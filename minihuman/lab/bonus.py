@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from minihuman.errors import AllocationError
+from minihuman.errors import AllocationError, LogError
 from minihuman.lab.recruits import Recruits
 from minihuman.lab.register_lines import read_register
 from minihuman.lab.session_table import sessions
@@ -33,15 +33,21 @@ def payments(study_dir: Path) -> Iterator[Payment]:
     """Yield what each recorded session earned, in order of path; nobody who withdrew is among them.
 
     Raises:
-        LogError: if there is no such folder, or a log is damaged.
+        LogError: if there is no such folder, a log cannot be read, or a session is there twice.
         AllocationError: if the protocol of a session has no [bonus].
     """
     ids = Recruits(study_dir).ids()
     here = {line.participant for line in read_register(study_dir)}
+    paid: dict[tuple[str, int], Path] = {}
     for row in sessions(study_dir):
+        if row.summary is None and row.path.relative_to(study_dir).parts[0] in here:
+            raise LogError(f"{row.path} cannot be read, so what it earned is not known: {row.problem}")
         if row.summary is None or row.summary.participant not in here:
             continue
-        log = open_log(row.path)
+        whose = row.summary.participant, row.summary.session
+        if (other := paid.setdefault(whose, row.path)) != row.path:
+            raise LogError(f"{row.path} and {other} are the same session; move one of them out of {study_dir}")
+        log = open_log(row.path.parent)  # with what was cut off behind a finished log
         bonus = log.plan.bonus
         if bonus is None:
             raise AllocationError(f"{row.path}: its protocol has no [bonus]; add one, with per_point and currency")

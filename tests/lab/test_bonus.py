@@ -1,15 +1,18 @@
 """What participants are paid."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 
-from minihuman.errors import AllocationError
+from minihuman.errors import AllocationError, LogError
 from minihuman.lab.bonus import as_csv, for_platform, payments
+from minihuman.lab.next_session import next_session
 from minihuman.lab.recruits import PlatformId, Recruits
 from minihuman.lab.withdraw import withdraw
 from minihuman.seats.simulate import simulate
 from minihuman.study.protocol import decode
+from tests.lab.test_next_session import PROTOCOL, play
 
 TOML = """
 [study]
@@ -55,3 +58,29 @@ def test_who_withdrew_is_in_no_payment(tmp_path):
 def test_a_study_without_a_bonus_says_so(tmp_path):
     with pytest.raises(AllocationError, match="has no \\[bonus\\]"):
         list(payments(study(tmp_path, bonus="")))
+
+
+def test_nobody_whose_log_cannot_be_read_is_left_out_without_a_word(tmp_path):
+    folder = study(tmp_path, bonus="[bonus]\nper_point = 0.05")
+    log = folder / "sub-01" / "ses-01" / "sub-01_ses-01.mcap"
+    log.write_bytes(log.read_bytes()[:2000])
+    with pytest.raises(LogError, match=r"sub-01_ses-01\.mcap cannot be read"):
+        list(payments(folder))
+    withdraw(folder, "sub-01", seal=None)
+    assert [one.participant for one in payments(folder)] == ["sub-02"]
+
+
+def test_a_session_that_was_copied_within_its_study_is_not_paid_twice(tmp_path):
+    folder = study(tmp_path, bonus="[bonus]\nper_point = 0.05")
+    shutil.copytree(folder / "sub-01", folder / "backup" / "sub-01")
+    with pytest.raises(LogError, match="are the same session; move one of them"):
+        list(payments(folder))
+
+
+def test_what_was_earned_before_a_cut_is_paid_before_the_log_is_finished(tmp_path):
+    points = b"points = { failure = 10 }\n[bonus]\nper_point = 0.05"
+    protocol = decode(PROTOCOL.toml + points)
+    play(next_session(protocol, tmp_path), tmp_path, episodes=1)
+    play(next_session(protocol, tmp_path, participant="sub-01"), tmp_path, episodes=1, cut=True)
+    [one] = payments(tmp_path / "corridor")
+    assert (one.points, one.bonus, one.end) == (20.0, 1.0, "cut_off")
