@@ -106,7 +106,7 @@ def _furthest(study_dir: Path) -> tuple[dict[str, _Seen], dict[str, int]]:
             continue
         if found.participant in seen and seen[found.participant].session > found.session:
             continue
-        whole = found.end_reason in SETTLED or (0 < found.episodes_planned == found.episodes_completed)
+        whole = found.complete or found.end_reason in SETTLED
         started = datetime.fromisoformat(found.started_at).date()
         seen[found.participant] = _Seen(row, found.session, whole, started)
     return seen, unreadable

@@ -92,5 +92,4 @@ def _course(number: int, found: Mapping[tuple[int, str], Summary]) -> Course:
 def _state(one: Summary) -> str:
     if one.end_reason == "screened_out":
         return "out"
-    played = 0 < one.episodes_planned == one.episodes_completed
-    return "complete" if played or one.end_reason == "complete" else "unfinished"
+    return "complete" if one.complete else "unfinished"

@@ -14,6 +14,7 @@ from minihuman.recorded.episode import SessionLog
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.events import SETTLED, Answered, EpisodesSkipped, PartEnded, Scored
 from minihuman.study.expand import expand
+from minihuman.study.parts import only_last_words
 from minihuman.study.plan import Participant, SessionPlan, Standing
 from minihuman.study.protocol import Protocol
 
@@ -82,11 +83,11 @@ def _check_came_before(
     log = open_log(before)
     if log.end_reason == "screened_out":
         raise AllocationError(f"{participant} was screened out in session {session - 1}: there is no session {session}")
-    if not is_complete(log):
-        left = len(_left(log))
+    left = len(_left(log))
+    if not is_complete(log) and (left or not only_last_words(log.plan.parts, _standing(log).part)):
+        what = f"{left} episodes of session {session - 1} left to play" if left else f"not ended session {session - 1}"
         raise AllocationError(
-            f"{participant} has {left} episodes of session {session - 1} left to play; finish it first: "
-            f"--participant {participant} --session {session - 1}"
+            f"{participant} has {what}; finish it first: --participant {participant} --session {session - 1}"
         )
     if not any_day:
         _check_day(protocol, log, session)

@@ -10,8 +10,9 @@ from minihuman.log.read.file import Reading
 from minihuman.log.read.glance import all_clean
 from minihuman.recorded.episode import CUT_OFF
 from minihuman.study import events as ev
+from minihuman.study.parts import only_last_words
 
-_READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.SESSION_END})
+_READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.PART_END, topics.SESSION_END})
 
 
 def read_through(files: Sequence[Path]) -> Summary:
@@ -24,7 +25,7 @@ def read_through(files: Sequence[Path]) -> Summary:
     plan: ev.SessionStarted | None = None
     completed: set[int] = set()
     spans: list[tuple[int, int]] = []  # a segment's first and last log time
-    steps, skipped, end_reason = 0, 0, CUT_OFF
+    steps, skipped, next_part, end_reason = 0, 0, 0, CUT_OFF
     for reading, message in ((source, found) for source in readings for found in source.messages()):
         topic = message.channel.topic
         steps += topic == topics.STEP
@@ -36,6 +37,8 @@ def read_through(files: Sequence[Path]) -> Summary:
                 completed.add(ended.episode)
             case ev.EpisodesSkipped() as passed:
                 skipped += passed.count
+            case ev.PartEnded() as ended:
+                next_part = ended.next
             case ev.SessionEnded() as over:
                 end_reason = over.reason
         if spans:
@@ -45,6 +48,8 @@ def read_through(files: Sequence[Path]) -> Summary:
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
     who = plan.plan.participant
+    planned = len(plan.plan.episodes) - skipped
+    all_done = 0 < planned == len(completed) and only_last_words(plan.plan.parts, next_part)
     return Summary(
         study=plan.plan.study,
         participant=who.id,
@@ -55,8 +60,9 @@ def read_through(files: Sequence[Path]) -> Summary:
         segments=len(spans),
         clean=all_clean(starts, ends),
         end_reason=end_reason,
-        episodes_planned=len(plan.plan.episodes) - skipped,
+        episodes_planned=planned,
         episodes_completed=len(completed),
         steps=steps,
         duration_s=sum(last - first for first, last in spans) / 1e9,
+        complete=end_reason == "complete" or (end_reason not in ev.SETTLED and all_done),
     )

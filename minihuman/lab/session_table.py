@@ -23,9 +23,9 @@ _STORED: dict[Any, Any] = {str: str, int: int, bool: int, float: (int, float)}
 _TYPES = tuple(_STORED[field.type] for field in fields(Summary))
 _COLUMNS = tuple(f'"{field.name}"' for field in fields(Summary))
 _VALUES = attrgetter(*(field.name for field in fields(Summary)))
-_TABLE = f"sessions_v1 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
-_PAGE = f"SELECT log, path, problem, {', '.join(_COLUMNS)} FROM sessions_v1 WHERE log > ? ORDER BY log LIMIT 100"
-_KEEP = f"INSERT OR REPLACE INTO sessions_v1 VALUES (?, ?, ?, ?, {', '.join('?' * len(_COLUMNS))})"
+_TABLE = f"sessions_v2 (log TEXT PRIMARY KEY, fingerprint TEXT, path TEXT, problem TEXT, {', '.join(_COLUMNS)})"
+_PAGE = f"SELECT log, path, problem, {', '.join(_COLUMNS)} FROM sessions_v2 WHERE log > ? ORDER BY log LIMIT 100"
+_KEEP = f"INSERT OR REPLACE INTO sessions_v2 VALUES (?, ?, ?, ?, {', '.join('?' * len(_COLUMNS))})"
 BUSY_S = 2.0  # how long another process may hold the table before we do without it
 _SPOILT = (sqlite3.Error, UnicodeError)  # what a damaged file makes sqlite raise
 
@@ -113,11 +113,11 @@ def _refresh(table: sqlite3.Connection, study: Path) -> None:
     for log, files in _sessions_below(study):
         key, fingerprint = os.fspath(log)[below:], _fingerprint(files)
         table.execute("INSERT INTO present VALUES (?)", (key,))
-        known = table.execute("SELECT fingerprint FROM sessions_v1 WHERE log = ?", (key,)).fetchone()
+        known = table.execute("SELECT fingerprint FROM sessions_v2 WHERE log = ?", (key,)).fetchone()
         if known != (fingerprint,):
             row = (key, fingerprint, os.fspath(files[0])[below:], *_summary_or_problem(files))
             table.execute(_KEEP, row)
-    table.execute("DELETE FROM sessions_v1 WHERE log NOT IN (SELECT log FROM present)")
+    table.execute("DELETE FROM sessions_v2 WHERE log NOT IN (SELECT log FROM present)")
 
 
 def _sessions_below(study: Path) -> Iterator[tuple[Path, list[Path]]]:

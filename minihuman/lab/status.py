@@ -57,11 +57,9 @@ def _line(row: SessionRow) -> str:
 
 
 def _progress(summary: Summary) -> str:
-    """A session is complete that said so, or whose episodes are all played: only last words were left unread."""
     if summary.end_reason == "screened_out":
         return "screened out"
-    played = 0 < summary.episodes_planned == summary.episodes_completed
-    return "complete" if played or summary.end_reason == "complete" else f"unfinished: {summary.end_reason}"
+    return "complete" if summary.complete else f"unfinished: {summary.end_reason}"
 
 
 def _state(row: SessionRow) -> str:

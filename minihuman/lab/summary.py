@@ -20,3 +20,4 @@ class Summary:
     episodes_completed: int  # with an outcome other than abandoned
     steps: int
     duration_s: float  # from a segment's start to its last message, summed
+    complete: bool  # it said so, or nothing was left to do but to read last words

@@ -79,8 +79,7 @@ def ending(log: Path, protocol: Path) -> str:
     """How the session of a log ended, how far it came, and how it goes on where it can, in one line."""
     found = summarise([log])
     done = f"{found.episodes_completed} of {found.episodes_planned} episodes"
-    played = 0 < found.episodes_planned == found.episodes_completed
-    if played or found.end_reason in SETTLED:
+    if found.complete or found.end_reason in SETTLED:
         return f"{found.end_reason}: {done}; sealed {note_end(log)}"
     session = f" --session {found.session}" if found.session > 1 else ""
     return (

@@ -62,6 +62,11 @@ def first_part(plan: SessionPlan, parts: Sequence[Part]) -> list[int]:
     return [] if only_closing and not (worth and plan.standing.part) else left
 
 
+def only_last_words(parts: Sequence[Part], begin: int) -> bool:
+    """Whether from a part on there is nothing but last words to read."""
+    return all(_is_closing(part) for part in parts[begin:])
+
+
 def asks_for_consent_first(plan: SessionPlan) -> bool:
     """Whether a session asks for agreement before anything is played; one that goes on was agreed to before."""
     if plan.segment > 1:

@@ -1,16 +1,21 @@
 """A session of parts that was cut short goes on where it stood: part, points, criterion, tries, never over again."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from minihuman.errors import AllocationError
+from minihuman.lab.due import due
+from minihuman.lab.flow import flow
 from minihuman.lab.next_session import is_complete, next_session
+from minihuman.lab.status import status_lines
 from minihuman.lab.verify import verify
 from minihuman.log.read.open_log import open_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.seats.run import run_session
-from minihuman.study.events import Answered, PartStarted
+from minihuman.seats.sitting import ending
+from minihuman.study.events import Answered, EndReason, PartStarted
 from minihuman.study.inputs import Input, KeyDown, KeyUp, Stop
 from minihuman.study.session import Session
 from minihuman.windows.scripted import ScriptedWindow, VirtualClock
@@ -66,7 +71,7 @@ points = { goal = 10, failure = -1 }
 )
 
 
-def sit(data: Path, *keys: str, session: int = 1):
+def sit(data: Path, *keys: str, session: int = 1, end: EndReason = "window_closed"):
     """Press these keys, then close the window; the session's plan and log."""
     plan = next_session(STUDY, data, participant="sub-01", session=session, any_day=True)
     named = {"forward": "forward", "dive": "dive"}
@@ -77,7 +82,7 @@ def sit(data: Path, *keys: str, session: int = 1):
         script += [KeyDown(t_ns, pressed), KeyUp(t_ns + MS, pressed)]
     clock = VirtualClock()
     recorder = McapRecorder(data, plan, started_ns=plan.segment * 10**12)
-    window = ScriptedWindow([*script, Stop(10**10, "window_closed")], clock)
+    window = ScriptedWindow([*script, Stop(10**10, end)], clock)
     path = run_session(Session(plan, World, {}), window, recorder, clock)
     assert path is not None
     return plan, open_log(path)
@@ -117,6 +122,30 @@ def test_closing_the_window_over_the_last_words_leaves_nothing_to_do(tmp_path):
     assert is_complete(log)
     with pytest.raises(AllocationError, match="has completed session 1"):
         next_session(STUDY, tmp_path, participant="sub-01")
+
+
+def told(study: Path) -> tuple[str, str, int]:
+    """What status says of the first session, what is expected, and how many have completed the first session."""
+    _, line, *_ = status_lines(study)
+    [expected] = due(study, datetime.now(UTC).date())
+    return line.split("  ")[-1], f"{expected.session} {expected.state}", sum(flow(study).courses[1].complete.values())
+
+
+def test_questions_after_the_last_episode_are_left_to_do_and_everybody_says_so(tmp_path):
+    plan, log = sit(tmp_path, "enter", "1", "enter", *GOAL, *GOAL)
+    study = tmp_path / plan.study
+    assert told(study) == ("unfinished: window_closed, unknown", "1 unfinished", 0)
+    assert "goes on with: minihuman run x.toml --participant sub-01" in ending(log.path, Path("x.toml"))
+    with pytest.raises(AllocationError, match="sub-01 has not ended session 1; finish it first"):
+        next_session(STUDY, tmp_path, participant="sub-01", session=2, any_day=True)
+    sit(tmp_path, "4", "enter", "enter")
+    assert told(study)[1:] == ("2 overdue", 1)
+
+
+def test_only_the_last_words_left_is_complete_and_the_second_day_may_come(tmp_path):
+    plan, _ = sit(tmp_path, "enter", "1", "enter", *GOAL, *GOAL, "4", "enter", end="timed_out")
+    assert told(tmp_path / plan.study) == ("complete, unknown", "2 overdue", 1)
+    assert next_session(STUDY, tmp_path, participant="sub-01", session=2, any_day=True).session == 2
 
 
 def test_the_second_day_is_refused_at_the_wrong_time_and_may_be_asked_for_even_so(tmp_path):

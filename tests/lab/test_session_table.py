@@ -45,6 +45,7 @@ def test_a_row_says_what_a_session_holds(tmp_path: Path) -> None:
         episodes_completed=2,
         steps=10,
         duration_s=pytest.approx(5.2, abs=0.001),
+        complete=True,
     )
 
 
@@ -165,7 +166,7 @@ def test_the_table_is_read_by_sqlite(tmp_path: Path) -> None:
     _record(tmp_path, "sub-01")
     list(sessions(tmp_path))
     with sqlite3.connect(tmp_path / FILE_NAME) as table:
-        assert table.execute("SELECT participant, steps FROM sessions_v1").fetchall() == [("sub-01", 10)]
+        assert table.execute("SELECT participant, steps FROM sessions_v2").fetchall() == [("sub-01", 10)]
 
 
 READ_ALL = """
