@@ -1,4 +1,7 @@
-"""Where a study's journals are: files in its folder, or a database that ``register.url`` in the data folder names."""
+"""Where a study's journals are: files in its folder, or a database that ``register.url`` in the data folder names.
+
+A study that has begun in files goes on in files: what the database has not would else be lost, withdrawals among it.
+"""
 
 from collections.abc import Callable
 from functools import cache
@@ -8,6 +11,7 @@ from typing import Any, TypeVar
 from minihuman.lab.journal import Decode, FileJournal, Journal
 
 URL_FILE_NAME = "register.url"
+_BEGUN_IN_FILES = ("register.jsonl", "arrivals.jsonl")
 Line = TypeVar("Line")
 
 
@@ -23,8 +27,11 @@ def journal(study_dir: Path, name: str, decode: Decode[Line], *, mode: int = 0o6
 
 def database_of(study_dir: Path) -> str:
     """The address of the database that holds a study's journals; "" where they are files."""
-    path = study_dir.absolute().parent / URL_FILE_NAME
-    return path.read_text().strip() if path.is_file() else ""
+    study_dir = study_dir.absolute()
+    path = study_dir.parent / URL_FILE_NAME
+    if not path.is_file() or any((study_dir / name).exists() for name in _BEGUN_IN_FILES):
+        return ""
+    return path.read_text().strip()
 
 
 @cache

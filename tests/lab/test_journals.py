@@ -10,7 +10,7 @@ import pytest
 
 from minihuman.lab.journal import FileJournal, Journal
 from minihuman.lab.journals import URL_FILE_NAME, database_of, journal
-from minihuman.lab.recruits import PlatformId, Recruits
+from minihuman.lab.recruits import PlatformId, Recruits, key_of_link
 from minihuman.lab.register import leave, take_slot
 from minihuman.lab.register_lines import FILE_NAME, Withdrawn, read_register
 from minihuman.study.protocol import decode
@@ -148,6 +148,19 @@ def test_a_database_that_is_away_is_said_in_one_line(tmp_path: Path) -> None:
     (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")
     with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be asked"):
         journal(tmp_path / "s", FILE_NAME, words).read()
+
+
+def test_a_study_that_has_begun_in_files_goes_on_in_files(tmp_path: Path) -> None:
+    protocol = the_protocol(tmp_path)
+    begun = tmp_path / protocol.study.name
+    (token,) = Recruits(tmp_path / "offered").issue(1)
+    take_slot(protocol, begun)
+    leave(begun, Withdrawn("sub-01", "2026-09-21T12:00:00Z", "erased"))
+    (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")  # for another study
+    assert take_slot(protocol, begun)[0].id == "sub-100001"
+    assert [line.participant for line in read_register(begun)] == ["sub-100001"]
+    assert key_of_link(token) in Recruits(tmp_path / "offered").standing().issued
+    assert database_of(tmp_path / "another")
 
 
 def the_protocol(folder: Path):
