@@ -18,8 +18,8 @@ from typing import Any
 
 import msgspec
 
-from minihuman.lab.journal import Held, Journal
-from minihuman.lab.journals import database_of, journal
+from minihuman.data.journal import Held, Journal
+from minihuman.data.journals import database_of, journal
 
 FILE_NAME = "arrivals.jsonl"
 IDS_FILE_NAME = "platform-ids.jsonl"

@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 import msgspec
 
+from minihuman.data.journal import Journal
+from minihuman.data.journals import journal
 from minihuman.errors import AllocationError
-from minihuman.lab.journal import Journal
-from minihuman.lab.journals import journal
 
 FILE_NAME = "register.jsonl"
 

@@ -8,11 +8,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from minihuman.lab.journal import FileJournal, Journal
-from minihuman.lab.journals import URL_FILE_NAME, database_of, journal
+from minihuman.data.journal import FileJournal, Journal
+from minihuman.data.journals import URL_FILE_NAME, database_of, journal
+from minihuman.data.opened import worth_reading
 from minihuman.lab.recruits import PlatformId, Recruits, key_of_link
 from minihuman.lab.register import leave, take_slot
 from minihuman.lab.register_lines import FILE_NAME, Withdrawn, read_register
+from minihuman.seats.simulate import simulate
 from minihuman.study.protocol import decode
 from minihuman.web.arrivals import Arrival, Arrivals, Seated
 from tests.counts import count
@@ -54,7 +56,7 @@ def two(data: Path) -> Iterator[tuple[Journal[Word], Journal[Word]]]:
     if isinstance(mine, FileJournal):
         yield mine, FileJournal(data / "talk" / "said.jsonl", words)
         return
-    from minihuman.lab.journal_postgres import PostgresJournal
+    from minihuman.data.journal_postgres import PostgresJournal
 
     assert isinstance(mine, PostgresJournal)
     with closing(mine), closing(PostgresJournal(database_of(data / "talk"), "talk/said.jsonl", words)) as yours:
@@ -148,6 +150,14 @@ def test_a_database_that_is_away_is_said_in_one_line(tmp_path: Path) -> None:
     (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")
     with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be asked"):
         journal(tmp_path / "s", FILE_NAME, words).read()
+
+
+def test_who_withdrew_by_the_register_is_in_nothing_that_is_read(data: Path) -> None:
+    protocol = the_protocol(data)
+    list(simulate(protocol, data, participants=2, seed=1, player="random"))
+    folder = data / protocol.study.name
+    leave(folder, Withdrawn("sub-01", "2026-09-21T12:00:00Z", "erased"))  # on another machine: the log is still here
+    assert [path.parent.parent.name for path in worth_reading(folder)[0]] == ["sub-02"]
 
 
 def test_a_study_that_has_begun_in_files_goes_on_in_files(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.journals import URL_FILE_NAME
+from minihuman.data.journals import URL_FILE_NAME
 from minihuman.lab.prove import prove
 from minihuman.lab.register_lines import read_register
 from minihuman.lab.seal import note_end

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from minihuman.lab.journal import Decode, FileJournal, Journal
+from minihuman.data.journal import Decode, FileJournal, Journal
 
 URL_FILE_NAME = "register.url"
 _BEGUN_IN_FILES = ("register.jsonl", "arrivals.jsonl")
@@ -41,6 +41,6 @@ def _in_file(path: Path, decode: Callable[..., Any], mode: int) -> Journal[Any]:
 
 @cache
 def _in_database(url: str, name: str, decode: Callable[..., Any]) -> Journal[Any]:
-    from minihuman.lab.journal_postgres import PostgresJournal
+    from minihuman.data.journal_postgres import PostgresJournal
 
     return PostgresJournal(url, name, decode)

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 import psycopg
 
-from minihuman.lab.journal import Decode, Held, Journal
+from minihuman.data.journal import Decode, Held, Journal
 
 Line = TypeVar("Line")
 _TABLES = """
