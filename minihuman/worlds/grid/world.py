@@ -3,7 +3,7 @@
 import abc
 from typing import Any, ClassVar
 
-from minihuman.worlds.grid.core.state import OVER, PHASE
+from minihuman.worlds.grid.core.state import OVER, PHASE, PLAYING
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.instructions.placing import instruct
 from minihuman.worlds.grid.layout import Layout
@@ -55,8 +55,7 @@ class GridWorld(GridEngine, abc.ABC):
         reward, terminated, truncated = super().advance(action)
         if self._judges:
             reward, terminated = self.judge(int(action), reward, terminated)
-            if terminated:
-                self._row[PHASE] = OVER
+            self._row[PHASE] = OVER if terminated or truncated else PLAYING
         return float(reward), bool(terminated), truncated
 
     way, bounds = GridEngine.way, GridEngine.bounds

@@ -74,3 +74,33 @@ def test_a_world_may_judge_its_steps_itself():
     assert [world.step(0)[1:3] for _ in range(3)] == [(-0.1, False), (-0.1, False), (-0.1, True)]
     with pytest.raises(WorldError, match="call reset"):
         world.step(0)
+
+
+class AllGoals(GridWorld):
+    """A goal is one of several things to be collected: the episode goes on."""
+
+    def __init__(self):
+        super().__init__(width=8, height=3, max_steps=5, mission="collect the goals")
+
+    def layout(self, grid):
+        grid.wall_rect()
+        grid.put(goal(), 2, 1)
+        grid.put(goal(), 4, 1)
+        grid.put_agent(1, 1)
+
+    def judge(self, action, reward, terminated):
+        return (1.0 if terminated else 0.0), False
+
+
+def test_a_world_that_says_of_a_goal_that_it_is_no_end_goes_on():
+    world = AllGoals()
+    world.reset(seed=0)
+    assert [world.step(2)[1:4] for _ in range(5)] == [
+        (1.0, False, False),
+        (0.0, False, False),
+        (1.0, False, False),
+        (0.0, False, False),
+        (0.0, False, True),
+    ]
+    with pytest.raises(WorldError, match="call reset"):
+        world.step(2)
