@@ -38,7 +38,7 @@ from minihuman.worlds.grid.core.state import (
     clear,
     row_length,
 )
-from minihuman.worlds.grid.core.tasks import INSTRUCTED
+from minihuman.worlds.grid.core.tasks import DODGE, INSTRUCTED
 from minihuman.worlds.grid.core.view import see, see_size
 from minihuman.worlds.grid.floor_plan import floor_plan
 from minihuman.worlds.grid.instructions.block import instructed_length
@@ -220,6 +220,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
             raise WorldError(f"{self} with seed {seed!r} has no free place for something, or nothing fits its mission")
         self._check_agent()
         self._row[PHASE] = PLAYING
+        self._draws = bool(self._row[TASK] == DODGE)
         observation = self.observation()
         if self._row[TASK] == INSTRUCTED:
             hand_over(self._row)
@@ -338,6 +339,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
                 f"{self._row[WIDTH]} x {self._row[HEIGHT]}; restore it into a world of its own kind"
             )
         self._row[:] = saved.row
+        self._draws = bool(self._row[TASK] == DODGE)
         self._words[:] = saved.words
         self._words_know = self._words_ahead = True
         self.mission = saved.mission

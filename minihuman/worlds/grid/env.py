@@ -42,7 +42,6 @@ class GridEnv(GridEngine):
             actions=self.recipe.actions,
             **settings,
         )
-        self._draws = self.recipe.draws
         self._told = self.recipe  # of this episode: with a mission set by hand, or as it is
 
     def reset(

@@ -67,7 +67,7 @@ def dynamic_obstacles(
     obstacles = n_obstacles if n_obstacles <= size / 2 + 1 else size // 2
     numbers = (*_start(agent_start_pos, agent_start_dir, size, size), obstacles)
     mission = MissionSpace(TO_THE_GOAL)
-    return Recipe(open_floor.dynamic_obstacles, numbers, size, size, 4 * size**2, mission, True, actions=3, draws=True)
+    return Recipe(open_floor.dynamic_obstacles, numbers, size, size, 4 * size**2, mission, True, actions=3)
 
 
 def crossing(*, size: int = 9, num_crossings: int = 1, obstacle_type: Obstacle = "lava") -> Recipe:

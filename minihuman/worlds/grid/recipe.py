@@ -24,7 +24,6 @@ class Recipe:
     mission: MissionSpace | InstructionSpace
     see_through_walls: bool = False
     actions: int = 7  # the first so many of the seven
-    draws: bool = False  # steps draw random numbers too
 
     def lay_out(self, row: Row, words: Words) -> None:
         """Lay an episode out into a cleared row."""

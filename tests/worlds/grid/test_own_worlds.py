@@ -5,7 +5,7 @@ import pytest
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core import tasks
-from minihuman.worlds.grid.items import box, door, goal, key
+from minihuman.worlds.grid.items import ball, box, door, goal, key
 from minihuman.worlds.grid.world import GridWorld
 
 
@@ -104,3 +104,41 @@ def test_a_world_that_says_of_a_goal_that_it_is_no_end_goes_on():
     ]
     with pytest.raises(WorldError, match="call reset"):
         world.step(2)
+
+
+class Among(GridWorld):
+    """Balls that move by themselves, as in Dynamic-Obstacles."""
+
+    def __init__(self):
+        super().__init__(width=8, height=8, max_steps=20, mission="reach the goal")
+
+    def layout(self, grid):
+        grid.wall_rect()
+        grid.put(goal(), 6, 6)
+        grid.put_agent(1, 1)
+        for _ in range(3):
+            grid.place(ball("blue"), top=(3, 3))
+        grid.task(tasks.DODGE, 3)
+
+
+def places_of_balls(world):
+    found = []
+    for _ in range(6):
+        world.step(tasks.LEFT)
+        found.append(world.text())
+    return found
+
+
+def test_obstacles_of_an_own_world_move_by_its_random_stream():
+    world, other = Among(), Among()
+    world.reset(seed=0)
+    saved, stream = world.save(), world.np_random.bit_generator.state
+    moved = places_of_balls(world)
+    assert len(set(moved)) > 1
+    assert world.np_random.bit_generator.state != stream
+    world.restore(saved)
+    assert places_of_balls(world) == moved
+    other.restore(saved)  # one that was never laid out itself
+    assert places_of_balls(other) == moved
+    world.reset(seed=1)
+    assert places_of_balls(world) != moved
