@@ -4,17 +4,19 @@ They are views: they say what is now, and setting one changes nothing in the wor
 """
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.core.cells import CLOSED, COLOURS, EMPTY, KINDS, LOCKED, OPEN, colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.cells import COLOURS, EMPTY, KINDS, LOCKED, OPEN, colour_of, kind_of, state_of
 from minihuman.worlds.grid.core.directions import STEPS
+from minihuman.worlds.grid.core.own import OWN
 from minihuman.worlds.grid.core.state import State
 from minihuman.worlds.grid.core.view import see_all
+from minihuman.worlds.grid.kinds import Kind, kind_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,29 +25,30 @@ class ObjectView:
 
     type: str
     color: str
-    is_open: bool = False
-    is_locked: bool = False
-    cur_pos: tuple[int, int] | None = None
+    is_open: bool
+    is_locked: bool
+    cur_pos: tuple[int, int] | None  # None in the hand
+    own: Kind | None  # where it is of a kind of the world's own
+    codes: tuple[int, int, int]
 
     def can_pickup(self) -> bool:
         """Whether it can be carried."""
-        return self.type in ("key", "ball", "box")
+        return self.own.carried if self.own else self.type in ("key", "ball", "box")
 
     def can_overlap(self) -> bool:
         """Whether the agent can stand on it."""
-        return self.type in ("floor", "goal", "lava") or self.is_open
+        return self.is_open or (self.own.stepped_on if self.own else self.type in ("floor", "goal", "lava"))
 
     def encode(self) -> tuple[int, int, int]:
         """Kind, colour and state as numbers."""
-        state = (OPEN if self.is_open else LOCKED if self.is_locked else CLOSED) if self.type == "door" else 0
-        return KINDS.index(self.type), COLOURS.index(self.color), state
+        return self.codes
 
 
 class GridView:
     """The cells: ``grid.get(x, y)`` is an `ObjectView`, or None for an empty cell."""
 
-    def __init__(self, state: State) -> None:
-        self._state = state
+    def __init__(self, state: State, kinds: Sequence[Kind] = ()) -> None:
+        self._state, self._kinds = state, kinds
         self.width, self.height = state.width, state.height
 
     def get(self, x: int, y: int) -> ObjectView | None:
@@ -56,7 +59,7 @@ class GridView:
         """
         if not (0 <= x < self.width and 0 <= y < self.height):
             raise IndexError(f"cell ({x}, {y}) is outside the grid of {self.width} x {self.height} cells")
-        return _object(int(self._state.cells[x, y]), (int(x), int(y)))
+        return _object(int(self._state.cells[x, y]), (int(x), int(y)), self._kinds)
 
     def encode(self) -> NDArray[np.uint8]:
         """Kind, colour and state of every cell, uint8[width, height, 3]."""
@@ -83,6 +86,8 @@ class _Read:
 
 class MinigridNames(abc.ABC):
     """Mixed into every grid world: reads its ``state``."""
+
+    kinds: ClassVar[tuple[Kind, ...]]
 
     @property
     @abc.abstractmethod
@@ -112,7 +117,7 @@ class MinigridNames(abc.ABC):
     @_Read
     def carrying(self) -> ObjectView | None:
         """What is in the agent's hand; None for nothing."""
-        return _object(self.state.carrying, None)
+        return _object(self.state.carrying, None, self.kinds)
 
     @_Read
     def step_count(self) -> int:
@@ -142,7 +147,7 @@ class MinigridNames(abc.ABC):
     @_Read
     def grid(self) -> GridView:
         """The cells."""
-        return GridView(self.state)
+        return GridView(self.state, self.kinds)
 
     def relative_coords(self, x: int, y: int) -> tuple[int, int] | None:
         """Where a cell is in the agent's view, column and row of the image; None outside it."""
@@ -179,11 +184,11 @@ class MinigridNames(abc.ABC):
         return image
 
 
-def _object(code: int, place: tuple[int, int] | None) -> ObjectView | None:
+def _object(code: int, place: tuple[int, int] | None, kinds: Sequence[Kind]) -> ObjectView | None:
     if code == EMPTY:
         return None
-    door = kind_of(code) == KINDS.index("door")
-    state = state_of(code)
-    return ObjectView(
-        KINDS[kind_of(code)], COLOURS[colour_of(code)], door and state == OPEN, door and state == LOCKED, place
-    )
+    codes = number, colour, state = kind_of(code), colour_of(code), state_of(code)
+    own = kinds[number - OWN] if number >= OWN else None
+    opens = own.opens if own else KINDS[number] == "door"
+    name = kind_name(number, kinds)
+    return ObjectView(name, COLOURS[colour], opens and state == OPEN, opens and state == LOCKED, place, own, codes)

@@ -208,3 +208,16 @@ def test_a_registered_world_with_own_things_passes_gymnasiums_checker():
 def test_what_makes_no_sense_is_said(wrong, said):
     with pytest.raises(WorldError, match=said):
         wrong()
+
+
+def test_minigrids_names_say_what_own_things_are():
+    world = lane(APPLE("red"), GATE("blue", locked=True), MUD("yellow"))
+    apple, gate, mud = (world.grid.get(x, 1) for x in (2, 3, 4))
+    assert (apple.type, apple.color, apple.can_pickup(), apple.can_overlap()) == ("apple", "red", True, False)
+    assert (gate.type, gate.is_locked, gate.is_open, gate.can_overlap()) == ("gate", True, False, False)
+    assert (mud.type, mud.can_pickup(), mud.can_overlap()) == ("mud", False, True)
+    assert ("blue", "gate") in world.grid
+    for thing, x in ((apple, 2), (gate, 3), (mud, 4)):
+        assert thing.encode() == tuple(world.grid.encode()[x, 1])
+    world.step(PICKUP)
+    assert world.carrying.type == "apple"
