@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.batch_seeds import Seeds, seeds_of
-from minihuman.worlds.grid.art.pictures import draw
 from minihuman.worlds.grid.core.chance import Words, read_words, write_words
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import (
@@ -33,6 +32,7 @@ from minihuman.worlds.grid.core.state import (
 )
 from minihuman.worlds.grid.core.tasks import INSTRUCTED
 from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.grid.engine import Saved
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.instructions.rules import act_as_told
 from minihuman.worlds.grid.instructions.space import InstructionSpace
@@ -107,9 +107,12 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
     def reset(self, *, seed: Seeds = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Lay out new episodes, of all worlds or of those in ``options["reset_mask"]`` (bool[n]).
 
-        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing.
+        World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing. ``options["mission"]``
+        is what is to be done in all of them until they are laid out again, as in `GridEnv.reset`.
         """
         seeds = seeds_of(seed, self.num_envs)
+        mission = (options or {}).get("mission")
+        recipe = self._world.recipe if mission is None else self._world.recipe.about(mission)
         mask = np.ones(self.num_envs, np.bool_)
         if options is not None and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"])
@@ -123,7 +126,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             clear(row)
         images = np.zeros((self.num_envs, *self._world.image_shape), np.uint8)
         directions = np.zeros(self.num_envs, np.int64)
-        self._lay_out(mask, mask | (self._rows[:, PHASE] != NEW), images, directions)
+        self._lay_out(recipe, mask, mask | (self._rows[:, PHASE] != NEW), images, directions)
         return {"image": images, "direction": directions, "mission": self._missions}, {}
 
     def step(
@@ -160,7 +163,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if count > 0:
             if self._mode == SAME_STEP:
                 info = self._final(over, images, directions)
-            self._lay_out(over, over, images, directions)
+            self._lay_out(self._world.recipe, over, over, images, directions)
         return (
             {"image": images, "direction": directions, "mission": self._missions},
             rewards,
@@ -169,15 +172,15 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             info,
         )
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """A picture of each world from above; None without a render mode."""
+    def render(self) -> tuple[NDArray[np.uint8] | str | None, ...] | None:  # type: ignore[override]
+        """What each world renders; None without a render mode."""
         if self.render_mode is None:
             return None
-        size = self._world.image_shape[0]
-        world = self._world
-        return tuple(
-            draw(row, view="full", view_size=size, tile_px=world.tile_size, palette=world.palette) for row in self._rows
-        )
+        rendered = []
+        for row, words, mission in zip(self._rows, self._words, self._missions, strict=True):
+            self._world.restore(Saved(row, words, mission, {}))
+            rendered.append(self._world.render())
+        return tuple(rendered)
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
         phase, count = self._rows[world, PHASE], self._rows[world, ACTIONS]
@@ -187,13 +190,13 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     def _lay_out(
         self,
+        recipe: Recipe,
         over: NDArray[np.bool_],
         seen: NDArray[np.bool_],
         images: NDArray[np.uint8],
         directions: NDArray[np.int64],
     ) -> None:
         """Lay out the cleared worlds that were over, and observe those to be seen."""
-        recipe = self._world.recipe
         worlds = np.flatnonzero(over).tolist()
         for i in worlds:
             recipe.lay_out(self._rows[i], self._words[i])

@@ -75,3 +75,29 @@ def test_a_batch_is_not_stepped_before_its_reset():
     batch, _ = make_both("FourRooms-v0", AutoresetMode.NEXT_STEP)
     with pytest.raises(WorldError, match="call reset"):
         batch.step(np.zeros(N, int))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"highlight": False}, {"agent_pov": True}, {"palette": "minigrid"}, {"render_mode": "ansi"}],
+)
+def test_a_batch_renders_each_world_as_it_is_rendered_alone(options):
+    options = {"render_mode": "rgb_array", "tile_size": 8} | options
+    batch = gymnasium.make_vec("minihuman/MiniGrid-FourRooms-v0", num_envs=2, **options)
+    batch.reset(seed=3)
+    for seed, rendered in enumerate(batch.render(), 3):
+        alone = gymnasium.make("minihuman/MiniGrid-FourRooms-v0", **options)
+        alone.reset(seed=seed)
+        np.testing.assert_array_equal(rendered, alone.render())
+
+
+def test_a_mission_is_set_in_a_batch_until_the_next_reset():
+    options = {"mission": "go to the red ball"}
+    batch = gymnasium.make_vec("minihuman/BabyAI-GoToLocal-v0", num_envs=N)
+    alone = gymnasium.make("minihuman/BabyAI-GoToLocal-v0")
+    seen, _ = batch.reset(seed=0, options=options)
+    assert seen["mission"] == (options["mission"],) * N
+    np.testing.assert_array_equal(seen["image"][0], alone.reset(seed=0, options=options)[0]["image"])
+    assert len(set(batch.reset(seed=0)[0]["mission"])) > 1
+    with pytest.raises(WorldError, match="have their mission set"):
+        make_both("FourRooms-v0", AutoresetMode.NEXT_STEP)[0].reset(options=options)
