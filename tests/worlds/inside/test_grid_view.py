@@ -102,3 +102,33 @@ def test_a_copy_goes_on_by_itself():
 def test_another_view_is_named():
     with pytest.raises(WorldError, match="view is 'inside'"):
         gymnasium.make("minihuman/MiniGrid-FourRooms-v0", view="inside")
+
+
+def test_an_instruction_is_done_clause_by_clause_as_in_the_grid():
+    grid = gymnasium.make("minihuman/BabyAI-GoToLocal-v0")
+    env = gymnasium.make("minihuman/BabyAI-GoToLocal-v0", view="first_person", obs_width=16, obs_height=12)
+    for world in (grid, env):
+        world.reset(seed=0)
+    assert [step for _, step in env.unwrapped.clauses()] == [0]
+    for action in list(grid.unwrapped.way()):
+        grid.step(action)
+        env.step(action)
+    assert env.unwrapped.clauses() == grid.unwrapped.clauses()
+    assert env.unwrapped.clauses()[0][1] > 0
+
+
+def test_there_is_one_random_stream_and_it_is_the_grids():
+    env = inside("Dynamic-Obstacles-5x5-v0")
+    env.reset(seed=3)
+    saved = env.unwrapped.save()
+    drawn = env.np_random.integers(1000, size=4).tolist()
+    env.unwrapped.restore(saved)
+    assert env.np_random.integers(1000, size=4).tolist() == drawn
+    env.unwrapped.np_random = np.random.default_rng(5)
+    assert env.unwrapped.grid.np_random is env.unwrapped.np_random
+    grid = gymnasium.make("minihuman/MiniGrid-FourRooms-v0")
+    env = inside("FourRooms-v0")
+    for world in (env, grid):
+        world.reset(seed=3)
+    assert env.np_random.random() == grid.np_random.random()
+    assert env.unwrapped.np_random_seed == grid.unwrapped.np_random_seed == 3
