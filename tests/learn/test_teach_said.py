@@ -1,5 +1,7 @@
 """Learners from what a person says: ratings and comparisons."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,14 @@ def test_what_was_rated_well_becomes_likelier(once, name):
     policy = make_learner(name).learn(taught, None, np.random.default_rng(1), 9e9).policy
     chances = policy.log_probabilities({"image": torch.as_tensor(lesson.observations["image"])}).exp()
     assert chances[:, 2].mean() > 0.6
+
+
+def test_a_press_is_about_what_its_own_session_showed(once):
+    others = [replace(lesson, name=f"other-{lesson.name}", participant="other") for lesson in once.lessons]
+    alone, _ = presses_of(once)
+    together, _ = presses_of(replace(once, lessons=(*once.lessons, *others)))  # every session's clock begins at 0
+    np.testing.assert_array_equal(together.steps, alone.steps)
+    np.testing.assert_array_equal(together.after_ms, alone.after_ms)
 
 
 def test_ratings_of_nothing_are_refused(once):

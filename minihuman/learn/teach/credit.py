@@ -49,21 +49,23 @@ def presses_of(dataset: Dataset) -> tuple[Presses, Steps]:
         LearnError: if it has none that follows a step's picture.
     """
     lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
-    first, shown, rows = 0, list[NDArray[np.int64]](), list[NDArray[np.int64]]()
+    first, told = 0, dict[str, list[NDArray[np.int64]]]()  # by session: when each outcome was seen, and its row
     periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
     period_ns = int(np.median(periods)) if len(periods) else 0
     for lesson in lessons:
-        shown.append(np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns))
-        rows.append(np.arange(first, first + len(lesson.actions)))
+        seen_ns = np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns)
+        rows = np.arange(first, first + len(lesson.actions))
+        told.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
         first += len(lesson.actions)
-    seen_ns, row = np.concatenate(shown), np.concatenate(rows)
+    sessions = {name: _in_time(np.concatenate(parts, axis=1)) for name, parts in told.items()}
+    nothing = np.zeros((2, 0), np.int64)
     candidates = max(1, int(np.ceil(LONGEST_MS * 1e6 / max(1, period_ns)))) + 1
     steps = np.full((len(dataset.ratings), candidates), -1)
     after = np.full((len(dataset.ratings), candidates), np.nan)
-    order = np.argsort(seen_ns, kind="stable")
     for place, rating in enumerate(dataset.ratings):
-        last = int(np.searchsorted(seen_ns[order], rating.t_ns - SHORTEST_MS * 1e6, side="right"))
-        chosen = order[max(0, last - candidates) : last][::-1]
+        seen_ns, row = sessions.get(_session(rating.lesson), nothing)
+        last = int(np.searchsorted(seen_ns, rating.t_ns - SHORTEST_MS * 1e6, side="right"))
+        chosen = np.arange(max(0, last - candidates), last)[::-1]
         delays = (rating.t_ns - seen_ns[chosen]) / 1e6
         chosen, delays = chosen[delays <= LONGEST_MS], delays[delays <= LONGEST_MS]
         steps[place, : len(chosen)], after[place, : len(chosen)] = row[chosen], delays
@@ -72,6 +74,15 @@ def presses_of(dataset: Dataset) -> tuple[Presses, Steps]:
         raise LearnError(f"none of {len(dataset.ratings)} ratings follows a picture by at most {LONGEST_MS:g} ms")
     values = np.array([rating.value for rating in dataset.ratings])
     return Presses(values[fits], steps[fits], after[fits], period_ns / 1e6), steps_of(lessons)
+
+
+def _session(lesson: str) -> str:
+    """Whose clock a lesson's times are on: each session's begins at 0."""
+    return lesson.partition(":")[0]
+
+
+def _in_time(told: NDArray[np.int64]) -> NDArray[np.int64]:
+    return told[:, np.argsort(told[0], kind="stable")]
 
 
 def find_delay(presses: Presses, steps: Steps) -> float | None:
