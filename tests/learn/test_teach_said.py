@@ -1,6 +1,8 @@
 """Learners from what a person says: ratings and comparisons."""
 
 from dataclasses import replace
+from itertools import count
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,9 +10,11 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from minihuman.errors import LearnError  # noqa: E402
+from minihuman.learn.teach import fitting  # noqa: E402
 from minihuman.learn.teach.compared import ComparedTrial, Progress, run_compared, wander  # noqa: E402
 from minihuman.learn.teach.credit import find_delay, presses_of  # noqa: E402
 from minihuman.learn.teach.dataset import Comparison, Rating, Stretch  # noqa: E402
+from minihuman.learn.teach.made import make_again, make_policy  # noqa: E402
 from minihuman.learn.teach.pairing import disputed, doubt, draw_pairs  # noqa: E402
 from minihuman.learn.teach.port import make_learner, new_policy  # noqa: E402
 from minihuman.learn.teach.preferences import JudgedWorld, PreferenceSettings  # noqa: E402
@@ -114,6 +118,15 @@ def test_the_same_answers_and_seed_give_the_same_policy():
     learner = make_learner("preferences:reward_updates=3,steps=64,n_steps=64,n_epochs=1")
     one, same = (learner.learn(compared(), None, np.random.default_rng(1), 9e9).policy for _ in range(2))
     assert all(torch.equal(values, same.state_dict()[key]) for key, values in one.state_dict().items())
+
+
+def test_preferences_that_ran_out_of_time_are_made_again_without_a_limit(tmp_path, monkeypatch):
+    asked = (number**2 for number in count())  # a machine that becomes slower and slower
+    monkeypatch.setattr(fitting, "time", SimpleNamespace(monotonic=lambda: next(asked)))
+    dataset, settings = compared(), "reward_updates=1000,steps=128,n_steps=64,n_epochs=1"
+    made = make_policy(dataset, f"preferences:{settings}", tmp_path / "policy.pt", seed=5, budget_s=300)
+    assert 1 < made.card.notes["made"]["settings"]["reward_updates"] < 1000
+    assert make_again(made.path, dataset) == []
 
 
 def test_preferences_go_on_from_the_policy_so_far():

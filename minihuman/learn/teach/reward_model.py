@@ -100,8 +100,11 @@ def fit_reward(
     comparisons held out; here it is given. Stretches of unequal length are compared by their mean, so that what is
     added to every step says nothing there either.
 
+    The first member has its share of the time; the others make as many updates as it did, so that one number says how
+    to make the very same model again.
+
     Returns:
-        The model, and the updates of the member that got fewest.
+        The model, and the updates of each member.
 
     Raises:
         LearnError: if there is no comparison that says something.
@@ -127,17 +130,16 @@ def fit_reward(
             share = shares[drawn]
             return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
 
-        updates, _ = fit(
+        done, _ = fit(
             member,
             loss_of,
             rng,
-            updates=settings.updates,
+            updates=done,
             learning_rate=settings.learning_rate,
             weight_decay=settings.weight_decay,
-            budget_s=budget_s / settings.members,
+            budget_s=float("inf") if number else budget_s / settings.members,
             checkpoint=None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}-{number}"),
         )
-        done = min(done, updates)
     return RewardModel(members, steps), done
 
 
