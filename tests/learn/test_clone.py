@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ from minihuman.lab.protocol_file import read_protocol
 from minihuman.learn.agent.evaluate import at_random, evaluate, held_out_seed, sampling
 from minihuman.learn.agent.observe import Eyesight, whole_grid
 from minihuman.learn.agent.policy_file import load_policy
+from minihuman.learn.agent.training import History
 from minihuman.learn.clone.clone import Cloning, clone, split
 from minihuman.learn.clone.demonstrations import read_demonstrations
-from minihuman.learn.clone.study import CloneStudy, clone_study
+from minihuman.learn.clone.finetune import Start
+from minihuman.learn.clone.study import CloneStudy, clone_study, fine_tuning
 from minihuman.log.read.open_log import open_log
 from minihuman.seats.simulate import simulate
 
@@ -154,8 +157,6 @@ def test_a_clone_plays_a_session_and_its_log_says_so(cloned, protocol, tmp_path)
 
 
 def test_fine_tuning_is_told_apart_from_nothing(logs, tmp_path):
-    from dataclasses import replace
-
     out = tmp_path / "tuned.pt"
     text = clone_study(logs, out, replace(STUDY, finetune_steps=2048, evaluation_episodes=3), command="test")
     assert "| clone |" in text
@@ -201,3 +202,15 @@ def test_a_file_that_is_there_is_not_overwritten(cloned, logs):
 def test_one_participant_cannot_be_split(demonstrations):
     with pytest.raises(LearnError, match="needs two or more"):
         split(demonstrations.by(demonstrations.participants[:1]), share=0.2, seed=1)
+
+
+@pytest.mark.parametrize("size", [0, -5])
+def test_no_demonstrations_are_no_size_to_try(size, logs, tmp_path):
+    study = replace(STUDY, sizes=(size, 5))
+    with pytest.raises(LearnError, match=f"demonstrations is {size}; it is 1 or more"):
+        clone_study(logs, tmp_path / "clone.pt", study, command="test")
+
+
+def test_a_fine_tuning_in_which_no_episode_ended_is_told_as_such():
+    runs = [Start(start, 3, History()) for start in ("nothing", "clone")]
+    assert fine_tuning(replace(STUDY, finetune_steps=2048), runs)[-2:] == ["| clone | 3 | not reached | - |", ""]

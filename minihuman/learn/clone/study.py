@@ -52,12 +52,15 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     The policy is the clone from all demonstrations, fine-tuned where that is asked for.
 
     Raises:
-        LearnError: if a file is there already, or nothing can be cloned; nothing is written then.
+        LearnError: if a file is there already, a number of demonstrations is below 1, or nothing can be cloned; nothing
+            is written then.
     """
     torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
     files = {kind: out.with_name(out.name + kind) for kind in ("", ".md", ".json")}
     if there := [path for path in files.values() if path.exists()]:
         raise LearnError(f"{there[0]} is there already; choose another --out")
+    if odd := [size for size in study.sizes if size < 1]:
+        raise LearnError(f"a number of demonstrations is {odd[0]}; it is 1 or more")
     demonstrations = read_demonstrations(
         source, study.world, Eyesight(study.missions, sight=study.sight), study.selection
     )
@@ -127,12 +130,13 @@ def card_text(
         "",
     ]
     if starts:
-        lines += _fine_tuning(study, starts)
+        lines += fine_tuning(study, starts)
     lines += [f"Command: `{command}`", "", "Versions: " + ", ".join(f"{k} {v}" for k, v in versions().items())]
     return "\n".join(lines) + "\n"
 
 
-def _fine_tuning(study: CloneStudy, starts: list[Start]) -> list[str]:
+def fine_tuning(study: CloneStudy, starts: list[Start]) -> list[str]:
+    """What the card says of PPO from the clone and from nothing."""
     lines = [
         f"PPO for {study.finetune_steps:,} steps; steps until {study.success:g} of the last 100 episodes succeeded:",
         "",
@@ -142,7 +146,8 @@ def _fine_tuning(study: CloneStudy, starts: list[Start]) -> list[str]:
     for run in starts:
         reached = run.steps_to(study.success)
         steps = "not reached" if reached is None else f"{reached:,}"
-        lines.append(f"| {run.start} | {run.seed} | {steps} | {run.history.points[-1].success:.2f} |")
+        at_end = f"{run.history.points[-1].success:.2f}" if run.history.points else "-"  # where no episode ended
+        lines.append(f"| {run.start} | {run.seed} | {steps} | {at_end} |")
     return [*lines, ""]
 
 
