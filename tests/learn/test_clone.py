@@ -13,6 +13,7 @@ from minihuman.learn.agent.observe import Eyesight, whole_grid
 from minihuman.learn.agent.policy_file import load_policy
 from minihuman.learn.agent.training import History
 from minihuman.learn.clone.clone import Cloning, clone, split
+from minihuman.learn.clone.curve import clone_curve
 from minihuman.learn.clone.demonstrations import read_demonstrations
 from minihuman.learn.clone.finetune import Start
 from minihuman.learn.clone.study import CloneStudy, clone_study, fine_tuning
@@ -214,3 +215,13 @@ def test_no_demonstrations_are_no_size_to_try(size, logs, tmp_path):
 def test_a_fine_tuning_in_which_no_episode_ended_is_told_as_such():
     runs = [Start(start, 3, History()) for start in ("nothing", "clone")]
     assert fine_tuning(replace(STUDY, finetune_steps=2048), runs)[-2:] == ["| clone | 3 | not reached | - |", ""]
+
+
+def test_a_curve_that_goes_on_has_no_clone_twice(demonstrations, tmp_path):
+    settings = {"seeds": [1], "eyes": "map", "episodes": 2, "settings": Cloning(most_epochs=1)}
+    made = [
+        clone_curve({"people": demonstrations}, sizes=[4, 500, 900], kept=tmp_path / "points.json", **settings)
+        for _ in range(2)
+    ]
+    assert made[0] == made[1]
+    assert [point.demonstrations for point in made[0]] == [4, 12]  # of 16 those of the one who is held out are not

@@ -49,7 +49,8 @@ def clone_curve(
 
     Args:
         sources: Demonstrations by who made them.
-        sizes: Numbers of demonstrations to train on, beside those that training is stopped by.
+        sizes: Numbers of demonstrations to train on, beside those that training is stopped by; all there are, where
+            they are fewer.
         seeds: Of the first weights, the order of steps, and who is held out for validation.
         eyes: What the policies see with.
         episodes: How many held-out episodes each clone plays; the same for all.
@@ -60,7 +61,7 @@ def clone_curve(
     for source, demonstrations in sources.items():
         for seed in seeds:
             training, validation = split(demonstrations, share=settings.validation_share, seed=seed)
-            for size in sizes:
+            for size in sorted({min(size, len(training.episodes)) for size in sizes}):
                 if any((p.source, p.demonstrations, p.seed) == (source, size, seed) for p in points):
                     continue
                 chosen = training.first(size)
@@ -77,7 +78,7 @@ def clone_curve(
                 points.append(
                     Point(
                         source,
-                        len(chosen.episodes),
+                        size,
                         seed,
                         sum(len(each.actions) for each in chosen.episodes),
                         cloned.epochs,
