@@ -13,22 +13,25 @@ from minihuman.report.html import long_table, number, records, table
 
 _MOST_ANSWERS = 8  # of a question, that are told one by one
 _MEASURED = ("likert", "slider", "number")  # kinds whose answers have a mean; an option's code has none
-_GIVEN_ONCE = ["participant", "session", "questions", "item", "attempt"]  # who goes back answers anew
+_GIVEN_ONCE = ["participant", "session", "part", "questions", "item", "attempt"]  # who goes back answers anew
 
 
 def answers(found: pd.DataFrame) -> list[str]:
     """Every question: how often each answer was given, or its mean and range, and how long it took.
 
-    One that was asked in several sessions has a row for each: a second day's answers are not the first day's.
+    One that was asked in several sessions, or several times in one, has a row for each: a second day's answers are not
+    the first day's, and those after a block not those after the one before.
     """
     if found.empty:
         return []
     rows = []
     last = found.drop_duplicates(_GIVEN_ONCE, keep="last")
-    several = bool((last.groupby(["questions", "item"])["session"].nunique() > 1).any())
+    times = last.groupby(["participant", "session", "questions"])["part"].rank(method="dense").astype(int)
+    last = last.assign(time=times)  # that somebody was asked them in that session, 1 for the first
+    whens = [when for when in ("session", "time") if (last.groupby(["questions", "item"])[when].nunique() > 1).any()]
     in_order: list[tuple[object, ...]] = list(zip(last["questions"], last["item"], strict=True))  # as first asked
-    asked = last.groupby(["questions", "item", "session"])
-    for (part, item, session), given in sorted(asked, key=lambda one: (in_order.index(one[0][:2]), one[0][2])):
+    asked = last.groupby(["questions", "item", "session", "time"])
+    for (part, item, *which), given in sorted(asked, key=lambda one: (in_order.index(one[0][:2]), one[0][2:])):
         numbers = given["number"].dropna()
         if len(numbers) and set(given["kind"]) <= set(_MEASURED):
             mean, low, high = (number(float(one)) for one in (numbers.mean(), numbers.min(), numbers.max()))
@@ -41,10 +44,11 @@ def answers(found: pd.DataFrame) -> list[str]:
         right = given["right"].dropna()
         share = f"{100 * float(right.astype(float).mean()):.0f} %" if len(right) else "\N{EN DASH}"
         took = number(float(given["answer_ms"].median()) / 1000)
-        when = (str(session),) if several else ()
+        when = [str(number) for name, number in zip(("session", "time"), which, strict=True) if name in whens]
         rows.append((str(part), str(item), *when, said, str(len(given)), share, took))
-    heads = ("questions", "question", *(("session",) if several else ()), "answers", "n", "right", "median time (s)")
-    return ["<h2>Answers</h2>", table("Over all participants.", heads, rows, words=4 if several else 3)]
+    heads = ("questions", "question", *whens, "answers", "n", "right", "median time (s)")
+    told = "Over all participants." + (" Time: which time in the session they were asked." if "time" in whens else "")
+    return ["<h2>Answers</h2>", table(told, heads, rows, words=3 + len(whens))]
 
 
 def quality(qualities: Sequence[Quality]) -> str:

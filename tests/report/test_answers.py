@@ -100,7 +100,7 @@ def test_log_table_and_page_agree_in_every_kind_of_question(study: Path, tmp_pat
 
 def test_who_goes_back_and_answers_anew_is_counted_once() -> None:
     row = {"participant": "sub-01", "session": 1, "questions": "all", "item": "age", "kind": "number", "attempt": 1}
-    row |= {"answer": "30", "number": 30.0, "said": "30", "right": None, "answer_ms": 900.0}
+    row |= {"part": 1, "answer": "30", "number": 30.0, "said": "30", "right": None, "answer_ms": 900.0}
     again = row | {"answer": "31", "number": 31.0, "said": "31"}
     text = "".join(answers(pd.DataFrame([row, again])))
     assert "mean 31.0, 31.0 to 31.0" in text
@@ -109,10 +109,21 @@ def test_who_goes_back_and_answers_anew_is_counted_once() -> None:
 
 def test_what_was_asked_on_two_days_has_a_row_for_each() -> None:
     row = {"participant": "sub-01", "session": 1, "questions": "load", "item": "effort", "kind": "slider", "attempt": 1}
-    row |= {"answer": "20", "number": 20.0, "said": None, "right": None, "answer_ms": 900.0}
+    row |= {"part": 1, "answer": "20", "number": 20.0, "said": None, "right": None, "answer_ms": 900.0}
     other = row | {"item": "age", "kind": "number", "answer": "30", "number": 30.0}
     later = row | {"session": 2, "answer": "60", "number": 60.0}
     text = "".join(answers(pd.DataFrame([row, other, later])))
     told = re.findall(r"<td[^>]*>(effort|age)</td><td[^>]*>(\d)</td><td[^>]*>mean ([\d.]+),", text)
     assert told == [("effort", "1", "20.0"), ("effort", "2", "60.0"), ("age", "1", "30.0")]
     assert "session</th>" not in "".join(answers(pd.DataFrame([row, other])))
+
+
+def test_what_was_asked_after_each_block_has_a_row_for_each_time() -> None:
+    row = {"session": 1, "questions": "load", "item": "effort", "kind": "slider", "attempt": 1}
+    row |= {"said": None, "right": None, "answer_ms": 900.0}
+    given = [("sub-01", 2, 20.0), ("sub-01", 4, 60.0), ("sub-02", 3, 30.0), ("sub-02", 5, 80.0)]  # groups' own parts
+    rows = [row | {"participant": who, "part": part, "answer": str(n), "number": n} for who, part, n in given]
+    text = "".join(answers(pd.DataFrame(rows)))
+    told = re.findall(r"<td[^>]*>effort</td><td[^>]*>(\d)</td><td[^>]*>(mean [^<]+)</td><td[^>]*>(\d)</td>", text)
+    assert told == [("1", "mean 25.0, 20.0 to 30.0", "2"), ("2", "mean 70.0, 60.0 to 80.0", "2")]
+    assert "session</th>" not in text
