@@ -36,7 +36,7 @@ _CURVES = (
 )
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
     "participant", "group", "session", "segment", "block", "episode", "attempt", "episode_in_block",
-    "left_out", "world", "steps",
+    "left_out", "world", "steps", "max_steps", "outcome",
     *(measure for measure, _, _ in _CURVES),
 ]  # fmt: skip
 _EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})  # too long to be read in a report
@@ -159,7 +159,7 @@ def _waiting(found: Results, drawn: KeptFigures, out: Path) -> Iterator[tuple[st
         for name, groups, label, what in told:
             if groups:
                 png, _ = drawn.save(out / f"{one.block}_waiting_{name}", drawings.waiting, groups, label=label)
-                tick = "a tick: out of time" if name == "goal" else "a tick: watched no longer"
+                tick = "a tick: over without it" if name == "goal" else "a tick: watched no longer"
                 yield one.block, png, f"Share of {what} (Kaplan and Meier); {tick}. Below: how many they are."
 
 

@@ -22,7 +22,8 @@ class Waits:
 def waits(rows: pd.DataFrame, episodes: pd.DataFrame, order: Sequence[str]) -> Waits:
     """From a block's rows of the block table and its episodes that count.
 
-    Who never found every key was watched for all of the block's playing time.
+    Who never found every key was watched for all of the block's playing time. An episode that failed will not reach
+    the goal any more: it waits to its step limit, as one that timed out; it is none that was watched no longer.
     """
     played = episodes.groupby(["participant", "session"])["playing_s"].sum()
     keys: dict[str, Waited] = {}
@@ -37,6 +38,7 @@ def waits(rows: pd.DataFrame, episodes: pd.DataFrame, order: Sequence[str]) -> W
             keys[group] = Waited(np.where(np.isnan(found), watched, found), ~np.isnan(found))
         part = episodes[(episodes["group"] == group) & (episodes["steps"] > 0)]
         if len(part):
-            goal[group] = Waited(part["steps"].to_numpy(float), part["success"].to_numpy(bool))
+            waited = part["steps"].where(part["outcome"] != "failure", part["max_steps"])
+            goal[group] = Waited(waited.to_numpy(float), part["success"].to_numpy(bool))
     pairs = ((a, b, compare_waiting(keys[a], keys[b])) for a, b in combinations(keys, 2))
     return Waits(keys, goal, tuple((a, b, one) for a, b, one in pairs if one is not None))

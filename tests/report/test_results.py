@@ -7,6 +7,7 @@ import pytest
 from minihuman.report.published import published
 from minihuman.report.results import FORMULAS, MEASURES, block_results, exclusions, group_rewards, target_block
 from minihuman.report.sentences import difference_statement
+from minihuman.statistics.survival import curve
 from minihuman.study import analysis as judged
 from minihuman.study.analysis import Analysis
 
@@ -59,6 +60,7 @@ def played(people, seed=1):
     episodes = pd.DataFrame(
         {"group": group, "participant": name, "world": "w", "episode_in_block": at, "reward": rng.random()}
         | {"session": 1, "playing_s": 10.0, "steps": 40, "success": at > 1}
+        | {"max_steps": 40, "outcome": "goal" if at > 1 else "timeout"}
         for group, name in who
         for at in (1, 2, 3)
     )
@@ -147,3 +149,12 @@ def test_who_never_found_every_key_is_waited_for_to_the_last_step():
 def test_waiting_for_the_goal_counts_time_outs_as_still_waiting():
     waits = block_results("grid", *played(4), ["a", "b"], Analysis()).waits
     assert waits.goal["a"].came.mean() == pytest.approx(2 / 3)
+
+
+def test_who_failed_waits_for_the_goal_to_the_step_limit():
+    rows, episodes = played(2)
+    lost = episodes["episode_in_block"] == 1
+    episodes = episodes.assign(max_steps=100, outcome=np.where(lost, "failure", "goal"))
+    episodes.loc[lost, "steps"] = 3  # in the lava
+    found = curve(block_results("grid", rows, episodes, ["a", "b"], Analysis()).waits.goal["a"])
+    assert (found.times.tolist(), found.share.tolist()) == ([40.0], [pytest.approx(1 / 3)])
