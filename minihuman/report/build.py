@@ -64,7 +64,7 @@ def build(sessions: Sessions, out: Path) -> tuple[Path, ...]:
     outlines = [kept.outline for kept in store.kept if kept.outline is not None]
     drawn, where = KeptFigures(sessions.source), out / "figures"
     paths = _paths(store.kept, sessions.selection, drawn, where)
-    taught = taught_logs(store.kept, controls)
+    taught = taught_logs(store.kept, controls, sessions.selection)
     steering = teaching_figures(taught, drawn, where)
     figures = [*_curves(episodes, found, drawn, where), *_waiting(found, drawn, where), *steering, *paths]
     simulated = int((participants["player"] != "human").sum())

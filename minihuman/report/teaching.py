@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from minihuman.data.selection import Selection
 from minihuman.data.store import Kept
 from minihuman.figures import drawings
 from minihuman.figures.drawn_from import light
@@ -21,12 +22,16 @@ TaughtEpisode = tuple[Episode, Taught]
 _MS_PER_MIN = 60_000.0
 
 
-def taught_logs(kept: Sequence[Kept], controls: pd.DataFrame) -> Mapping[str, SessionLog]:
-    """The logs of sessions that an agent had a part in, by participant and session; none are opened without one."""
+def taught_logs(kept: Sequence[Kept], controls: pd.DataFrame, selection: Selection) -> Mapping[str, SessionLog]:
+    """The sessions that an agent had a part in, by participant and session, each with its episodes that count.
+
+    None is opened where no agent had a part in any; one of which nothing counts is left out.
+    """
     if controls.empty:
         return {}
     wanted = set(zip(controls["participant"], controls["session"], strict=True))
-    logs = (open_log(Path(one.path)) for one in kept if one.outline is not None)
+    judged = (selection.judge(open_log(Path(one.path))) for one in kept if one.outline is not None)
+    logs = (counted.session for counted in judged if counted.places)
     found = {(log.plan.participant.id, log.plan.session): log for log in logs}
     return {f"{who} session {number}": log for (who, number), log in sorted(found.items()) if (who, number) in wanted}
 
@@ -41,8 +46,11 @@ def blocks_of(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
 
 
 def steered_min(episode: Episode, taught: Taught) -> float:
-    """Minutes in which the person steered."""
-    took = np.diff(episode.t_ns)
+    """Minutes in which the person steered, pauses left out."""
+    begins, ends = episode.t_ns[:-1], episode.t_ns[1:]
+    took = ends - begins
+    for pause_ns, resume_ns in episode.pauses:
+        took = took - np.clip(np.minimum(ends, resume_ns) - np.maximum(begins, pause_ns), 0, None)
     return float(took[taught.by_person].sum() / 1e6 / _MS_PER_MIN)
 
 
@@ -91,10 +99,11 @@ def teaching_section(logs: Mapping[str, SessionLog]) -> list[str]:
         return []
     rows = [_row(name, block, told) for name, log in logs.items() for block, told in blocks_of(log).items()]
     caption = (
-        "Teaching, a row a session and block. Takeovers: by a key while the agent steered. Person: the share of the "
-        "steps, and the minutes, that they steered. Agreement: where the person steered, the share of the steps at "
-        "which the policy would have done the same. Gain: by how much the agent's share of an episode's steps grew "
-        "with each minute that the person had steered before (slope of a line). Good, bad: presses."
+        "Teaching, a row a session and block, of the episodes that count. Takeovers: by a key while the agent steered. "
+        "Person: the share of the steps, and the minutes without pauses, that they steered. Agreement: where the "
+        "person steered, the share of the steps at which the policy would have done the same. Gain: by how much the "
+        "agent's share of an episode's steps grew with each minute that the person had steered before (slope of a "
+        "line). Good, bad: presses."
     )
     heads = ("session", "block", "episodes", "policies", "takeovers an episode", "person", "min", "agreement")
     parts = ["<h2>Teaching</h2>", table(caption, (*heads, "gain a minute", "good", "bad"), rows, words=2)]

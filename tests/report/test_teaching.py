@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,22 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
+from minihuman.data.marks import Mark, add_mark
+from minihuman.data.selection import Selection
+from minihuman.data.store import Store
 from minihuman.data.study import Sessions
 from minihuman.figures.rated import shares_of_good
 from minihuman.log.read.open_log import open_log
 from minihuman.replay.recording import save_recording
 from minihuman.report.build import build
-from minihuman.report.teaching import agreement, blocks_of, gained_per_min, taught_logs, teaching_section
+from minihuman.report.teaching import (
+    agreement,
+    blocks_of,
+    gained_per_min,
+    steered_min,
+    taught_logs,
+    teaching_section,
+)
 
 TAUGHT = Path(__file__).parents[1] / "golden" / "v1" / "taught"
 
@@ -36,7 +47,7 @@ def test_the_page_says_who_steered_and_what_was_preferred(log):
 
 
 def test_a_study_without_an_agent_has_no_such_section():
-    assert taught_logs([], pd.DataFrame({"participant": [], "session": []})) == {}
+    assert taught_logs([], pd.DataFrame({"participant": [], "session": []}), Selection()) == {}
     assert teaching_section({}) == []
 
 
@@ -51,6 +62,31 @@ def test_agreement_is_over_the_persons_steps_alone(log):
     assert total > 0
     assert agreement(told) == pytest.approx(same / total)
     assert np.isnan(gained_per_min(told[:1])), "one episode tells nothing of growth"
+
+
+def test_a_pause_is_no_time_that_the_person_steered(log):
+    episode, taught = next(one for block in blocks_of(log).values() for one in block if one[1].by_person.any())
+    begin_ns, end_ns = (int(episode.t_ns[np.flatnonzero(taught.by_person)[0] + after]) for after in (0, 1))
+    paused = replace(episode, pauses=((begin_ns, end_ns - 1_000_000),))
+    shorter_ns = (steered_min(episode, taught) - steered_min(paused, taught)) * 60e9
+    assert shorter_ns == pytest.approx(end_ns - 1_000_000 - begin_ns)
+
+
+def test_teaching_is_told_of_the_episodes_that_count(log, tmp_path):
+    study = shutil.copytree(TAUGHT, tmp_path / "taught")
+    [path] = study.rglob("*.mcap")
+
+    def told() -> dict[str, list[int]]:
+        with Store(Sessions(study, processes=1), with_shortest=False) as store:
+            controls = store.tables.table("controls").to_pandas()
+            logs = taught_logs(store.kept, controls, Selection())
+        return {name: [one.number for one in session.episodes if one.taught] for name, session in logs.items()}
+
+    (everything,) = told().values()
+    add_mark(log_of := open_log(path), Mark("exclude", "2026-11-22T09:00:00Z", episode=everything[0]))
+    assert told() == {"sub-01 session 1": everything[1:]}
+    add_mark(log_of, Mark("exclude", "2026-11-22T09:00:00Z"))
+    assert told() == {}
 
 
 def test_the_replay_has_the_policys_actions_and_the_persons_as_lanes(log, tmp_path):
