@@ -43,7 +43,7 @@ class Kept(msgspec.Struct, frozen=True):
     problem: str = ""
     study: str = ""
     blocks: int = 0  # that have an episode that counts
-    outline: Outline | None = None  # of the session's plan
+    outline: Outline | None = None  # of the session's plan; None, as the quality, of one that is not asked for
     quality: Quality | None = None
     account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, str, int], ...]] = (0, 0, (), ())
 
@@ -204,12 +204,13 @@ def _kept(one: SessionRows) -> Kept:
     account = one.account
     versions = tuple((*whose, count) for whose, count in account.versions.items())
     left_out = tuple((*why, count) for why, count in account.left_out.items())
+    wanted = one.rows.count("participants") > 0
     return Kept(
         path=str(one.path),
         study=one.plan.study,
         blocks=len({facts["block"] for facts in one.facts}),
-        outline=Outline.of(one.plan),
-        quality=one.quality,
+        outline=Outline.of(one.plan) if wanted else None,
+        quality=one.quality if wanted else None,
         account=(account.sessions, account.episodes, versions, left_out),
     )
 

@@ -28,7 +28,8 @@ def export_parquet(chosen: ChosenEpisodes, out: Path) -> Written:
 def export_tables(chosen: ChosenEpisodes, out: Path, kind: Kind) -> tuple[Written, SessionPlan | None]:
     """Write every table; rows that do not count are there too, with the reason in ``left_out``.
 
-    Gives what was written, and the plan of the first session, which says what the study is; None where there is none.
+    Gives what was written, and the plan of the first session that is asked for, which says what the study is; None
+    where there is none.
 
     Raises:
         LogError: if the source does not exist, or is a single log that cannot be read.
@@ -45,7 +46,7 @@ def _write(chosen: ChosenEpisodes, out: Path, kind: Kind) -> tuple[Written, Path
         paths = write_tables(store.tables, out, kinds=(kind,), without=NEED_WORLD, kept=store.files)
         held = store.tables.table("episodes", ["left_out", "steps"])
         sessions = store.tables.count("participants")
-        first = next((Path(kept.path) for kept in store.kept if not kept.problem), None)
+        first = next((Path(kept.path) for kept in store.kept if kept.outline is not None), None)
     counts = pc.is_null(held["left_out"])
     steps = pc.sum(held.filter(counts)["steps"]).as_py() or 0
     episodes = pc.sum(counts).as_py() or 0

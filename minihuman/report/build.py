@@ -123,6 +123,8 @@ def _study(store: Store, sessions: Sessions) -> str:
                 f"{one.path} is of study {one.study!r}, the ones before of {read[0].study!r}; "
                 "a report is of one study: name its folder"
             )
+    if not any(one.outline for one in read):
+        raise ReportError(f"{sessions.source}: {sessions.selection} asks for none of its sessions; ask for others")
     return read[0].study
 
 

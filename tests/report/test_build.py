@@ -13,15 +13,28 @@ import pytest
 from minihuman.data.caches import caches_in, is_cache
 from minihuman.data.marks import Mark, add_mark
 from minihuman.data.selection import Selection
+from minihuman.data.store import Store
 from minihuman.data.study import Sessions
 from minihuman.errors import LogError, ReportError
+from minihuman.export.run import export
 from minihuman.figures import files
 from minihuman.log.read.open_log import open_log
 from minihuman.recorded.episode import SessionLog
-from minihuman.report.build import build
+from minihuman.report.build import build, named_before
 from tests.builders import episode, session, session_of, write_log
 
 pytestmark = pytest.mark.program
+
+PROTOCOL = """
+study = { name = "transfer", version = "1", seed = 1, participants = 2 }
+groups = [{ name = "a", blocks = ["b"] }]
+[[blocks]]
+name = "b"
+world = "minihuman/MiniGrid-FourRooms-v0"
+actions = ["left", "right", "forward"]
+max_steps = 10
+episodes = 1
+"""
 
 
 def fingerprints(folder):
@@ -159,6 +172,25 @@ def test_two_studies_are_not_mixed(study, tmp_path):
     write_log(dataclasses.replace(other, plan=msgspec.structs.replace(other.plan, study="another")), both)
     with pytest.raises(ReportError, match="a report is of one study"):
         build(Sessions(both, processes=1), tmp_path / "out")
+
+
+def test_a_report_of_one_version_describes_those_who_played_it_and_no_others(tmp_path):
+    """Its methods, its quality, and what its own protocol named before anybody played."""
+    for number, primary in ((1, "success"), (2, "reward_mean")):
+        toml = f'{PROTOCOL}[analysis]\nprimary = "{primary}"\n'.encode()
+        log = session(participant=f"sub-0{number}", index=number, episodes=2)
+        plan = msgspec.structs.replace(
+            log.plan, study_version=str(number), protocol_toml=toml, protocol_sha256=hashlib.sha256(toml).hexdigest()
+        )
+        write_log(dataclasses.replace(log, plan=plan), tmp_path)
+    with Store(Sessions(tmp_path, Selection(version=("2",)), processes=1), with_shortest=False) as store:
+        assert named_before(store.kept).primary == "reward_mean"
+        assert [one.outline.participant for one in store.kept if one.outline] == ["sub-02"]
+        assert [one.quality.participant for one in store.kept if one.quality] == ["sub-02"]
+    export("psych-ds", tmp_path / "transfer", tmp_path / "out", Selection(version=("2",)))
+    assert msgspec.json.decode((tmp_path / "out/dataset_description.json").read_bytes())["version"] == "2"
+    with pytest.raises(ReportError, match="--participant sub-07 asks for none of its sessions"):
+        build(Sessions(tmp_path, Selection(participant=("sub-07",)), processes=1), tmp_path / "none")
 
 
 def test_a_folder_without_a_log_says_so(tmp_path):
