@@ -22,13 +22,22 @@ def methods(plans: Sequence[Outline], qualities: Sequence[Quality], simulated: i
 
 
 def knew_the_keys(plans: Sequence[Outline]) -> dict[str, list[str]]:
-    """By block, the groups who came to it with the keys of the one before, which they knew by then."""
-    found: dict[str, set[str]] = {}
+    """By block, the groups who came to it with the keys of the one before, which they knew by then.
+
+    Everybody of a group did, and each key did the same: that a few draw the same keys again is chance.
+    """
+    knew: dict[str, dict[str, bool]] = {}
     for plan in plans:
         for before, one in pairwise(plan.blocks):
-            if set(one.key_map.keys) == set(before.key_map.keys):
-                found.setdefault(one.block_name, set()).add(plan.group)
-    return {block: sorted(groups) for block, groups in found.items()}
+            of_block = knew.setdefault(one.block_name, {})
+            of_block[plan.group] = of_block.get(plan.group, True) and _does(one) == _does(before)
+    found = {block: sorted(group for group, did in groups.items() if did) for block, groups in knew.items()}
+    return {block: groups for block, groups in found.items() if groups}
+
+
+def _does(one: EpisodePlan) -> dict[str, int]:
+    """What each key does, by the action's place in the block's list: worlds call the same actions by other names."""
+    return {key: one.actions.index(action) for key, action in one.key_map.keys.items() if action in one.actions}
 
 
 def _people(plans: Sequence[Outline], simulated: int) -> str:

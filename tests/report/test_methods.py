@@ -1,6 +1,9 @@
 """The methods paragraph tells how people came to their groups."""
 
+import re
 from collections import Counter
+
+import pytest
 
 from minihuman.data.quality import Outline
 from minihuman.lab.shipped import shipped_protocol
@@ -36,6 +39,19 @@ def test_who_came_with_the_keys_of_the_block_before_is_named():
     grid, rooms = methods(plans, [])[1:3]  # in the order of play, whoever came first
     assert grid.startswith("Block grid")
     assert "not by grid-first: the keys were those of the block before" in rooms
+
+
+@pytest.mark.parametrize("keys", [3, 5])
+def test_keys_that_are_drawn_anew_are_not_taken_for_those_of_the_block_before(keys):
+    """Nor where there are no others than those, nor where some people happen to draw the same ones."""
+    toml = shipped_protocol("fourrooms-transfer").read_bytes().decode()
+    toml = re.sub(r"pool = \[.*\]", f"pool = {[str(key) for key in range(1, keys + 1)]}", toml)
+    study = decode(toml.replace('key_map = "carry"', 'key_map = "fresh"').encode())
+    plans = [Outline.of(expand(study, enrol(study, index))) for index in range(study.study.participants)]
+    both = [plan.blocks for plan in plans if plan.group == "grid-first"]
+    assert any(set(grid.key_map.keys) == set(rooms.key_map.keys) for grid, rooms in both)
+    assert knew_the_keys(plans) == {}
+    assert "the keys were those of the block before" not in " ".join(methods(plans, []))
 
 
 def test_without_strata_nothing_is_said_of_them():
