@@ -9,7 +9,7 @@ from minihuman.data.study import Sessions
 from minihuman.figures.drawn_from import learning_curves, light
 from minihuman.figures.files import save
 from minihuman.figures.learning import learning_figure
-from minihuman.figures.occupancy import occupancy_figure, tells_places
+from minihuman.figures.occupancy import by_participant, occupancy_figure
 from minihuman.figures.overview import overview_figure
 from minihuman.figures.paths import session_paths
 from minihuman.recorded.columns import EventColumns
@@ -52,11 +52,7 @@ def draw_session(log: SessionLog, out: Path) -> Iterator[Path]:
 def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
     """Draw where everybody was in each world, and each block's rewards by group over its episodes."""
     for world in dict.fromkeys(episode.plan.world for log in logs for episode in log.episodes):
-        theirs = [
-            [episode for episode in log.episodes if episode.plan.world == world and tells_places(episode)]
-            for log in logs
-        ]
-        participants = [episodes for episodes in theirs if episodes]
+        participants = by_participant(logs, world)
         if participants:
             yield from save(occupancy_figure(world, participants), out / f"occupancy_{_file_name(world)}")
     for block, episodes in rewards(logs).groupby("block", sort=False):

@@ -1,6 +1,6 @@
 """Where people were: the share of steps spent in each place, over many episodes of one world."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from minihuman.figures.style import TIME_COLOURS, WALL, blank, our_style
-from minihuman.recorded.episode import Episode
+from minihuman.recorded.episode import Episode, SessionLog
 
 _BIN = {"cell": 1.0, "m": 0.5}
 
@@ -88,6 +88,16 @@ def occupancy_figure(title: str, participants: Sequence[Sequence[Episode]]) -> F
         bar.set_label("share of steps (%, log scale)")
         ax.set_title(f"{title}, {len(participants)} participants")
     return figure
+
+
+def by_participant(logs: Iterable[SessionLog], world: str) -> list[list[Episode]]:
+    """The episodes of a world that tell places, a list a participant, all of their sessions together."""
+    found: dict[tuple[str, str], list[Episode]] = {}
+    for log in logs:
+        theirs = [episode for episode in log.episodes if episode.plan.world == world and tells_places(episode)]
+        if theirs:
+            found.setdefault((log.plan.study, log.plan.participant.id), []).extend(theirs)
+    return list(found.values())
 
 
 def tells_places(episode: Episode) -> bool:

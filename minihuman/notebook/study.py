@@ -83,7 +83,7 @@ class Study:
         from minihuman.figures.drawn_from import learning_curves
         from minihuman.figures.gallery import rewards
         from minihuman.figures.learning import learning_figure
-        from minihuman.figures.occupancy import occupancy_figure, tells_places
+        from minihuman.figures.occupancy import by_participant, occupancy_figure
 
         logs = [session._counted.session for session in self.sessions]
         played = [episode for log in logs for episode in log.episodes]
@@ -95,9 +95,9 @@ class Study:
                 return learning_figure(curves, measure="reward")
         else:
             of = of or (played[-1].plan.world if played else "")
-            theirs = [[one for one in log.episodes if one.plan.world == of and tells_places(one)] for log in logs]
-            if any(theirs):
-                return occupancy_figure(of, [episodes for episodes in theirs if episodes])
+            participants = by_participant(logs, of)
+            if participants:
+                return occupancy_figure(of, participants)
         raise LogError(f"{self.path} has no episode of {of!r} that counts and can be drawn")
 
     def __getitem__(self, participant: str) -> Session:

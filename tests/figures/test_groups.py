@@ -10,11 +10,11 @@ from scipy import stats
 
 from minihuman.figures.drawn_from import learning_curves
 from minihuman.figures.learning import draw_learning, mean_and_band, share_and_band
-from minihuman.figures.occupancy import draw_occupancy, occupancy
+from minihuman.figures.occupancy import by_participant, draw_occupancy, occupancy, occupancy_figure
 from minihuman.figures.waiting import waiting_figure
 from minihuman.statistics.shares import wilson
 from minihuman.statistics.survival import Waited
-from tests.builders import episode, grid_map, made, plan, session
+from tests.builders import episode, grid_map, made, plan, session, session_of
 
 
 def standing(place: tuple[float, float], steps: int):
@@ -26,6 +26,16 @@ def test_every_participant_weighs_the_same_however_long_they_took():
     assert share[3, 4] == pytest.approx(0.5)
     assert share[10, 12] == pytest.approx(0.5)
     assert share.shape == (len(x_edges) - 1, len(z_edges) - 1) == (19, 19)
+
+
+def test_a_participant_of_two_days_weighs_as_much_as_one_of_one_day():
+    first = session_of([standing((3, 4), 1)])
+    second = session_of([standing((5, 6), 1)])
+    other = session_of([standing((10, 12), 9)], participant="sub-02")
+    participants = by_participant([first, second, other], plan().world)
+    share, _, _ = occupancy(participants)
+    assert (share[3, 4], share[5, 6], share[10, 12]) == pytest.approx((0.25, 0.25, 0.5))
+    assert occupancy_figure("w", participants).axes[0].get_title() == "w, 2 participants"
 
 
 def test_metres_are_counted_in_half_metre_squares():
