@@ -99,7 +99,12 @@ _OVER_EPISODES = (
     Column("refused", "whole", "", "Presses with no action, or while no action was taken."),
     Column("keys_found", "whole", "", "Keys with an action whose action showed."),
     Column("keys_to_find", "whole", "", "Keys with an action."),
-    Column("found_all_s", "number", "s", "Playing time until every key's action had shown; empty if one never did."),
+    Column(
+        "found_all_s",
+        "number",
+        "s",
+        "Playing time until every key's action had shown, whatever episodes count; empty if one never did.",
+    ),
 )
 BLOCKS = (*WHO, *BLOCK, *_OVER_EPISODES, LEFT_OUT)
 PARTICIPANTS = (

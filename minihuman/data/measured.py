@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,8 +41,19 @@ class Measured:
         return cls(tuple(rows), tallies)
 
     def over(self, places: Sequence[int]) -> Row:
-        """What some of the episodes amount to; None where nothing tells."""
-        return _over([self.rows[place] for place in places], [self.tallies[place] for place in places])
+        """What some of the episodes amount to; None where nothing tells.
+
+        When a key was found does not hang on which episodes count: all that were begun in their blocks tell it.
+        """
+        return _over(
+            [self.rows[place] for place in places],
+            [self.tallies[place] for place in places],
+            self.of_blocks({self.rows[place]["block"] for place in places}),
+        )
+
+    def of_blocks(self, blocks: Collection[str]) -> list[Tally]:
+        """The tallies of all episodes that were begun in some blocks."""
+        return [tally for row, tally in zip(self.rows, self.tallies, strict=True) if row["block"] in blocks]
 
 
 def known_shortest(plan: EpisodePlan) -> Bounds:
@@ -106,13 +117,13 @@ def _least(episode: Episode, least: Bounds) -> Row:
     }
 
 
-def _over(rows: Sequence[Row], tallies: Sequence[Tally]) -> Row:
+def _over(rows: Sequence[Row], tallies: Sequence[Tally], begun: Sequence[Tally]) -> Row:
     """What a block's or a session's episodes that count amount to; None where nothing tells."""
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
     times = np.concatenate([np.zeros(0), *(tally.episode.rt_ms for tally in tallies)])
     times = times[~np.isnan(times)]
-    to_find = times_to_find(tallies)
+    to_find = times_to_find(begun)
     found = [found_s for found_s in to_find if found_s is not None]
     return {
         "episodes": len(rows),

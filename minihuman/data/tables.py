@@ -23,7 +23,7 @@ def session_tables(counted: Counted, measured: Measured) -> Rows:
     """Every table's rows of one session: of the episodes that are asked for.
 
     Rows that do not count stay in the tables, with the reason in ``left_out``; block and participant rows are over the
-    episodes that count.
+    episodes that count, keys' rows over all that were begun in those blocks.
     """
     log = counted.log
     who: Row = {
@@ -55,7 +55,7 @@ def session_tables(counted: Counted, measured: Measured) -> Rows:
         {
             "steps": steps,
             "presses": presses,
-            "keys": Part.of([who | row for row in _keys([measured.tallies[at] for at in asked])]),
+            "keys": Part.of([who | row for row in _keys(measured.of_blocks({one.plan.block_name for one in played}))]),
             "episodes": Part.of(episodes),
             "blocks": Part.of(blocks),
             "participants": Part.of([participant] if counted.wanted else []),

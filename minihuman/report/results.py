@@ -119,7 +119,7 @@ def results(
             block_results(
                 name,
                 kept[kept["block"] == name],
-                counted[counted["block"] == name],
+                episodes[episodes["block"] == name],
                 order,
                 analysis if name == target else Analysis(),
             )
@@ -133,9 +133,10 @@ def results(
 
 
 def block_results(
-    block: str, rows: pd.DataFrame, episodes: pd.DataFrame, order: list[str], analysis: Analysis
+    block: str, rows: pd.DataFrame, begun: pd.DataFrame, order: list[str], analysis: Analysis
 ) -> BlockResults:
-    """One block's, from its rows of the block table and its episodes."""
+    """One block's, from its rows of the block table that count and all of its episodes."""
+    episodes = begun[begun["left_out"].isna()]
     order = [group for group in order if (rows["group"] == group).any()]
     rows = _groups_in(order, rows.sort_values(["participant", "session"]))
     aside = {
@@ -166,7 +167,7 @@ def block_results(
         comparisons=comparisons,
         roles=roles,
         alike=_alike(each, analysis, order),
-        waits=waits(rows, episodes, order),
+        waits=waits(rows, begun, order),
         parts=reward_parts(episodes, order),
         set_aside=aside,
         growth=growth(lines, _LOG_EXCESS if told_excess else "reward", order=order),

@@ -19,13 +19,14 @@ class Waits:
     compared: tuple[tuple[str, str, WaitedCompared], ...]  # of keys: which groups, and how
 
 
-def waits(rows: pd.DataFrame, episodes: pd.DataFrame, order: Sequence[str]) -> Waits:
-    """From a block's rows of the block table and its episodes that count.
+def waits(rows: pd.DataFrame, begun: pd.DataFrame, order: Sequence[str]) -> Waits:
+    """From a block's rows of the block table and all of its episodes, of which those that count tell of the goal.
 
     Who never found every key was watched for all of the block's playing time. An episode that failed will not reach
     the goal any more: it waits to its step limit, as one that timed out; it is none that was watched no longer.
     """
-    played = episodes.groupby(["participant", "session"])["playing_s"].sum()
+    episodes = begun[begun["left_out"].isna()]
+    played = begun.groupby(["participant", "session"])["playing_s"].sum()
     keys: dict[str, Waited] = {}
     goal: dict[str, Waited] = {}
     for group in order:

@@ -139,6 +139,22 @@ def test_an_episode_begun_again_is_told_apart_and_the_broken_one_does_not_count(
     assert tables["participants"]["episodes"].tolist() == [1]
 
 
+def test_keys_that_were_found_in_a_broken_off_attempt_were_found_then(log):
+    whole = rows_of(session_of(log.episodes[:1]))
+    broken = dataclasses.replace(log.episodes[0], outcome=None)
+    walked = log.episodes[2]
+    again = dataclasses.replace(walked, attempt=2, start=dataclasses.replace(walked.start, plan=broken.plan))
+    tables = rows_of(session_of([broken, again]))
+    for name in ("blocks", "participants"):
+        assert tables[name]["found_all_s"].tolist() == whole[name]["found_all_s"].tolist()
+        assert tables[name]["found_all_s"].tolist() == [whole["keys"]["found_s"].max()]
+        assert tables[name]["episodes"].tolist() == [1]
+    some = rows_of(session_of(log.episodes[:3]), selection=Selection(outcome=("timeout",)))
+    assert len(some["episodes"]) == 1
+    assert some["keys"]["first_episode"].unique().tolist() == [1]
+    assert some["keys"]["found_s"].tolist() == pytest.approx(whole["keys"]["found_s"].tolist(), nan_ok=True)
+
+
 @pytest.mark.parametrize(
     ("selection", "expected"),
     [

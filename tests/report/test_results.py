@@ -60,7 +60,7 @@ def played(people, seed=1):
     episodes = pd.DataFrame(
         {"group": group, "participant": name, "world": "w", "episode_in_block": at, "reward": rng.random()}
         | {"session": 1, "playing_s": 10.0, "steps": 40, "success": at > 1}
-        | {"max_steps": 40, "outcome": "goal" if at > 1 else "timeout"}
+        | {"left_out": None, "max_steps": 40, "outcome": "goal" if at > 1 else "timeout"}
         for group, name in who
         for at in (1, 2, 3)
     )
@@ -144,6 +144,13 @@ def test_who_never_found_every_key_is_waited_for_to_the_last_step():
     assert compared.never == (0, 12)
     assert compared.difference == pytest.approx(5.0 - 30.0)
     assert compared.p < 0.001
+
+
+def test_who_never_found_every_key_was_watched_in_what_does_not_count_too():
+    rows, episodes = played(2)
+    episodes.loc[episodes["episode_in_block"] == 1, "left_out"] = "not played to an end"
+    keys = block_results("grid", rows, episodes, ["a", "b"], Analysis()).waits.keys["a"]
+    assert keys.times.tolist() == [30.0, 30.0]
 
 
 def test_waiting_for_the_goal_counts_time_outs_as_still_waiting():
