@@ -28,7 +28,7 @@ class FittedPerson:
 
 
 def fit_people(sessions: Sessions) -> Iterator[FittedPerson]:
-    """Fit everybody with enough presses; the middle population's floor is taken as given.
+    """Fit everybody with enough presses in episodes that count; the middle population's floor is taken as given.
 
     Raises:
         LogError: if there is no such folder.
@@ -39,7 +39,9 @@ def fit_people(sessions: Sessions) -> Iterator[FittedPerson]:
         steps = session.rows["steps"].to_pandas()
         if steps.empty:
             continue
-        times, episodes = times_of(steps)
+        counting = {(facts["episode"], facts["attempt"]) for facts in session.facts}
+        counts = [one in counting for one in zip(steps["episode"], steps["attempt"], strict=True)]
+        times, episodes = times_of(steps.assign(reaction_ms=steps["reaction_ms"].where(counts)))
         odd = episodes % 2 == 1
         whole, half = fit(times, floor_ms=Person().floor_ms), fit(times[odd], floor_ms=Person().floor_ms)
         if whole is None or half is None:

@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from minihuman.data.marks import Mark, add_mark
 from minihuman.data.study import Sessions
 from minihuman.errors import ReportError
+from minihuman.log.read.open_log import open_log
 from minihuman.players.human_like import HumanLikePlayer
 from minihuman.power.bare import best_ways, play_bare
+from minihuman.power.fitting import fit_people
 from minihuman.power.search_fit import SOUGHT, fit_search, lines
 from minihuman.power.traces import COUNTED, Trace, counts_of, trace_of
 from minihuman.seats.simulate import simulate
 from minihuman.study.protocol import decode
+from tests.builders import session, write_log
 from tests.counts import count
 
 PROTOCOL = """
@@ -121,6 +125,13 @@ def test_known_people_are_in_their_intervals(tmp_path):
     print("\n".join(lines(found)[-3:]))  # shown by pytest -s
     assert stats.binomtest(sum(held.values()), people * len(SOUGHT), 0.95).pvalue > 0.001
     assert all(0 < low < one.values[name] < high for one in found.people for name, (low, high) in one.intervals.items())
+
+
+def test_who_does_not_count_is_nobody_that_a_person_is_fitted_to(tmp_path):
+    path = write_log(session(episodes=4, blocks=("grid",)), tmp_path)  # some 150 presses
+    add_mark(open_log(path), Mark("exclude", "2026-11-23T09:00:00Z", note="the wrong person"))
+    with pytest.raises(ReportError, match="nobody has enough presses"):
+        list(fit_people(Sessions(tmp_path, processes=1)))
 
 
 def test_too_few_simulated_people_are_refused(tmp_path):
