@@ -54,10 +54,13 @@ def draw_learning(
 ) -> Axes:
     """Draw each group's mean over its participants against the episode in the block, counted from 1.
 
-    ``curves`` maps a group to (participants, episodes). Where every value is 0 or 1, means are shares and bands
-    Wilson's, of 95 %. Others are Student's, cut at ``limits``, which the measure cannot leave.
+    ``curves`` maps a group to (participants, episodes). Where every value is 0 or 1 of a measure that has no others
+    beyond, means are shares and bands Wilson's, of 95 %. Others are Student's, cut at ``limits``, which the measure
+    cannot leave.
     """
-    shares = all(np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values())
+    shares = limits in (None, (0, 1)) and all(
+        np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values()
+    )
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]
         mean, low, high = share_and_band(values) if shares else mean_and_band(values, level=level)

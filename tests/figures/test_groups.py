@@ -98,6 +98,14 @@ def test_a_share_of_everybody_has_an_interval_too():
     assert ax.collections[0].get_paths()[0].vertices[:, 1].min() == pytest.approx(wilson(1, 2)[0])
 
 
+def test_a_measure_that_goes_beyond_1_is_no_share_where_everybody_is_perfect():
+    perfect = {"all": np.zeros((10, 2))}
+    for limits, highest in (((0, math.inf), 0.0), ((0, 1), wilson(0, 10)[1])):
+        ax = draw_learning(Figure().subplots(), perfect, measure="log of the steps over the best way", limits=limits)
+        (band,) = ax.collections
+        assert band.get_paths()[0].vertices[:, 1].max() == pytest.approx(highest)
+
+
 def test_how_many_wait_is_told_below_the_axis_numbers_that_it_is_of():
     waited = Waited(np.array([30.0, 120.0, 250.0]), np.array([True, True, False]))
     axes, below = waiting_figure({"a": waited}, label="steps").axes
