@@ -5,6 +5,7 @@ that nobody finished ends truncated, so that no reader runs it into the next one
 """
 
 import json
+from collections import defaultdict
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ def export(chosen: ChosenEpisodes, out: Path) -> Written:
     """
     resimulate = Resimulator()
     datasets: dict[str, MinariStorage] = {}
+    players: defaultdict[str, set[str]] = defaultdict(set)  # of each dataset
     episodes = steps = 0
     left_out: list[str] = []
     for item in chosen:
@@ -45,10 +47,13 @@ def export(chosen: ChosenEpisodes, out: Path) -> Written:
         if name not in datasets:
             datasets[name] = _begin(out, name, item, demonstration)
         storage = datasets[name]
+        players[name].add(item.log.player)
         storage.update_episodes([_buffer(demonstration)])
         storage.update_episode_metadata([_attributes(item)], [int(storage.total_episodes) - 1])
         episodes += 1
         steps += len(item.episode.actions)
+    for name, storage in datasets.items():
+        storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {', '.join(sorted(players[name]))}"})
     return Written(tuple(out / NAMESPACE / name for name in datasets), episodes, steps, tuple(left_out))
 
 
@@ -71,7 +76,6 @@ def _begin(out: Path, name: str, item: Chosen, demonstration: Demonstration) -> 
         {
             "dataset_id": f"{NAMESPACE}/{name}",
             "minari_version": minari.__version__,
-            "algorithm_name": f"minihuman sessions played by: {item.log.player}",
             "description": _description(item, about, recoverable=spec is not None),
             "requirements": _requirements(item),
             "action_names": list(item.episode.start.action_names),  # of the whole action space, from its start

@@ -126,6 +126,7 @@ def test_every_export(study, counting, tmp_path, monkeypatch, name):
             (dataset_id,) = minari.list_local_datasets()
             storage = minari.load_dataset(dataset_id).storage
             assert places(storage.get_episode_metadata(range(storage.total_episodes))) == counting
+            assert storage.metadata["algorithm_name"] == "minihuman sessions played by: optimal, random"
         case "lerobot":
             (meta,) = out.glob("*/meta/episodes/*/*.parquet")
             rows = [
