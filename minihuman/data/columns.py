@@ -69,7 +69,7 @@ EPISODES = (
     Column("reaction_median_ms", "number", "ms", "Median reaction time."),
     Column("path_length", "number", "cell or m", "Ground covered."),
     Column("path_efficiency", "number", "", "Straight distance from start to end over ground covered."),
-    Column("turns_in_place", "whole", "", "Runs of turning on the spot."),
+    Column("turns_in_place", "whole", "", "Runs of turning on the spot; empty where the world tells no pose."),
     Column("in_vain", "whole", "", "Steps that changed nothing to be seen."),
     Column("refused", "whole", "", "Presses with no action, or while no action was taken."),
     Column("tags", "text", "", "The reviewers' tags in force, separated by spaces."),

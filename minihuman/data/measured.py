@@ -98,7 +98,7 @@ def _episode(tally: Tally, walk: Walk) -> Row:
         "reaction_median_ms": _told(median_ms),
         "path_length": _told(walk.length),
         "path_efficiency": _told(walk.efficiency),
-        "turns_in_place": walk.turns,
+        "turns_in_place": None if math.isnan(walk.length) else walk.turns,  # nobody knows where no pose is told
         "in_vain": tally.in_vain.total(),
         "refused": tally.refused.total(),
     }

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 
 import duckdb
 import msgspec
@@ -21,7 +22,7 @@ from minihuman.data.tables import session_tables
 from minihuman.data.writing import write_tables
 from minihuman.errors import ReportError
 from minihuman.worlds.contract import Bounds
-from tests.builders import session, session_of
+from tests.builders import made, plan, session, session_of
 from tests.counts import count
 
 EVERY = Selection()
@@ -137,6 +138,13 @@ def test_an_episode_begun_again_is_told_apart_and_the_broken_one_does_not_count(
     assert tables["episodes"]["attempt"].tolist() == [1, 2]
     assert tables["episodes"]["left_out"].tolist() == [NOT_FINISHED, ""]
     assert tables["participants"]["episodes"].tolist() == [1]
+
+
+def test_nothing_is_said_of_turns_where_the_world_tells_no_pose():
+    blind = made(plan(), [(math.nan,) * 4] * 3, [0, 1], None)
+    row = rows_of(session_of([blind]))["episodes"].iloc[0]
+    assert pd.isna([row["path_length"], row["path_efficiency"], row["turns_in_place"]]).all()
+    assert row["steps"] == 2
 
 
 def test_keys_that_were_found_in_a_broken_off_attempt_were_found_then(log):
