@@ -1,6 +1,6 @@
 """What a report says of a session beside its tables: how well it was recorded, and its plan in outline."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -36,8 +36,8 @@ class Quality:
     paused_s: float
     segments: int
     clean: bool
-    display: dict[str, str]
-    software: dict[str, str]
+    displays: tuple[dict[str, str], ...]  # each other one that a segment was played at
+    software: tuple[dict[str, str], ...]  # the same
 
 
 class Outline(msgspec.Struct, frozen=True):
@@ -98,9 +98,15 @@ def quality_of(log: SessionLog) -> Quality:
         paused_s=sum(end_ns - begin_ns for begin_ns, end_ns in pauses) / 1e9,
         segments=len(log.segments),
         clean=log.clean,
-        display={name: log.facts[name] for name in _DISPLAY if name in log.facts},
-        software={name: log.facts[name] for name in _SOFTWARE if name in log.facts},
+        displays=_of_segments(log, _DISPLAY),
+        software=_of_segments(log, _SOFTWARE),
     )
+
+
+def _of_segments(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
+    """Some facts of the stations that a session's segments were played at, each other one once."""
+    found = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
+    return tuple(facts for place, facts in enumerate(found) if facts not in found[:place])
 
 
 def keys_to_flips_ms(log: SessionLog) -> NDArray[np.float64]:

@@ -117,7 +117,7 @@ def _software(plans: Sequence[Outline], qualities: Sequence[Quality]) -> str:
     }  # fmt: skip
     made = []
     for name, word in words.items():
-        values = sorted({one.software[name] for one in qualities if name in one.software})
+        values = sorted({run[name] for one in qualities for run in one.software if name in run})
         if values:
             made.append(f"{word} {' and '.join(values)}")
     return f"Protocol of study {plans[0].study}: {told}. Run with {', '.join(made)}."

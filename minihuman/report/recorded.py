@@ -70,7 +70,9 @@ def quality(qualities: Sequence[Quality]) -> str:
     )  # fmt: skip
     if not any(map(_sat, qualities)):  # nothing was timed
         rows, heads = [row[:3] + row[9:] for row in rows], heads[:3] + heads[9:]
-    displays = sorted({", ".join(f"{name} {value}" for name, value in one.display.items()) for one in qualities})
+    displays = sorted(
+        {", ".join(f"{name} {value}" for name, value in shown.items()) for one in qualities for shown in one.displays}
+    )
     sat = [one for one in qualities if _sat(one)]
     presses = sum(one.presses for one in sat)
     late = sum(one.late for one in sat)
@@ -88,7 +90,7 @@ def quality(qualities: Sequence[Quality]) -> str:
 
 def _sat(one: Quality) -> bool:
     """Whether somebody sat at something: a simulated window has a clock of its own."""
-    return one.display.get("window") != "simulated"
+    return any(shown.get("window") != "simulated" for shown in one.displays)
 
 
 def left_out(rows: pd.DataFrame) -> str:

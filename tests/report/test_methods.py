@@ -2,14 +2,17 @@
 
 import re
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
-from minihuman.data.quality import Outline
+from minihuman.data.quality import Outline, quality_of
 from minihuman.lab.shipped import shipped_protocol
 from minihuman.report.methods import knew_the_keys, methods
+from minihuman.report.recorded import quality
 from minihuman.study.expand import enrol, expand
 from minihuman.study.protocol import decode
+from tests.builders import session
 from tests.seats.test_drawn_group import STUDY
 from tests.study.sessions import corridor_plan
 
@@ -39,6 +42,18 @@ def test_who_came_with_the_keys_of_the_block_before_is_named():
     grid, rooms = methods(plans, [])[1:3]  # in the order of play, whoever came first
     assert grid.startswith("Block grid")
     assert "not by grid-first: the keys were those of the block before" in rooms
+
+
+def test_a_session_that_went_on_elsewhere_names_both_stations():
+    log = session(episodes=1, blocks=("grid",))
+    segments = tuple(
+        replace(log.segments[0], number=number, facts={"python": python, "refresh_hz_reported": hz})
+        for number, (python, hz) in enumerate((("3.11", "60.0"), ("3.13", "144.0"), ("3.13", "144.0")), 1)
+    )
+    found = quality_of(replace(log, segments=segments))
+    assert "Run with Python 3.11 and 3.13." in methods([Outline.of(corridor_plan())], [found])[-2]
+    page = quality([found])
+    assert [page.count(f"refresh_hz_reported {hz}") for hz in ("60.0", "144.0")] == [1, 1]
 
 
 @pytest.mark.parametrize("keys", [3, 5])
