@@ -66,7 +66,7 @@ class Counted:
     def left_out(self) -> tuple[LeftOut, ...]:
         """What was asked for and does not count; of a participant who does not count, nothing more is said."""
         who = self.log.plan.participant.id, self.log.plan.session
-        if self.session_reason and any(self.asked):
+        if self.session_reason and self.wanted:
             return (LeftOut(self.session_reason, "participant", *who),)
         return tuple(
             LeftOut(why, "episode", *who, episode.number, episode.attempt)

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pytest
 
 from minihuman.data.columns import TABLES
+from minihuman.data.counted import Account
 from minihuman.data.exclusions import rules_of
 from minihuman.data.marks import Mark
 from minihuman.data.measured import Measured
@@ -195,6 +196,18 @@ def test_the_protocols_rules_leave_out_episodes_and_participants(log):
     tables = rows_of(with_rules(session_of(log.episodes[:3]), [slow, lost]))
     for name in ("episodes", "blocks", "participants"):
         assert set(tables[name]["left_out"]) == {"never got there"}
+
+
+def test_whom_a_rule_leaves_out_before_their_first_episode_is_in_the_account(log):
+    gone = with_rules(
+        dataclasses.replace(log, episodes=()), [("went home", "participant", "completed_share", "below = 0.5")]
+    )
+    account = Account()
+    account.take(Selection().judge(gone))
+    assert list(account.lines()) == ["0 episodes of 0 sessions count", "left out: 1 participant: went home"]
+    account = Account()
+    account.take(Selection(block=("room",)).judge(gone))
+    assert list(account.lines()) == ["0 episodes of 0 sessions count"]
 
 
 def test_a_rule_is_judged_by_the_whole_session_whatever_part_is_asked_for(log):
