@@ -87,7 +87,7 @@ class TableFile:
         All but the last batch have the same number of rows, whatever was put in and taken out before: equal rows make
         equal files.
 
-        ``counting`` leaves out what does not count, and what belongs to an episode that does not.
+        ``counting`` leaves out what does not count, and what belongs to an episode or a session that does not.
         """
         wanted = schema(name, without=without)
         columns = ", ".join(f'"{column}"' for column in wanted.names)
@@ -97,6 +97,8 @@ class TableFile:
         elif counting and name in OF_EPISODES:
             theirs = "SELECT log, episode, attempt FROM kept.episodes WHERE left_out IS NULL"
             found += f" SEMI JOIN ({theirs}) USING (log, episode, attempt)"
+        elif counting:
+            found += " SEMI JOIN (SELECT log FROM kept.participants WHERE left_out IS NULL) USING (log)"
         if counting or self.order is not None:
             order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
             found += f" {order} ORDER BY {place}, row"

@@ -69,6 +69,16 @@ def test_what_does_not_count_is_left_out_unless_it_is_asked_for(by_hand):
     assert repr(marked) == "<episode 2 of sub-02: grid, timeout, 23 steps, left out: tagged exclude>"
 
 
+def test_a_table_of_what_counts_has_nothing_of_a_session_that_does_not(tmp_path):
+    for index in range(2):
+        log = write_log(session(participant=f"sub-0{index + 1}", index=index, episodes=1, blocks=("grid",)), tmp_path)
+    add_mark(open_log(log), Mark("exclude", "2026-01-06T10:00:00Z"))
+    study = minihuman.open(tmp_path / "transfer")
+    for table in ("participants", "keys", "segments", "plan", "steps", "frames"):
+        assert set(study.table(table)["participant"]) == {"sub-01"}, table
+        assert set(study.table(table, everything=True)["participant"]) == {"sub-01", "sub-02"}, table
+
+
 def test_names_are_short_and_a_cell_shows_a_table(by_hand):
     study = minihuman.open(by_hand)
     assert repr(study) == "<study transfer: 2 sessions>"
