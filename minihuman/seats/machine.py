@@ -14,7 +14,7 @@ import minihuman
 from minihuman.study.plan import SessionPlan
 from minihuman.study.protocol import decode
 from minihuman.study.undrawn import is_undrawn
-from minihuman.worlds.contract import PICTURES
+from minihuman.worlds.contract import CLAUSES, PICTURES
 from minihuman.worlds.sources import rules_digest
 
 _PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
@@ -47,6 +47,7 @@ def machine_facts() -> dict[str, str]:
     facts = {
         "rules": rules_digest(),
         "pictures": str(PICTURES),
+        "clauses": str(CLAUSES),
         "python": platform.python_version(),
         "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),

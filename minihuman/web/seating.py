@@ -24,7 +24,7 @@ from minihuman.web.seat import Seat
 from minihuman.web.telling import Settings
 from minihuman.worlds.adapt.world import World
 
-_RULES = ("version_minihuman", "rules", "pictures")  # facts that say by what a session was played
+_RULES = ("version_minihuman", "rules", "pictures", "clauses")  # facts that say by what a session was played
 _OF_A_WORLD = "world_sha256_"
 
 

@@ -29,6 +29,7 @@ UNKNOWN = Bounds()
 
 
 PICTURES = 2  # goes up when first-person worlds are drawn otherwise; a log says by which its pictures were
+CLAUSES = 2  # goes up when more worlds tell what is done of their instruction; a log says by which it was recorded
 
 
 class NativeWorld(abc.ABC):

@@ -66,20 +66,6 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         """The grid's."""
         return self.grid.max_steps
 
-    @property
-    def np_random(self) -> np.random.Generator:
-        """The grid's random stream."""
-        return self.grid.np_random
-
-    @np_random.setter
-    def np_random(self, value: np.random.Generator) -> None:
-        self.grid.np_random = value
-
-    @property
-    def np_random_seed(self) -> int:
-        """The grid's."""
-        return self.grid.np_random_seed
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -115,20 +115,3 @@ def test_an_instruction_is_done_clause_by_clause_as_in_the_grid():
         env.step(action)
     assert env.unwrapped.clauses() == grid.unwrapped.clauses()
     assert env.unwrapped.clauses()[0][1] > 0
-
-
-def test_there_is_one_random_stream_and_it_is_the_grids():
-    env = inside("Dynamic-Obstacles-5x5-v0")
-    env.reset(seed=3)
-    saved = env.unwrapped.save()
-    drawn = env.np_random.integers(1000, size=4).tolist()
-    env.unwrapped.restore(saved)
-    assert env.np_random.integers(1000, size=4).tolist() == drawn
-    env.unwrapped.np_random = np.random.default_rng(5)
-    assert env.unwrapped.grid.np_random is env.unwrapped.np_random
-    grid = gymnasium.make("minihuman/MiniGrid-FourRooms-v0")
-    env = inside("FourRooms-v0")
-    for world in (env, grid):
-        world.reset(seed=3)
-    assert env.np_random.random() == grid.np_random.random()
-    assert env.unwrapped.np_random_seed == grid.unwrapped.np_random_seed == 3

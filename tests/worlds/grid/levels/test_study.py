@@ -1,6 +1,7 @@
 """A study of instructions: played, logged clause by clause, verified, and read as tables."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,11 @@ from minihuman.lab.protocol_file import read_protocol
 from minihuman.lab.verify import verify
 from minihuman.log.read.open_log import open_log, read_events
 from minihuman.seats.simulate import simulate
-from minihuman.study.events import ClauseDone, EpisodeStarted, Stepped
+from minihuman.study.again import differences
+from minihuman.study.events import ClauseDone, EpisodeStarted, SessionStarted, Stepped
+from minihuman.study.protocol import decode
 from minihuman.study.well_formed import complaints
+from minihuman.worlds.adapt.world import World
 from minihuman.worlds.grid.instructions.language import clauses, parse
 
 pytestmark = [pytest.mark.program, pytest.mark.filterwarnings("ignore:.*out of date")]
@@ -36,6 +40,40 @@ def test_a_session_of_eight_levels_is_played_and_verifies(tmp_path, player):
     if player == "exploring":
         assert {episode.outcome for episode in log.episodes} == {"goal"}
         assert len(said) >= len(log.episodes)
+
+
+def test_from_inside_clauses_are_told_too_and_logs_of_before_they_were_are_proven(tmp_path):
+    study = decode(
+        b"""
+        keys.pool = ["1", "2", "3", "4", "5", "6", "7"]
+        [study]
+        name = "inside"
+        version = "1"
+        participants = 1
+        seed = 1
+        [[groups]]
+        name = "all"
+        blocks = ["walk"]
+        [[blocks]]
+        name = "walk"
+        world = "minihuman/BabyAI-GoToLocal-v0"
+        options = { view = "first_person" }
+        episodes = 1
+        max_steps = 64
+        seeds = [0]
+        actions = ["left", "right", "forward"]
+        """
+    )
+    (path,) = simulate(study, tmp_path, participants=1, seed=3, player="optimal")
+    events = list(read_events(path))
+    assert [event.clause for event in events if isinstance(event, ClauseDone)] == [0]
+    assert list(differences(events, World)) == []
+    without = [event for event in events if not isinstance(event, ClauseDone)]
+    assert "ClauseDone" in next(differences(without, World))
+    first = without[0]
+    assert isinstance(first, SessionStarted)
+    earlier = {name: value for name, value in first.facts.items() if name != "clauses"}
+    assert list(differences([replace(first, facts=earlier), *without[1:]], World)) == []
 
 
 def test_the_code_in_the_docs_runs():
