@@ -27,8 +27,9 @@ def part_names(protocol: Protocol, slot: Slot, group: str, session: int) -> list
     instead = protocol.group(group).instead
     names: list[str] = []
     for name in listed:
-        names += _in_order(protocol, slot, instead.get(name, name))
-    names = [instead.get(name, name) for name in names]
+        chosen = instead.get(name, name)
+        inside = _in_order(protocol, slot, chosen)
+        names += [chosen] if inside is None else [instead.get(part, part) for part in inside]
     return _framed(protocol, [name for name in names if name], session)
 
 
@@ -43,11 +44,12 @@ def _plain(protocol: Protocol, group: str) -> list[str]:
     ]
 
 
-def _in_order(protocol: Protocol, slot: Slot, name: str) -> list[str]:
+def _in_order(protocol: Protocol, slot: Slot, name: str) -> list[str] | None:
+    """The parts that an order stands for, in the slot's order; None for the name of a part."""
     for number, order in enumerate(protocol.orders):
         if order.name == name:
             return [order.parts[place] for place in slot.orders[number]]
-    return [name]
+    return None
 
 
 def _framed(protocol: Protocol, names: list[str], session: int) -> list[str]:

@@ -127,6 +127,18 @@ def test_a_group_has_texts_of_its_own_and_may_leave_a_part_out():
     assert [part.plan.pages for part in plans["y"].parts] == [("for y",)]
 
 
+@pytest.mark.parametrize("listed", [["t", "u"], ["o"]])
+def test_a_group_may_have_two_parts_in_each_others_place(listed):
+    rest = (
+        f'[[groups]]\nname = "x"\nparts = {listed}\n[[groups]]\nname = "y"\nparts = {listed}\n'
+        'instead = { t = "u", u = "t" }\n[[orders]]\nname = "o"\norder = "fixed"\nparts = ["t", "u"]\n'
+        '[[pages]]\nname = "t"\n[[pages]]\nname = "u"\n'
+    )
+    study = protocol(rest)
+    names = {group: [part.name for part in expand(study, enrol(study, 0, group)).parts] for group in "xy"}
+    assert names == {"x": ["t", "u"], "y": ["u", "t"]}
+
+
 def test_questions_may_come_in_an_order_of_ones_own():
     items = "".join(f'[[questions.items]]\nname = "{n}"\nkind = "text"\nask = "{n}"\n' for n in range(6))
     rest = f'[[questions]]\nname = "q"\nshuffle = true\n{items}'
