@@ -142,7 +142,8 @@ def test_a_long_text_has_lines_and_is_left_by_tab():
 
 
 @pytest.mark.parametrize(
-    ("typed", "note"), [("", "answer this"), ("12.5", "whole"), ("17", "from 18 to 99"), ("-", "whole")]
+    ("typed", "note"),
+    [("", "answer this"), ("12.5", "whole"), ("17", "from 18 to 99"), ("-", "whole"), ("9" * 400, "whole")],
 )
 def test_a_number_that_cannot_be_is_not_taken(typed, note):
     desk = asked("number")
@@ -150,10 +151,19 @@ def test_a_number_that_cannot_be_is_not_taken(typed, note):
     desk.press("enter")
     assert note in desk.session.screen.note
     assert desk.of(Answered) == []
-    desk.press("backspace", "backspace", "backspace", "backspace")
+    desk.press(*["backspace"] * len(typed))
     type_text(desk, "44")
     desk.press("enter")
     assert answer(desk)[0] == 44
+
+
+def test_a_range_is_said_in_plain_numbers():
+    item = ITEMS["number"].replace("99", "12345678")
+    plan = plan_of(f'[[questions]]\nname = "q"\n[[questions.items]]\nname = "n"\nask = "?"\n{item}', ["q"])
+    desk = Desk(plan)
+    type_text(desk, "9")
+    desk.press("enter")
+    assert "from 18 to 12345678" in desk.session.screen.note
 
 
 def test_a_question_must_be_answered_unless_it_need_not():

@@ -274,6 +274,8 @@ class EntryDraft(Draft):
             number = float(text.replace(",", "."))
         except ValueError:
             return None
+        if not math.isfinite(number):  # more digits than a number holds
+            return None
         if self.asked.whole:
             return int(number) if number == int(number) else None
         return number
@@ -294,7 +296,7 @@ class EntryDraft(Draft):
             return "note.whole_number" if asked.whole else "note.number", {}
         assert isinstance(number, int | float)
         if not asked.minimum <= number <= asked.maximum:
-            return "note.range", {"minimum": f"{asked.minimum:g}", "maximum": f"{asked.maximum:g}"}
+            return "note.range", {"minimum": _plain(asked.minimum), "maximum": _plain(asked.maximum)}
         return None
 
     def item(self) -> Entry:
@@ -330,6 +332,11 @@ def is_right(asked: Question, value: Value) -> bool | None:
     if isinstance(value, str) and isinstance(asked.right, str):
         return value.strip().casefold() == asked.right.strip().casefold()
     return value == asked.right
+
+
+def _plain(value: float) -> str:
+    """A number as people write it, without an exponent."""
+    return f"{value:.9f}".rstrip("0").rstrip(".")
 
 
 def _digit(key: str) -> int:
