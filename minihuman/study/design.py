@@ -1,13 +1,18 @@
 """The design of a study beyond its blocks: pages, questions, orders and sessions, as the protocol file has them."""
 
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import msgspec
 
 from minihuman.study.activities.drafts import Question
 from minihuman.study.activities.pages import Example
 
+if TYPE_CHECKING:
+    from minihuman.study.protocol import Block
+
 Override = dict[str, dict[str, Any]]  # group -> fields that are others for it
+Complaint = tuple[str, str]  # where, and what is wrong there and the way out
 
 
 class Text(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -60,3 +65,45 @@ class Day(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     parts: tuple[str, ...]
     days_after: tuple[int, int] | None = None  # earliest and latest
+
+
+Own = TypeVar("Own", "Block", Text, Questionnaire)
+
+
+def as_for(part: Own, group: str) -> Own:
+    """A part with the fields that are others for a group.
+
+    Raises:
+        msgspec.ValidationError: if one of them holds what it cannot.
+    """
+    own = part.for_group.get(group)
+    if not own:
+        return part
+    fields = {name: getattr(part, name) for name in part.__struct_fields__ if name != "for_group"}
+    return msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
+
+
+def as_each_group_has(
+    field: str, parts: Sequence[Own], complaints: Callable[[Own], Iterable[Complaint]]
+) -> Iterator[Complaint]:
+    """Every (path, complaint) about parts, as they are for all and with the fields that are others for a group.
+
+    Args:
+        field: of the protocol, which has the parts.
+        parts: what it has.
+        complaints: about one part, with the field of it that each is about. What is of no use to a group that has
+            another field otherwise is none: it may be of use to the others.
+    """
+    for number, part in enumerate(parts):
+        path, for_all = f"$.{field}[{number}]", list(complaints(part))
+        yield from ((f"{path}.{name}", what) for name, what in for_all)
+        for group, own in part.for_group.items():
+            if {"name", "for_group"} & own.keys():
+                continue
+            try:
+                its = as_for(part, group)
+            except msgspec.ValidationError:  # which is a complaint of its own
+                continue
+            for name, what in complaints(its):
+                if (name, what) not in for_all:
+                    yield f"{path}.for_group.{group}.{name}", what

@@ -11,6 +11,7 @@ from minihuman.study.activities.agent_plan import complaints as agent_complaints
 from minihuman.study.activities.drafts import Question
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.activities.registry import kind_of
+from minihuman.study.design import Complaint, Questionnaire, as_each_group_has, as_for
 from minihuman.study.forms import FORMS
 from minihuman.study.words import LANGUAGES, flat, of
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from minihuman.study.protocol import Block, Protocol
 
 _PARTS = ("blocks", "pages", "questions", "activities")
-Complaint = tuple[str, str]  # path, what is wrong and the way out
 
 
 def design_complaints(protocol: "Protocol") -> list[Complaint]:
@@ -28,14 +28,11 @@ def design_complaints(protocol: "Protocol") -> list[Complaint]:
         *_names(protocol),
         *_lists(protocol),
         *_others(protocol),
-        *_questions(protocol),
+        *as_each_group_has("questions", protocol.questions, lambda asked: _questions(asked, protocol)),
         *_groups(protocol),
         *_overrides(protocol),
-        *(
-            (f"$.blocks[{number}].{field}", complaint)
-            for number, block in enumerate(protocol.blocks)
-            for field, complaint in _block(block, protocol)
-        ),
+        *as_each_group_has("blocks", protocol.blocks, lambda block: _block(block, protocol)),
+        *_of_no_use(protocol),
     ]
 
 
@@ -56,11 +53,20 @@ def _words(protocol: "Protocol") -> Iterator[Complaint]:
 
 def _names(protocol: "Protocol") -> Iterator[Complaint]:
     seen: dict[str, str] = {}
+    by_itself = {  # a part of this name would be shown where one that comes by itself is
+        "consent": ("agree", "$.study.consent", bool(protocol.study.consent)),
+        "closing": ("closing", "$.study.closing", protocol.study.closing != ""),
+        "keyboard_check": ("", "$.keys.check", protocol.keys.check),
+    }
     for field in ("blocks", "pages", "questions", "activities", "orders"):
         for number, part in enumerate(getattr(protocol, field)):
             if part.name in seen and field != "blocks":
                 yield f"$.{field}[{number}].name", f"is {part.name!r} again ({seen[part.name]}); give each its own name"
             seen.setdefault(part.name, f"$.{field}[{number}]")
+            instead, whose, comes = by_itself.get(part.name, ("", "", False))
+            if comes and not getattr(part, instead, False):
+                way = f", or set {instead} = true" if instead and field == "pages" else ""
+                yield f"$.{field}[{number}].name", f"is {part.name!r}, as {whose} is called; call it otherwise{way}"
 
 
 def _others(protocol: "Protocol") -> Iterator[Complaint]:
@@ -114,23 +120,21 @@ def _lists(protocol: "Protocol") -> Iterator[Complaint]:
             yield f"$.orders[{number}].parts", "names a part twice; name each once"
 
 
-def _questions(protocol: "Protocol") -> Iterator[Complaint]:
+def _questions(asked: Questionnaire, protocol: "Protocol") -> Iterator[Complaint]:
     parts = {part.name for field in _PARTS for part in getattr(protocol, field)}
-    for number, asked in enumerate(protocol.questions):
-        path = f"$.questions[{number}]"
-        if bool(asked.items) == bool(asked.form):
-            yield path, "needs items, or the name of a form, and not both"
-        if asked.form and asked.form not in FORMS:
-            yield f"{path}.form", f"is {asked.form!r}; forms: {', '.join(FORMS)}"
-        if asked.back_to and asked.back_to not in parts:
-            yield f"{path}.back_to", f"is {asked.back_to!r}, which is no part"
-        if not 1 <= asked.tries <= 100:
-            yield f"{path}.tries", f"is {asked.tries}; use 1 to 100"
-        names = [item.name for item in asked.items]
-        for place, item in enumerate(asked.items):
-            if item.name in names[:place]:
-                yield f"{path}.items[{place}].name", f"is {item.name!r} again; give each its own name"
-            yield from ((f"{path}.items[{place}].{field}", what) for field, what in _item(item))
+    if not asked.items and not asked.form:
+        yield "items", "is empty; the part needs items, or the name of a form"
+    if asked.form and asked.form not in FORMS:
+        yield "form", f"is {asked.form!r}; forms: {', '.join(FORMS)}"
+    if asked.back_to and asked.back_to not in parts:
+        yield "back_to", f"is {asked.back_to!r}, which is no part"
+    if not 1 <= asked.tries <= 100:
+        yield "tries", f"is {asked.tries}; use 1 to 100"
+    names = [item.name for item in asked.items]
+    for place, item in enumerate(asked.items):
+        if item.name in names[:place]:
+            yield f"items[{place}].name", f"is {item.name!r} again; give each its own name"
+        yield from ((f"items[{place}].{field}", what) for field, what in _item(item))
 
 
 def _item(item: Question) -> Iterator[Complaint]:
@@ -144,11 +148,22 @@ def _item(item: Question) -> Iterator[Complaint]:
         yield "points", f"is {len(item.options) or item.points}; use 2 to 11"
     if item.kind in ("slider", "number") and (item.minimum >= item.maximum or item.step <= 0):
         yield "minimum", f"to maximum is {item.minimum:g} to {item.maximum:g} in steps of {item.step:g}, which is none"
-    if item.right is not None and item.kind in ("choice", "choices", "likert"):
-        right = item.right if isinstance(item.right, tuple) else (item.right,)
-        for code in right:
-            if code not in item.all_codes:
-                yield "right", f"is {code!r}, which is no option's code; codes: {', '.join(map(str, item.all_codes))}"
+    for right in item.right if isinstance(item.right, tuple) else (item.right,):
+        yield from _right(item, right)
+
+
+def _right(item: Question, right: str | float | None) -> Iterator[Complaint]:
+    """A right answer is one that can be given."""
+    if right is None:
+        return
+    if item.kind in ("choice", "choices", "likert"):
+        if right not in item.all_codes:
+            yield "right", f"is {right!r}, which is no option's code; codes: {', '.join(map(str, item.all_codes))}"
+    elif item.kind in ("number", "slider"):
+        if isinstance(right, str):
+            yield "right", f"is {right!r}, a text, but a {item.kind} is answered with a number; write it without quotes"
+    elif not isinstance(right, str):
+        yield "right", f"is {right!r}, a number, but a {item.kind} is answered with text; write it in quotes"
 
 
 def _groups(protocol: "Protocol") -> Iterator[Complaint]:
@@ -174,9 +189,8 @@ def _overrides(protocol: "Protocol") -> Iterator[Complaint]:
                 if {"name", "for_group"} & own.keys():
                     yield path, "changes the name; give the group another part with instead = { ... }"
                     continue
-                fields = {name: getattr(part, name) for name in part.__struct_fields__ if name != "for_group"}
                 try:
-                    msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
+                    as_for(part, group)
                 except msgspec.ValidationError as error:
                     yield path, str(error)
 
@@ -189,8 +203,6 @@ def _block(block: "Block", protocol: "Protocol") -> Iterator[Complaint]:
     for key in block.fixed:
         if key not in pool:
             yield "fixed", f"has the key {key!r}, which is not in $.keys.pool"
-    if block.fixed and not any(own.get("key_map", block.key_map) == "fixed" for own in ({}, *block.for_group.values())):
-        yield "fixed", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
     if block.until and not 1 <= block.until.successes <= block.until.of <= block.episodes:
         what = f"asks for {block.until.successes} of {block.until.of} in {block.episodes} episodes"
         yield "until", f"{what}; use successes <= of <= episodes"
@@ -213,5 +225,25 @@ def _kind(block: "Block", pool: tuple[str, ...]) -> Iterator[Complaint]:
             yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
         agent = block.agent or AgentPlan()
         yield from ((f"agent.{field}", what) for field, what in agent_complaints(agent, pool))
-    elif block.agent is not None:
-        yield "agent", f"is given, but a {block.kind} block has none; use kind = 'takeover' or 'rating'"
+
+
+def _of_no_use(protocol: "Protocol") -> Iterator[Complaint]:
+    """What is given and does nothing, for no group."""
+    for number, asked in enumerate(protocol.questions):
+        if asked.items and asked.form:
+            yield f"$.questions[{number}]", "needs items, or the name of a form, and not both"
+    for number, block in enumerate(protocol.blocks):
+        path, own = f"$.blocks[{number}]", ({}, *block.for_group.values())
+        if block.fixed and not any(its.get("key_map", block.key_map) == "fixed" for its in own):
+            yield f"{path}.fixed", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
+        if block.agent is not None and not any(_has_agent(its.get("kind", block.kind)) for its in own):
+            yield f"{path}.agent", f"is given, but a {block.kind} block has none; use kind = 'takeover' or 'rating'"
+
+
+def _has_agent(kind: str) -> bool:
+    """Whether a kind of block has one; what is no kind of block is a complaint of its own."""
+    try:
+        plan = kind_of(kind).plan
+    except ProtocolError:
+        return True
+    return not issubclass(plan, PlayPlan) or issubclass(plan, AgentPlayPlan)

@@ -7,7 +7,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from string import Formatter
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import msgspec
 
@@ -19,7 +19,8 @@ from minihuman.study import online as browsers
 from minihuman.study import strata as alike
 from minihuman.study.activities.agent_plan import AgentPlan
 from minihuman.study.activities.play_plan import Criterion, Points
-from minihuman.study.design import Day, Order, Other, Override, Questionnaire, Text
+from minihuman.study.carried import carry_complaints
+from minihuman.study.design import Day, Order, Other, Override, Questionnaire, Text, as_each_group_has, as_for
 from minihuman.study.design_complaints import design_complaints
 from minihuman.study.keys import KEY_NAMES, KEYS_IN_WORDS, RESERVED
 from minihuman.study.mistakes import structural, told
@@ -148,15 +149,15 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def block_for(self, name: str, group: str) -> Block:
         """The block of that name as a group has it."""
-        return _as_for(self.block(name), group)
+        return as_for(self.block(name), group)
 
     def page_for(self, name: str, group: str) -> Text | None:
         """The page of that name as a group has it; None if there is none."""
-        return next((_as_for(page, group) for page in self.pages if page.name == name), None)
+        return next((as_for(page, group) for page in self.pages if page.name == name), None)
 
     def questions_for(self, name: str, group: str) -> Questionnaire | None:
         """The questions of that name as a group has them; None if there are none."""
-        return next((_as_for(asked, group) for asked in self.questions if asked.name == name), None)
+        return next((as_for(asked, group) for asked in self.questions if asked.name == name), None)
 
     @property
     def designed(self) -> bool:
@@ -174,18 +175,6 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 return group
         names = ", ".join(group.name for group in self.groups)
         raise ProtocolError(f"no group {name!r} in study {self.study.name!r}; it has {names}")
-
-
-_Named = TypeVar("_Named", Block, Text, Questionnaire)
-
-
-def _as_for(part: _Named, group: str) -> _Named:
-    """A part with the fields that are others for a group."""
-    own = part.for_group.get(group)
-    if not own:
-        return part
-    fields = {name: getattr(part, name) for name in part.__struct_fields__ if name != "for_group"}
-    return msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
 
 
 def decode(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | None = None) -> Protocol:
@@ -226,12 +215,13 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
         *_study_complaints(protocol.study),
         *_keys_complaints(protocol.keys),
         *_group_complaints(protocol),
+        *as_each_group_has("blocks", protocol.blocks, lambda block: _block_complaints(block, protocol)),
         *(
             (f"$.blocks[{number}].{field}", complaint)
             for number, block in enumerate(protocol.blocks)
-            for field, complaint in _block_complaints(block, protocol)
+            for field, complaint in _of_no_use(block, protocol.keys)
         ),
-        *_carry_complaints(protocol),
+        *carry_complaints(protocol),
         *design_complaints(protocol),
         *facts.complaints(protocol.about),
         *judged.complaints(protocol.analysis, tuple(block.name for block in protocol.blocks)),
@@ -320,8 +310,6 @@ def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]
         found.append(("actions", f"has {len(block.actions)} for {pool} keys in $.keys.pool; add keys"))
     if protocol.keys.spare == "distractor" and not block.distractors:
         found.append(("distractors", "is empty, but $.keys.spare is 'distractor'; name the actions to deal out"))
-    if protocol.keys.spare == "ignore" and block.distractors:
-        found.append(("distractors", "has actions, but $.keys.spare is 'ignore'; set it to 'distractor'"))
     if isinstance(block.seeds, tuple):
         if len(block.seeds) != block.episodes:
             found.append(("seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one an episode"))
@@ -329,10 +317,6 @@ def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]
             found.append(("seeds", "has a negative seed; a seed is 0 or more"))
     if block.pace == "real_time" and not 5 <= block.step_period_ms <= 60_000:
         found.append(("step_period_ms", f"is {block.step_period_ms}; real_time needs 5 to 60000 ms"))
-    if block.pace == "on_key" and (block.step_period_ms or block.noop is not None):
-        found.append(("pace", "is 'on_key', which has no step_period_ms and no noop; remove them or use 'real_time'"))
-    if block.pace == "real_time" and block.auto_repeat:
-        found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
     for text in [block.feedback] if isinstance(block.feedback, str) else block.feedback.values():
         try:
             _check_placeholders(text)
@@ -340,6 +324,18 @@ def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]
         except (KeyError, IndexError, ValueError, AttributeError) as error:
             fields = "outcome, reward, steps, episode, episodes, points, total"
             found.append(("feedback", f"has a bad placeholder ({error}); use {fields}"))
+    return found
+
+
+def _of_no_use(block: Block, keys: Keys) -> list[tuple[str, str]]:
+    """What is given and does nothing."""
+    found = []
+    if keys.spare == "ignore" and block.distractors:
+        found.append(("distractors", "has actions, but $.keys.spare is 'ignore'; set it to 'distractor'"))
+    if block.pace == "on_key" and (block.step_period_ms or block.noop is not None):
+        found.append(("pace", "is 'on_key', which has no step_period_ms and no noop; remove them or use 'real_time'"))
+    if block.pace == "real_time" and block.auto_repeat:
+        found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
     return found
 
 
@@ -352,26 +348,3 @@ def _check_placeholders(text: str) -> None:
     for _, field, format_spec, conversion in Formatter().parse(text):
         if field is not None and (not field.isidentifier() or conversion or not _FORMAT.fullmatch(format_spec or "")):
             raise ValueError(f"{{{field}{':' if format_spec else ''}{format_spec}}}")
-
-
-def _carry_complaints(protocol: Protocol) -> list[tuple[str, str]]:
-    """A carried key map is for as many actions as the one before it; a session's first block draws its own.
-
-    So one block can serve the group that carries into it and the group that starts with it.
-    """
-    found = []
-    carried = {name for group in protocol.groups for name in group.blocks[1:]}
-    for number, group in enumerate(protocol.groups):
-        previous: Block | None = None
-        for place, name in enumerate(group.blocks):
-            block = next((block for block in protocol.blocks if block.name == name), None)
-            if block is None:
-                continue
-            path = f"$.groups[{number}].blocks[{place}]"
-            if block.key_map == "carry" and previous is None and name not in carried:
-                found.append((path, f"is {name!r}, which carries a key map, but no group plays a block before it"))
-            if block.key_map == "carry" and previous is not None and len(previous.actions) != len(block.actions):
-                counts = f"{len(block.actions)} actions carried from {len(previous.actions)}"
-                found.append((path, f"is {name!r} with {counts}; give both blocks as many, or use key_map = 'fresh'"))
-            previous = block
-    return found

@@ -10,6 +10,7 @@ from minihuman.errors import AllocationError, ProtocolError
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.study.allocation import allocation, latin_square
 from minihuman.study.expand import enrol, expand
+from minihuman.study.protocol import decode
 from minihuman.study.resolve import part_names
 from tests.study.studies import CORRIDOR, plan_of, protocol
 
@@ -156,6 +157,15 @@ MISTAKES = {
     "[[groups]]\nname='a'\n[[sessions]]\nname='s'\nparts=['p']\ndays_after=[1,2]\n[[pages]]\nname='p'": "first session",
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.for_group.b]\ntext='x'": "is for no group",
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.for_group.a]\ntxt='x'": "txt",
+    "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nitems=[{name='n',kind='number',ask='?',right='12'}]": (
+        r"items\[0\]\.right .*is '12', a text, but a number is answered with a number"
+    ),
+    "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nitems=[{name='n',kind='text',ask='?',right=12}]": (
+        r"items\[0\]\.right .*is 12, a number, but a text is answered with text"
+    ),
+    "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nform='nasa-tlx'\n[questions.for_group.a]\ntries=0": (
+        r"questions\[0\]\.for_group\.a\.tries .*is 0; use 1 to 100"
+    ),
     "[[groups]]\nname='a'\nparts=['c']\n[[activities]]\nname='c'\nkind='preferences'\nplan={source='nix'}": (
         r"activities\[0\]\.plan\.source .*is 'nix', which is no block; blocks: none"
     ),
@@ -167,6 +177,49 @@ def test_a_mistake_in_a_design_is_one_line_that_names_it(rest):
     with pytest.raises(ProtocolError, match=MISTAKES[rest]) as caught:
         protocol(rest)
     assert "\n" not in str(caught.value)
+
+
+OF_A_GROUP = {
+    "episodes = 0": r"blocks\[0\]\.for_group\.all\.episodes \(block 'corridor'\) is 0",
+    "seeds = [1, 2]": r"for_group\.all\.seeds .*has 2 seeds for 4 episodes",
+    'feedback = "{stepz}"': r"for_group\.all\.feedback .*has a bad placeholder \('stepz'\)",
+    'actions = ["a", "b", "c", "d", "e", "f", "g"]': r"for_group\.all\.actions .*has 7 for 6 keys",
+    'key_map = "fixed"': r"for_group\.all\.fixed .*gives keys to other actions",
+}
+
+
+@pytest.mark.parametrize("own", OF_A_GROUP)
+def test_what_is_another_for_a_group_is_held_to_the_same_rules(own):
+    with pytest.raises(ProtocolError, match=OF_A_GROUP[own]):
+        plan_of(f"{CORRIDOR}[blocks.for_group.all]\n{own}\n", ["corridor"])
+
+
+def test_what_a_group_has_no_use_for_stays_for_the_others():
+    own = 'pace = "real_time"\nstep_period_ms = 50\n[blocks.for_group.all]\npace = "on_key"\n'
+    assert plan_of(CORRIDOR + own, ["corridor"]).episodes[0].pace == "on_key"
+
+
+@pytest.mark.parametrize("parts", [["corridor", "p", "two"], ["o"]])
+def test_a_carried_key_map_needs_as_many_actions_in_lists_of_parts_too(parts):
+    two = CORRIDOR.replace('"corridor"', '"two"').replace(', "crash"', "") + 'key_map = "carry"\n'
+    order = '[[pages]]\nname = "p"\n[[orders]]\nname = "o"\nparts = ["two", "corridor"]\n'
+    with pytest.raises(ProtocolError, match=r"\.parts .*has 'two' after 'corridor' .*3 actions carried from 4"):
+        plan_of(CORRIDOR + two + order, parts)
+    assert plan_of(CORRIDOR + two + order, ["two", "corridor"]).episodes
+
+
+@pytest.mark.parametrize(
+    ("head", "name", "way"),
+    [
+        ('consent = "I agree."', "consent", "or set agree = true"),
+        ('closing = "Bye."', "closing", "or set closing = true"),
+        ("[keys]\ncheck = true", "keyboard_check", "call it otherwise"),
+    ],
+)
+def test_no_part_is_called_what_comes_by_itself(head, name, way):
+    text = f'[study]\nname = "s"\nversion = "1"\nseed = 0\n{head}\n[[groups]]\nname = "g"\nparts = ["{name}"]\n'
+    with pytest.raises(ProtocolError, match=rf"pages\[0\]\.name .*is '{name}'.*{way}"):
+        decode(f'{text}[[pages]]\nname = "{name}"\n'.encode())
 
 
 def test_a_language_without_words_of_ours_says_what_is_missing():
