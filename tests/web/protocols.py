@@ -49,3 +49,14 @@ feedback = "{{outcome}}"
 """
     )
     return path
+
+
+def asking(folder: Path, *kinds: str, web: str = "") -> Path:
+    """Write a protocol of one question of each kind."""
+    items = "".join(f'[[questions.items]]\nname = "{kind}"\nkind = "{kind}"\nask = "{kind}?"\n' for kind in kinds)
+    path = folder / "asked.toml"
+    path.write_text(
+        '[study]\nname = "asked"\nversion = "1.0"\nseed = 7\nparticipants = 50\n'
+        f'[web]\n{web}\n[[groups]]\nname = "everyone"\nparts = ["asked"]\n[[questions]]\nname = "asked"\n{items}'
+    )
+    return path

@@ -743,12 +743,13 @@ addEventListener("keydown", (event) => {
   if (zero === null || finished) return;
   const key = codes[event.code] ?? `code_${event.code.replace(/[^A-Za-z0-9]/g, "").slice(0, 24)}`;
   const shortcut = event.ctrlKey || event.metaKey || event.altKey;
-  const typing = isEntry() && !event.isComposing;
+  const composes = event.isComposing || (isEntry() && event.keyCode === 229); // Safari: the Enter that ends it, too
+  const typing = isEntry() && !composes;
   const scrolling = (event.code === "ArrowUp" || event.code === "ArrowDown") && /^(page|text)$/.test(screen?.screen.kind ?? "");
-  if (!shortcut && !scrolling && !LEFT_TO_BROWSER.has(event.code) && !(typing && event.key.length === 1) && !event.isComposing) {
+  if (!shortcut && !scrolling && !LEFT_TO_BROWSER.has(event.code) && !(typing && event.key.length === 1) && !composes) {
     event.preventDefault();
   }
-  if (event.repeat || event.isComposing || down.has(key)) return;
+  if (event.repeat || composes || down.has(key)) return;
   down.add(key);
   const symbol = event.key.length === 1 ? event.key : "";
   press(key, symbol, timeOf(event.timeStamp), event.isTrusted);
@@ -764,9 +765,13 @@ function repeat(key, symbol) {
 
 addEventListener("keyup", (event) => {
   const key = codes[event.code] ?? `code_${event.code.replace(/[^A-Za-z0-9]/g, "").slice(0, 24)}`;
-  if (zero === null || finished || !down.delete(key)) return;
+  if (zero === null || finished || !down.has(key)) return;
   clearTimeout(repeating);
-  say({ t: "key", key, down: false, stamp: timeOf(event.timeStamp), trusted: event.isTrusted });
+  const up = event.key === "Meta" ? [...down] : [key]; // a Mac says nothing of keys that come up beside Command
+  for (const one of up) {
+    down.delete(one);
+    say({ t: "key", key: one, down: false, stamp: timeOf(event.timeStamp), trusted: event.isTrusted });
+  }
 }, { capture: true });
 
 function press(key, symbol, stamp, trusted, isRepeat = false) {
@@ -838,18 +843,18 @@ addEventListener("pointerdown", (event) => {
   element.setPointerCapture?.(event.pointerId);
   point("pressed", event, element);
 });
+// An answer draws the screen anew: what was pressed has another element then.
+const asDrawn = (element) => (element.isConnected ? element : main.querySelector(`[data-target="${element.dataset.target}"]`));
 addEventListener("pointermove", (event) => {
-  if (pressedIn?.dataset.target === "slider") point("moved", event, pressedIn);
+  const element = pressedIn?.dataset.target === "slider" ? asDrawn(pressedIn) : null;
+  if (element) point("moved", event, element);
 });
-addEventListener("pointerup", (event) => {
-  if (!pressedIn) return;
-  point("released", event, pressedIn);
+function release(event) {
+  if (pressedIn) point("released", event, asDrawn(pressedIn) ?? pressedIn);
   pressedIn = null;
-});
-addEventListener("pointercancel", (event) => {
-  if (pressedIn) point("released", event, pressedIn);
-  pressedIn = null;
-});
+}
+addEventListener("pointerup", release);
+addEventListener("pointercancel", release);
 // A click that no pointer made is a screen reader's.
 addEventListener("click", (event) => {
   const element = event.target.closest?.("[data-target]");
@@ -861,11 +866,18 @@ addEventListener("click", (event) => {
 // ---- text ---------------------------------------------------------------------------------------------------------
 
 let field = null; // the element that is typed into
+let composed = null; // the one in which an input method is at work
+let late = null; // what is drawn once that is done: taken off the page for a moment, the field would lose its work
 let draft = { text: "", caret: 0 };
 const isEntry = () => screen?.screen.kind === "question" && screen.screen.item.form === "entry";
 
-function typed(text) {
-  onward.unknown(say({ t: "typed", text }));
+const MOST_LETTERS = 1000; // in a message
+function typed(given) {
+  const text = given.replace(/\p{Surrogate}/gu, "\ufffd"); // half of a letter, which no log holds
+  const letters = [...text];
+  for (let from = 0; from < letters.length; from += MOST_LETTERS) {
+    onward.unknown(say({ t: "typed", text: letters.slice(from, from + MOST_LETTERS).join("") }));
+  }
   const { item } = screen.screen;
   draft.text = draft.text.slice(0, draft.caret) + text + draft.text.slice(draft.caret);
   draft.caret += text.length;
@@ -903,7 +915,14 @@ function watchField(element) {
     const text = event.data ?? event.dataTransfer?.getData("text/plain") ?? "";
     if (text && event.inputType.startsWith("insert")) typed(text);
   });
-  element.addEventListener("compositionend", (event) => { if (event.data) typed(event.data); else putDraft(); });
+  element.addEventListener("compositionstart", () => { composed = element; });
+  element.addEventListener("compositionend", (event) => {
+    composed = null;
+    if (field !== element) return; // another screen came
+    if (event.data) typed(event.data);
+    else putDraft();
+    if (late === screen) show(late);
+  });
 }
 
 // ---- screens: one function a kind ---------------------------------------------------------------------------------
@@ -1078,6 +1097,11 @@ function show(m) {
   main.className = s.kind;
   const entry = isEntry() ? `${s.title}\n${s.ask}` : "";
   const held = entry && entry === drawnEntry ? field : null;
+  if (held && held === composed) {
+    late = m;
+    return;
+  }
+  late = null;
   if (s.kind !== "play") canvas = null;
   field = film = reel = heldShown = null;
   main.replaceChildren(...draw[s.kind](s).flat().filter(Boolean));
