@@ -9,7 +9,7 @@ from minihuman.log.read.open_log import open_log
 from minihuman.worlds.adapt.world import World
 from tests.web.browser import browsing
 from tests.web.protocols import FIRST_PERSON, GRID, study
-from tests.web.serving import serving
+from tests.web.serving import line, serving
 
 pytestmark = pytest.mark.program
 
@@ -35,3 +35,23 @@ def test_two_episodes_in_the_browser_are_a_log_that_verifies(tmp_path: Path, wor
 def the_log(data: Path):
     (path,) = data.rglob("*.mcap")
     return open_log(path)
+
+
+def test_who_comes_to_the_door_again_is_looked_at_again(tmp_path: Path) -> None:
+    """Too small a window, too slow a line: both can be mended by who is told so."""
+    path = study(tmp_path, web="min_window_px = [900, 500]\nmax_rtt_ms = 250")
+    with (
+        serving(path, tmp_path) as served,
+        line(served.port, rtt_ms=300) as wire,
+        browsing(size=(800, 400)) as sit_down,
+    ):
+        somebody = sit_down(f"http://127.0.0.1:{wire.port}/#t={served.tokens[0]}")
+        somebody.until("s.finished")
+        assert "at least 900 by 500" in somebody.screen()
+        somebody.page.set_viewport_size({"width": 1000, "height": 600})
+        somebody.page.reload()
+        somebody.until("s.finished")
+        assert "too slow" in somebody.screen()
+        wire.one_way_s = 0.0
+        somebody.page.reload()
+        somebody.until("s.welcomed && s.kind !== ''")

@@ -222,7 +222,11 @@ const aside = {
     tellFocus();
     measureLine();
   },
-  refused(m) { refusal = m.words; },
+  refused(m) {
+    refusal = m.words;
+    kept.facts = null; // whoever comes again has made the window larger, or sits elsewhere
+    keep();
+  },
   acked(m) {
     for (const n of [...outbox.keys()]) if (n <= m.through) forget(n);
     if (onward.heard(m.through)) put(onward.told);
@@ -1170,7 +1174,8 @@ function over(m) {
 const link = (() => {
   const inFragment = new URLSearchParams(location.hash.slice(1));
   const asked = new URLSearchParams(location.search);
-  const given = [...asked, ...inFragment].filter(([name]) => name !== "t").slice(0, 12);
+  const given = [...asked, ...inFragment].filter(([name, value]) => name !== "t" && name.length <= 64 && value.length <= 200)
+    .slice(0, 12); // what is longer is no platform's
   const token = inFragment.get("t") ?? "";
   const made = !token && !given.length; // whoever comes by no link brings one of their own, for studies that take anybody
   return { token: made ? (kept.token ??= madeToken()) : token, platform: Object.fromEntries(given), made };
@@ -1192,6 +1197,7 @@ async function browserFacts() {
     isolated: self.crossOriginIsolated === true,
     timer_step_ms: timerStep(),
     refresh_hz: await refresh(),
+    ...await roundTrip(),
     pixel_ratio: devicePixelRatio,
     window_px: `${innerWidth} x ${innerHeight}`,
     display_px: `${screenSize.width} x ${screenSize.height}`,
@@ -1225,6 +1231,17 @@ function refresh() {
     requestAnimationFrame(frame);
     setTimeout(() => resolve(0), 1500);
   });
+}
+
+// How long the line takes there and back: the least of a few, before there is a socket.
+async function roundTrip() {
+  let rtt_ms = Infinity;
+  for (let i = 0; i < 4; i++) {
+    const asked = performance.now();
+    try { await fetch("/favicon.ico", { cache: "no-store" }); } catch { break; }
+    rtt_ms = Math.min(rtt_ms, performance.now() - asked);
+  }
+  return rtt_ms < Infinity ? { rtt_ms } : {};
 }
 
 // Whether the picture of every key is here.
