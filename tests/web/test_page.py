@@ -1,12 +1,15 @@
 """The page in a real browser: what somebody does there is in the log, and the log is proven."""
 
+import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from minihuman.lab.prove import prove
 from minihuman.log.read.open_log import open_log
 from minihuman.worlds.adapt.world import World
+from tests.counts import PATIENCE_S
 from tests.web.browser import browsing
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line, serving
@@ -32,6 +35,14 @@ def test_two_episodes_in_the_browser_are_a_log_that_verifies(tmp_path: Path, wor
     assert list(prove(log.path, World)) == []
 
 
+def holds(page: Any, condition: str) -> None:
+    """Wait until something holds in a page."""
+    until_s = time.monotonic() + PATIENCE_S
+    while not page.evaluate(f"globalThis.minihuman !== undefined && ({condition})"):
+        assert time.monotonic() < until_s, page.inner_text("#screen")
+        page.wait_for_timeout(20)
+
+
 def the_log(data: Path):
     (path,) = data.rglob("*.mcap")
     return open_log(path)
@@ -55,3 +66,27 @@ def test_who_comes_to_the_door_again_is_looked_at_again(tmp_path: Path) -> None:
         wire.one_way_s = 0.0
         somebody.page.reload()
         somebody.until("s.welcomed && s.kind !== ''")
+
+
+def test_tabs_that_are_copied_and_links_that_follow_each_other_mix_nobody_up(tmp_path: Path) -> None:
+    """A copy of a tab goes on where it was, and so does the first one after it; another link is another person."""
+    with serving(study(tmp_path, max_steps=9), tmp_path, links=2) as served, browsing() as sit_down:
+        first = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        first.to_play()
+        with first.page.expect_popup() as opened:
+            first.page.evaluate("window.open(location.href)")
+        copy = opened.value
+        holds(copy, "minihuman.state.ready")
+        for _ in range(6):
+            copy.keyboard.press("Digit1")
+        holds(copy, "minihuman.state.confirmed === 6")
+        copy.close()
+        first.page.reload()
+        first.until("s.ready && s.step === 6")
+        first.press("1", "1")
+        first.until("s.confirmed === 8")
+        with first.page.expect_event("load"):
+            first.page.evaluate(f"location.hash = 't={served.tokens[1]}'")
+        first.until("s.welcomed && s.kind === 'text'")
+        assert len(list(tmp_path.glob("tried/sub-*"))) == 2
+        assert first.errors == []

@@ -205,6 +205,10 @@ const aside = {
     if (m.token || link.made) history.replaceState(null, "", `#t=${link.token}`);
     setTime(m.segment, m.now, fresh);
     taken = m.taken;
+    if (m.heard >= kept.next) { // a copy of this tab has said more since
+      Object.assign(kept, { next: m.heard + 1, last: Math.max(kept.last, taken) });
+      keep();
+    }
     if (!m.again) {
       heard = heardTold = 0;
       life = m.life;
@@ -219,6 +223,7 @@ const aside = {
     waitMs = 200;
     line.textContent = "";
     if (kept.last === 0) say({ t: "tick" });
+    if (fresh && taken > 0) focused = null;
     tellFocus();
     measureLine();
   },
@@ -807,7 +812,7 @@ function press(key, symbol, stamp, trusted, isRepeat = false) {
 
 // ---- focus --------------------------------------------------------------------------------------------------------
 
-let focused = true; // as the session knows it
+let focused = true; // as the session knows it; null: it may have been told otherwise, by this tab before or by another
 function tellFocus() {
   const is = document.hasFocus() && !document.hidden;
   if (is === focused || zero === null || finished) return;
@@ -1180,6 +1185,15 @@ const link = (() => {
   const made = !token && !given.length; // whoever comes by no link brings one of their own, for studies that take anybody
   return { token: made ? (kept.token ??= madeToken()) : token, platform: Object.fromEntries(given), made };
 })();
+
+// Another link was put into the address: another person, of whom nothing that is kept here is true.
+addEventListener("hashchange", () => {
+  finished = true;
+  welcomed = false;
+  socket?.close();
+  sessionStorage.clear();
+  location.reload();
+});
 
 function madeToken() {
   const bytes = crypto.getRandomValues(new Uint8Array(16));
