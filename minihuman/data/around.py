@@ -18,7 +18,7 @@ from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.recorded.segment import Note, Segment
 from minihuman.study.events import KeyPressed, Paused, Resumed, Sampled
 from minihuman.study.plan import EpisodePlan
-from minihuman.study.protocol import decode
+from minihuman.study.protocol import decode_logged
 
 Who = Mapping[str, Any]  # the columns that all rows of a session share
 _Row = dict[str, Any]
@@ -188,7 +188,7 @@ def _channels(log: SessionLog) -> dict[str, tuple[str, ...]]:
     if not any(segment.samples for segment in log.segments):
         return {}
     try:
-        return {device.name: device.channels for device in decode(log.plan.protocol_toml).devices}
+        return {device.name: device.channels for device in decode_logged(log.plan.protocol_toml).devices}
     except ProtocolError:
         return {}
 

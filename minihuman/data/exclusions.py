@@ -9,7 +9,7 @@ from minihuman.data.columns import EPISODES, NEED_WORLD, PARTICIPANTS
 from minihuman.errors import ReportError
 from minihuman.recorded.episode import CUT_OFF
 from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import Exclusion, decode
+from minihuman.study.protocol import Exclusion, decode_logged
 
 UNFINISHED_OUTCOMES = ("abandoned", CUT_OFF)
 _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
@@ -32,7 +32,7 @@ def check_measures(exclusions: Sequence[Exclusion], source: str) -> None:
 
 @lru_cache(maxsize=16)
 def _exclusions(protocol_toml: bytes, source: str) -> tuple[Exclusion, ...]:
-    exclusions = decode(protocol_toml, source).exclusions
+    exclusions = decode_logged(protocol_toml, source).exclusions
     check_measures(exclusions, source)
     return exclusions
 

@@ -11,7 +11,7 @@ from minihuman.recorded.categorical import Words
 from minihuman.recorded.episode import Episode, SessionLog
 from minihuman.study.events import Noted
 from minihuman.study.plan import EpisodePlan, SessionPlan
-from minihuman.study.protocol import decode
+from minihuman.study.protocol import decode_logged
 
 LATE_MS = 5.0  # a press that waited longer for the session than this is counted
 _NS_PER_MS = 1e6
@@ -72,7 +72,7 @@ class Outline(msgspec.Struct, frozen=True):
             plan.overridden,
             tuple(first.values()),
             plan.participant.stratum,
-            decode(plan.protocol_toml).allocation.stratify if plan.participant.stratum else "",
+            decode_logged(plan.protocol_toml).allocation.stratify if plan.participant.stratum else "",
         )
 
 

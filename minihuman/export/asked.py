@@ -7,7 +7,7 @@ from minihuman.errors import ProtocolError
 from minihuman.study.about import About
 from minihuman.study.devices import Device
 from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import Block, Protocol, decode
+from minihuman.study.protocol import Block, Protocol, decode_logged
 
 
 def about_of(item: Chosen) -> About:
@@ -57,6 +57,6 @@ def _blocks(item: Chosen) -> tuple[Block, ...]:
 @lru_cache(maxsize=8)
 def _protocol(toml: bytes) -> Protocol | None:
     try:
-        return decode(toml)
+        return decode_logged(toml)
     except ProtocolError:
         return None

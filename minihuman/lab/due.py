@@ -13,7 +13,7 @@ from minihuman.lab.register_lines import read_lines, read_register, replaced_by_
 from minihuman.lab.session_table import SessionRow, sessions
 from minihuman.log.read.open_log import open_log
 from minihuman.study.events import SETTLED
-from minihuman.study.protocol import Protocol, decode
+from minihuman.study.protocol import Protocol, decode_logged
 
 _SESSION_FOLDER = re.compile(r"([^/]+)/ses-(\d+)")
 State = Literal["due", "later", "overdue", "unfinished", "unreadable", "never came"]
@@ -116,7 +116,7 @@ def _protocol(row: SessionRow, known: dict[str, Protocol]) -> Protocol:
     """The protocol that a session was played by, read once."""
     plan = open_log(row.path).plan
     if plan.protocol_sha256 not in known:
-        known[plan.protocol_sha256] = decode(plan.protocol_toml, f"the protocol of {plan.study}")
+        known[plan.protocol_sha256] = decode_logged(plan.protocol_toml, f"the protocol of {plan.study}")
     return known[plan.protocol_sha256]
 
 

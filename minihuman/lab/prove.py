@@ -30,8 +30,7 @@ from minihuman.study.allocation import allocation
 from minihuman.study.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted, Stepped
 from minihuman.study.expand import expand, participant_index
 from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import Protocol
-from minihuman.study.protocol import decode as decode_protocol
+from minihuman.study.protocol import Protocol, decode_logged
 from minihuman.study.stage import MakeWorld
 from minihuman.study.strata import strata_of
 from minihuman.study.well_formed import complaints
@@ -263,7 +262,7 @@ def _plan(segment: _Segment) -> Iterator[str]:
     if hashlib.sha256(plan.protocol_toml).hexdigest() != plan.protocol_sha256:
         yield "plan: protocol_sha256 is not the protocol's"
     try:
-        protocol = decode_protocol(plan.protocol_toml)
+        protocol = decode_logged(plan.protocol_toml)
         again = expand(protocol, plan.participant, session=plan.session, overridden=plan.overridden)
         yield from _slot(protocol, segment, plan)
         if participant_index(plan.participant.id) != plan.participant.index:

@@ -25,7 +25,7 @@ from minihuman.report.published import is_papers
 from minihuman.report.results import Results, results
 from minihuman.report.teaching import taught_logs, teaching_figures, teaching_section
 from minihuman.study.analysis import Analysis
-from minihuman.study.protocol import decode
+from minihuman.study.protocol import decode_logged
 
 T = TypeVar("T")
 _CURVES = (
@@ -106,7 +106,7 @@ def named_before(kept: Sequence[Kept]) -> Analysis:
     """What the protocol named before the study; nothing where its versions name different things."""
     one_of_each = {one.outline.protocol_sha256: one.path for one in kept if one.outline is not None}
     protocols = [(open_log(Path(path)).plan.protocol_toml, path) for path in one_of_each.values()]
-    named = {decode(toml, path).analysis for toml, path in protocols if toml}
+    named = {decode_logged(toml, path).analysis for toml, path in protocols if toml}
     return named.pop() if len(named) == 1 else Analysis()
 
 

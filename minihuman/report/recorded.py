@@ -47,8 +47,8 @@ def answers(found: pd.DataFrame) -> list[str]:
         when = [str(number) for name, number in zip(("session", "time"), which, strict=True) if name in whens]
         rows.append((str(part), str(item), *when, said, str(len(given)), share, took))
     heads = ("questions", "question", *whens, "answers", "n", "right", "median time (s)")
-    told = "Over all participants." + (" Time: which time in the session they were asked." if "time" in whens else "")
-    return ["<h2>Answers</h2>", table(told, heads, rows, words=3 + len(whens))]
+    caption = "Over all participants." + (" Time: which in the session." if "time" in whens else "")
+    return ["<h2>Answers</h2>", table(caption, heads, rows, words=3 + len(whens))]
 
 
 def quality(qualities: Sequence[Quality]) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import minihuman
 from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import decode
+from minihuman.study.protocol import decode_logged
 from minihuman.study.undrawn import is_undrawn
 from minihuman.worlds.contract import CLAUSES, PICTURES
 from minihuman.worlds.sources import rules_digest
@@ -65,7 +65,7 @@ def machine_facts() -> dict[str, str]:
 def worlds_of(plan: SessionPlan) -> set[str]:
     """The ids of the worlds that a session may play; of any group where it is not drawn yet."""
     if is_undrawn(plan):
-        return {block.world for block in decode(plan.protocol_toml).blocks}
+        return {block.world for block in decode_logged(plan.protocol_toml).blocks}
     return {episode.world for episode in plan.episodes}
 
 

@@ -21,7 +21,7 @@ from minihuman.seats.run import run_session
 from minihuman.study.activities.port import Outside
 from minihuman.study.events import SETTLED
 from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import decode
+from minihuman.study.protocol import decode_logged
 from minihuman.study.undrawn import session_of
 from minihuman.windows.port import Window
 from minihuman.worlds.adapt.world import World
@@ -48,7 +48,7 @@ def sit(
         OSError: if the data folder cannot be written.
     """
     worlds = world_facts(worlds_of(plan))
-    wanted = decode(plan.protocol_toml).devices if plan.protocol_toml else ()
+    wanted = decode_logged(plan.protocol_toml).devices if plan.protocol_toml else ()
     if markers:
         pylsl()  # before there is a log: without it nothing is to begin
     with open_devices(wanted, clock) as (devices, of_devices), ExitStack() as opened:

@@ -83,20 +83,24 @@ def as_for(part: Own, group: str) -> Own:
     return msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
 
 
-def as_each_group_has(
-    field: str, parts: Sequence[Own], complaints: Callable[[Own], Iterable[Complaint]]
-) -> Iterator[Complaint]:
-    """Every (path, complaint) about parts, as they are for all and with the fields that are others for a group.
+def of_each(field: str, parts: Sequence[Own], complaints: Callable[[Own], Iterable[Complaint]]) -> Iterator[Complaint]:
+    """Every (path, complaint) about parts, as they are for all.
 
     Args:
         field: of the protocol, which has the parts.
         parts: what it has.
-        complaints: about one part, with the field of it that each is about. What is of no use to a group that has
-            another field otherwise is none: it may be of use to the others.
+        complaints: about one part, with the field of it that each is about.
     """
     for number, part in enumerate(parts):
-        path, for_all = f"$.{field}[{number}]", list(complaints(part))
-        yield from ((f"{path}.{name}", what) for name, what in for_all)
+        yield from ((f"$.{field}[{number}].{name}", what) for name, what in complaints(part))
+
+
+def of_each_group(
+    field: str, parts: Sequence[Own], complaints: Callable[[Own], Iterable[Complaint]]
+) -> Iterator[Complaint]:
+    """Every (path, complaint) about parts with the fields that are others for a group, but for those about all."""
+    for number, part in enumerate(parts):
+        for_all = list(complaints(part))
         for group, own in part.for_group.items():
             if {"name", "for_group"} & own.keys():
                 continue
@@ -106,4 +110,4 @@ def as_each_group_has(
                 continue
             for name, what in complaints(its):
                 if (name, what) not in for_all:
-                    yield f"{path}.for_group.{group}.{name}", what
+                    yield f"$.{field}[{number}].for_group.{group}.{name}", what

@@ -11,7 +11,7 @@ from minihuman.study.activities.agent_plan import complaints as agent_complaints
 from minihuman.study.activities.drafts import Question
 from minihuman.study.activities.play_plan import PlayPlan
 from minihuman.study.activities.registry import kind_of
-from minihuman.study.design import Complaint, Questionnaire, as_each_group_has, as_for
+from minihuman.study.design import Complaint, Questionnaire, as_for, of_each, of_each_group
 from minihuman.study.forms import FORMS
 from minihuman.study.words import LANGUAGES, flat, of
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from minihuman.study.protocol import Block, Protocol
 
 _PARTS = ("blocks", "pages", "questions", "activities")
+_NAMED = (*_PARTS, "orders")
 
 
 def design_complaints(protocol: "Protocol") -> list[Complaint]:
@@ -28,11 +29,23 @@ def design_complaints(protocol: "Protocol") -> list[Complaint]:
         *_names(protocol),
         *_lists(protocol),
         *_others(protocol),
-        *as_each_group_has("questions", protocol.questions, lambda asked: _questions(asked, protocol)),
+        *of_each("questions", protocol.questions, lambda asked: _questions(asked, protocol)),
         *_groups(protocol),
         *_overrides(protocol),
-        *as_each_group_has("blocks", protocol.blocks, lambda block: _block(block, protocol)),
+        *of_each("blocks", protocol.blocks, lambda block: _block(block, protocol)),
         *_of_no_use(protocol),
+    ]
+
+
+def later_design_complaints(protocol: "Protocol") -> list[Complaint]:
+    """The same, by rules without which studies were run before there were any."""
+    return [
+        *_taken_names(protocol),
+        *of_each("questions", protocol.questions, _right_answers),
+        *of_each_group(
+            "questions", protocol.questions, lambda asked: (*_questions(asked, protocol), *_right_answers(asked))
+        ),
+        *of_each_group("blocks", protocol.blocks, lambda block: _block(block, protocol)),
     ]
 
 
@@ -53,16 +66,22 @@ def _words(protocol: "Protocol") -> Iterator[Complaint]:
 
 def _names(protocol: "Protocol") -> Iterator[Complaint]:
     seen: dict[str, str] = {}
-    by_itself = {  # a part of this name would be shown where one that comes by itself is
-        "consent": ("agree", "$.study.consent", bool(protocol.study.consent)),
-        "closing": ("closing", "$.study.closing", protocol.study.closing != ""),
-        "keyboard_check": ("", "$.keys.check", protocol.keys.check),
-    }
-    for field in ("blocks", "pages", "questions", "activities", "orders"):
+    for field in _NAMED:
         for number, part in enumerate(getattr(protocol, field)):
             if part.name in seen and field != "blocks":
                 yield f"$.{field}[{number}].name", f"is {part.name!r} again ({seen[part.name]}); give each its own name"
             seen.setdefault(part.name, f"$.{field}[{number}]")
+
+
+def _taken_names(protocol: "Protocol") -> Iterator[Complaint]:
+    """A part of such a name would be shown where one that comes by itself is."""
+    by_itself = {
+        "consent": ("agree", "$.study.consent", bool(protocol.study.consent)),
+        "closing": ("closing", "$.study.closing", protocol.study.closing != ""),
+        "keyboard_check": ("", "$.keys.check", protocol.keys.check),
+    }
+    for field in _NAMED:
+        for number, part in enumerate(getattr(protocol, field)):
             instead, whose, comes = by_itself.get(part.name, ("", "", False))
             if comes and not getattr(part, instead, False):
                 way = f", or set {instead} = true" if instead and field == "pages" else ""
@@ -148,22 +167,27 @@ def _item(item: Question) -> Iterator[Complaint]:
         yield "points", f"is {len(item.options) or item.points}; use 2 to 11"
     if item.kind in ("slider", "number") and (item.minimum >= item.maximum or item.step <= 0):
         yield "minimum", f"to maximum is {item.minimum:g} to {item.maximum:g} in steps of {item.step:g}, which is none"
-    for right in item.right if isinstance(item.right, tuple) else (item.right,):
-        yield from _right(item, right)
-
-
-def _right(item: Question, right: str | float | None) -> Iterator[Complaint]:
-    """A right answer is one that can be given."""
-    if right is None:
-        return
-    if item.kind in ("choice", "choices", "likert"):
-        if right not in item.all_codes:
+    for right in _rights(item):
+        if item.kind in ("choice", "choices", "likert") and right not in item.all_codes:
             yield "right", f"is {right!r}, which is no option's code; codes: {', '.join(map(str, item.all_codes))}"
-    elif item.kind in ("number", "slider"):
-        if isinstance(right, str):
-            yield "right", f"is {right!r}, a text, but a {item.kind} is answered with a number; write it without quotes"
-    elif not isinstance(right, str):
-        yield "right", f"is {right!r}, a number, but a {item.kind} is answered with text; write it in quotes"
+
+
+def _rights(item: Question) -> tuple[str | float, ...]:
+    rights = item.right if isinstance(item.right, tuple) else (item.right,)
+    return tuple(right for right in rights if right is not None)
+
+
+def _right_answers(asked: Questionnaire) -> Iterator[Complaint]:
+    """A right answer is one that can be given."""
+    for place, item in enumerate(asked.items):
+        kind = item.kind
+        for right in _rights(item):
+            if kind in ("number", "slider") and isinstance(right, str):
+                what = f"is {right!r}, a text, but a {kind} is answered with a number; write it without quotes"
+                yield f"items[{place}].right", what
+            elif kind not in ("choice", "choices", "likert", "number", "slider") and not isinstance(right, str):
+                what = f"is {right!r}, a number, but a {kind} is answered with text; write it in quotes"
+                yield f"items[{place}].right", what
 
 
 def _groups(protocol: "Protocol") -> Iterator[Complaint]:

@@ -5,7 +5,7 @@ import re
 
 import msgspec
 
-from minihuman.errors import AllocationError
+from minihuman.errors import AllocationError, ProtocolError
 from minihuman.study.activities.pages import PagePlan
 from minihuman.study.allocation import Slot, allocation, allocation_sha256, slot_of
 from minihuman.study.chance import permutation, seeds
@@ -167,6 +167,9 @@ def _carry(
     number: int,
 ) -> KeyMap:
     """The same keys, action for action by position in the two blocks' lists."""
+    if len(before.actions) != len(block.actions):  # only in a log: a new protocol is refused
+        counts = f"{len(before.actions)} actions carried to {len(block.actions)}"
+        raise ProtocolError(f"block {block.name!r} has {counts}; give it a key map of its own")
     renamed = dict(zip(before.actions, block.actions, strict=True))
     keys = {key: renamed[action] for key, action in key_map.keys.items() if action in renamed}
     return _deal(protocol, block, keys, participant, session, number)

@@ -5,7 +5,7 @@ import hashlib
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from string import Formatter
 from typing import Any, Literal
 
@@ -20,8 +20,19 @@ from minihuman.study import strata as alike
 from minihuman.study.activities.agent_plan import AgentPlan
 from minihuman.study.activities.play_plan import Criterion, Points
 from minihuman.study.carried import carry_complaints
-from minihuman.study.design import Day, Order, Other, Override, Questionnaire, Text, as_each_group_has, as_for
-from minihuman.study.design_complaints import design_complaints
+from minihuman.study.design import (
+    Complaint,
+    Day,
+    Order,
+    Other,
+    Override,
+    Questionnaire,
+    Text,
+    as_for,
+    of_each,
+    of_each_group,
+)
+from minihuman.study.design_complaints import design_complaints, later_design_complaints
 from minihuman.study.keys import KEY_NAMES, KEYS_IN_WORDS, RESERVED
 from minihuman.study.mistakes import structural, told
 from minihuman.study.plan import Bonus, KeyMapPolicy, PacePolicy, Spare
@@ -177,14 +188,30 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         raise ProtocolError(f"no group {name!r} in study {self.study.name!r}; it has {names}")
 
 
+_Rules = Callable[[Protocol], Iterable[Complaint]]
+
+
 def decode(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | None = None) -> Protocol:
     """Read a protocol file's bytes; ``source`` names the file in errors, ``files`` are those it names beside itself.
 
     Raises:
         ProtocolError: of every mistake, a line each with file, line, path, value and the way out.
     """
+    return _decode(toml, source, files or {}, (_impossible, _impossible_by_later_rules))
+
+
+def decode_logged(toml: bytes, source: str = "the protocol in a log") -> Protocol:
+    """Read the protocol that a session was played by; it need not keep rules that came after it.
+
+    Raises:
+        ProtocolError: as ``decode``.
+    """
+    return _decode(toml, source, {}, (_impossible,))
+
+
+def _decode(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
     try:
-        return _decoded(toml, source, files)
+        return _decoded(toml, source, files, rules)
     except ProtocolError:
         raise
     except Exception as error:  # a file can be written to make a parser raise anything: nesting, huge numbers
@@ -192,7 +219,7 @@ def decode(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | N
         raise ProtocolError(f"{source}: cannot be read: {type(error).__name__}: {said[:200]}") from error
 
 
-def _decoded(toml: bytes, source: str, files: Mapping[str, bytes] | None) -> Protocol:
+def _decoded(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
     try:
         text = toml.decode("utf-8-sig")  # an editor may begin the file with a byte-order mark
         tree = tomllib.loads(text)
@@ -203,25 +230,24 @@ def _decoded(toml: bytes, source: str, files: Mapping[str, bytes] | None) -> Pro
     wrong = list(structural(tree, Protocol))
     if not wrong:
         protocol = msgspec.convert(tree, Protocol)
-        wrong = _impossible(protocol)
+        wrong = [complaint for rule in rules for complaint in rule(protocol)]
     if mistakes := told(wrong, source=source, text=text, tree=tree):
         raise mistakes
-    return msgspec.structs.replace(protocol, toml=toml, files=dict(files or {}))
+    return msgspec.structs.replace(protocol, toml=toml, files=dict(files))
 
 
-def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
+def _impossible(protocol: Protocol) -> list[Complaint]:
     """Every (path, complaint) about values that have the right type but make no study."""
     return [
         *_study_complaints(protocol.study),
         *_keys_complaints(protocol.keys),
         *_group_complaints(protocol),
-        *as_each_group_has("blocks", protocol.blocks, lambda block: _block_complaints(block, protocol)),
+        *of_each("blocks", protocol.blocks, lambda block: _block_complaints(block, protocol)),
         *(
             (f"$.blocks[{number}].{field}", complaint)
             for number, block in enumerate(protocol.blocks)
             for field, complaint in _of_no_use(block, protocol.keys)
         ),
-        *carry_complaints(protocol),
         *design_complaints(protocol),
         *facts.complaints(protocol.about),
         *judged.complaints(protocol.analysis, tuple(block.name for block in protocol.blocks)),
@@ -236,7 +262,16 @@ def _impossible(protocol: Protocol) -> list[tuple[str, str]]:
     ]
 
 
-def _study_complaints(study: Study) -> list[tuple[str, str]]:
+def _impossible_by_later_rules(protocol: Protocol) -> list[Complaint]:
+    """The same, by rules without which studies were run before there were any."""
+    return [
+        *of_each_group("blocks", protocol.blocks, lambda block: _block_complaints(block, protocol)),
+        *carry_complaints(protocol),
+        *later_design_complaints(protocol),
+    ]
+
+
+def _study_complaints(study: Study) -> list[Complaint]:
     found = []
     if not _NAME.fullmatch(study.name):
         found.append(("$.study.name", f"is {study.name!r}; use lower-case letters, digits, '-' and '_'"))
@@ -249,7 +284,7 @@ def _study_complaints(study: Study) -> list[tuple[str, str]]:
     return found
 
 
-def _keys_complaints(keys: Keys) -> list[tuple[str, str]]:
+def _keys_complaints(keys: Keys) -> list[Complaint]:
     found = []
     for number, key in enumerate(keys.pool):
         if key not in KEY_NAMES:
@@ -263,7 +298,7 @@ def _keys_complaints(keys: Keys) -> list[tuple[str, str]]:
     return found
 
 
-def _group_complaints(protocol: Protocol) -> list[tuple[str, str]]:
+def _group_complaints(protocol: Protocol) -> list[Complaint]:
     if not protocol.groups:
         return [("$.groups", "is empty; a study has one group or more")]
     if not protocol.blocks and not protocol.designed:
@@ -280,7 +315,7 @@ def _group_complaints(protocol: Protocol) -> list[tuple[str, str]]:
     return found
 
 
-def _name_complaints(field: str, named: tuple[Group, ...] | tuple[Block, ...]) -> list[tuple[str, str]]:
+def _name_complaints(field: str, named: tuple[Group, ...] | tuple[Block, ...]) -> list[Complaint]:
     found = []
     names = [item.name for item in named]
     for number, name in enumerate(names):
@@ -292,7 +327,7 @@ def _name_complaints(field: str, named: tuple[Group, ...] | tuple[Block, ...]) -
     return found
 
 
-def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]:
+def _block_complaints(block: Block, protocol: Protocol) -> list[Complaint]:
     found = []
     pool = len(protocol.keys.pool)
     if not block.world:
@@ -327,7 +362,7 @@ def _block_complaints(block: Block, protocol: Protocol) -> list[tuple[str, str]]
     return found
 
 
-def _of_no_use(block: Block, keys: Keys) -> list[tuple[str, str]]:
+def _of_no_use(block: Block, keys: Keys) -> list[Complaint]:
     """What is given and does nothing."""
     found = []
     if keys.spare == "ignore" and block.distractors:

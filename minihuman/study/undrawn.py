@@ -11,7 +11,7 @@ from minihuman.study.activities.port import Want
 from minihuman.study.events import Answered, Event, PartEnded
 from minihuman.study.inputs import ForPart, Input
 from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import decode
+from minihuman.study.protocol import decode_logged
 from minihuman.study.session import Session
 from minihuman.study.stage import MakeWorld
 from minihuman.study.strata import strata_of
@@ -75,7 +75,7 @@ class UndrawnSession(Session):
         draws_steps: bool = True,
     ) -> None:
         super().__init__(plan, make_world, facts, picture_px=picture_px, draws_steps=draws_steps)
-        strata = strata_of(decode(plan.protocol_toml))
+        strata = strata_of(decode_logged(plan.protocol_toml))
         assert strata is not None, "only a study with strata has plans without a group"
         self._strata = strata
         self._past: list[tuple[Input, int]] | None = []  # what came in, and when; None once the group is drawn

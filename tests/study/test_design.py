@@ -10,7 +10,7 @@ from minihuman.errors import AllocationError, ProtocolError
 from minihuman.lab.protocol_file import read_protocol
 from minihuman.study.allocation import allocation, latin_square
 from minihuman.study.expand import enrol, expand
-from minihuman.study.protocol import decode
+from minihuman.study.protocol import decode, decode_logged
 from minihuman.study.resolve import part_names
 from tests.study.studies import CORRIDOR, plan_of, protocol
 
@@ -218,8 +218,20 @@ def test_a_carried_key_map_needs_as_many_actions_in_lists_of_parts_too(parts):
 )
 def test_no_part_is_called_what_comes_by_itself(head, name, way):
     text = f'[study]\nname = "s"\nversion = "1"\nseed = 0\n{head}\n[[groups]]\nname = "g"\nparts = ["{name}"]\n'
+    toml = f'{text}[[pages]]\nname = "{name}"\n'.encode()
     with pytest.raises(ProtocolError, match=rf"pages\[0\]\.name .*is '{name}'.*{way}"):
-        decode(f'{text}[[pages]]\nname = "{name}"\n'.encode())
+        decode(toml)
+    assert decode_logged(toml).pages[0].name == name  # of a log, which is older than the rule
+
+
+def test_a_log_s_protocol_that_later_rules_refuse_is_refused_in_order_where_nobody_could_have_played_it():
+    two = CORRIDOR.replace('"corridor"', '"two"').replace(', "crash"', "") + 'key_map = "carry"\n'
+    text = '[study]\nname = "s"\nversion = "1"\nseed = 0\n[[groups]]\nname = "g"\nparts = ["corridor", "two"]\n'
+    study = decode_logged(f"{text}{CORRIDOR}{two}".encode())
+    with pytest.raises(ProtocolError, match="4 actions carried to 3"):
+        expand(study, enrol(study, 0))
+    with pytest.raises(ProtocolError, match="not TOML"):
+        decode_logged(b"[study")
 
 
 def test_a_language_without_words_of_ours_says_what_is_missing():
