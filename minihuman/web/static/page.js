@@ -1204,14 +1204,15 @@ async function browserFacts() {
   const known = navigator.userAgentData?.brands?.find((brand) => !/not/i.test(brand.brand));
   const said = navigator.userAgent.match(/(Firefox|Edg|OPR|Chrome|Version)\/(\d+)/) ?? ["", "unknown", "0"];
   const family = { Version: "Safari", Edg: "Edge", OPR: "Opera" }[said[1]] ?? said[1];
+  const [refresh_hz, trip] = await Promise.all([refresh(), roundTrip()]);
   return {
     browser: known ? known.brand.replace(/[^A-Za-z ]/g, "") : family,
     browser_version: known ? known.version : said[2],
     platform: (navigator.userAgentData?.platform ?? "").replace(/[^A-Za-z ]/g, ""),
     isolated: self.crossOriginIsolated === true,
     timer_step_ms: timerStep(),
-    refresh_hz: await refresh(),
-    ...await roundTrip(),
+    refresh_hz,
+    ...trip,
     pixel_ratio: devicePixelRatio,
     window_px: `${innerWidth} x ${innerHeight}`,
     display_px: `${screenSize.width} x ${screenSize.height}`,
