@@ -110,11 +110,14 @@ def test_the_report_is_written_and_says_where_the_time_goes(results, tmp_path):
     assert "QUICK" not in text
 
 
-def test_a_panel_without_a_cell_is_not_drawn():
-    points = pd.DataFrame([(cell, 0, n, 0.5) for cell in (SOURCE, BASELINE, "M") for n in (0, 100)])
+def test_a_panel_says_how_many_runs_it_has_and_one_without_a_cell_is_not_drawn():
+    runs = ((SOURCE, 0), (BASELINE, 0), (BASELINE, 1), ("M", 0))
+    points = pd.DataFrame([(cell, run, n, 0.5) for cell, run in runs for n in (0, 100)])
     points.columns = ["cell", "run", "steps", "reward"]
-    axes = curves_figure(TINY, points).axes
-    assert [(ax.get_title(), ax.axison) for ax in axes] == [(SOURCE, True), (BASELINE, True), ("M", True), ("", False)]
+    titles = [f"{SOURCE}, 1 run", f"{BASELINE}, 2 runs", "M, 1 run", ""]
+    assert [(ax.get_title(), ax.axison) for ax in curves_figure(TINY, points).axes] == [
+        (title, bool(title)) for title in titles
+    ]
 
 
 def test_a_quick_study_says_so_everywhere(results, tmp_path):

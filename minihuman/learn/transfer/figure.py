@@ -16,15 +16,17 @@ def curves_figure(study: Study, points: pd.DataFrame) -> Figure:
     rows = max(1, -(-len(labels) // columns))
     figure = Figure(figsize=(2.7 * columns, 2.2 * rows + 0.5), layout="constrained")
     quick = "; QUICK, numbers mean nothing" if study.quick else ""
-    figure.suptitle(f"Transfer study, {study.protocol}, {study.runs} run(s){quick}", fontsize=11)
+    figure.suptitle(f"Transfer study, {study.protocol}{quick}", fontsize=11)
     axes = list(figure.subplots(rows, columns, squeeze=False, sharey=True).flat)
     baseline = points[points["cell"] == BASELINE]
     for ax, label in zip(axes, labels, strict=False):
-        draw_curves(ax, points[points["cell"] == label])
+        its = points[points["cell"] == label]
+        draw_curves(ax, its)
         if label not in (BASELINE, SOURCE) and len(baseline):
             mean = baseline.groupby("steps")["reward"].mean()
             ax.plot(mean.index, mean, color=REFERENCE, linewidth=1, linestyle="--")
-        ax.set_title(label, fontsize=10)
+        runs = its["run"].nunique()
+        ax.set_title(f"{label}, {runs} run{'s' if runs > 1 else ''}", fontsize=10)
     for ax in axes[len(labels) :]:
         ax.set_axis_off()
     figure.supxlabel("steps", fontsize=10)
