@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 from minihuman.data.journal import Decode, FileJournal, Journal
 
 URL_FILE_NAME = "register.url"
-_BEGUN_IN_FILES = ("register.jsonl", "arrivals.jsonl")
+REGISTER = "register.jsonl"  # who took which slot, and who left it
+ARRIVALS = "arrivals.jsonl"  # who came by which link
 Line = TypeVar("Line")
 
 
@@ -29,7 +30,7 @@ def database_of(study_dir: Path) -> str:
     """The address of the database that holds a study's journals; "" where they are files."""
     study_dir = study_dir.absolute()
     path = study_dir.parent / URL_FILE_NAME
-    if not path.is_file() or any((study_dir / name).exists() for name in _BEGUN_IN_FILES):
+    if not path.is_file() or any((study_dir / name).exists() for name in (REGISTER, ARRIVALS)):
         return ""
     return path.read_text().strip()
 

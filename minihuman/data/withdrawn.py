@@ -8,13 +8,14 @@ from pathlib import Path
 
 import msgspec
 
-from minihuman.data.journals import database_of
+from minihuman.data.journals import REGISTER, database_of
 
-REGISTER = "register.jsonl"  # in the study's folder; a line {"withdrawn": "sub-07", "at": ...} for each who withdrew
 _UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
 
 
 class _Line(msgspec.Struct, frozen=True):
+    """Of the register, which has one for each who withdrew: {"withdrawn": "sub-07", "at": ...}."""
+
     withdrawn: str = ""
 
 

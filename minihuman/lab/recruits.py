@@ -19,9 +19,8 @@ from typing import Any
 import msgspec
 
 from minihuman.data.journal import Held, Journal
-from minihuman.data.journals import database_of, journal
+from minihuman.data.journals import ARRIVALS, database_of, journal
 
-FILE_NAME = "arrivals.jsonl"
 IDS_FILE_NAME = "platform-ids.jsonl"
 SECRET_FILE_NAME = "arrivals.secret"
 _OWNER_ONLY = 0o600
@@ -84,7 +83,7 @@ class Recruits:
     """
 
     def __init__(self, study_dir: Path) -> None:
-        self._journal: Journal[Line] = journal(study_dir, FILE_NAME, _line)
+        self._journal: Journal[Line] = journal(study_dir, ARRIVALS, _line)
         self._ids = journal(study_dir, IDS_FILE_NAME, _platform_id, mode=_OWNER_ONLY)
         self._in_database = bool(database_of(study_dir))
         self._secrets = journal(study_dir, SECRET_FILE_NAME, _secret, mode=_OWNER_ONLY)

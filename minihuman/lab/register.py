@@ -10,9 +10,9 @@ from pathlib import Path
 
 import msgspec
 
+from minihuman.data.journals import REGISTER
 from minihuman.errors import AllocationError
 from minihuman.lab.register_lines import (
-    FILE_NAME,
     Drawn,
     Freed,
     Line,
@@ -115,7 +115,7 @@ def leave(study_dir: Path, parting: Withdrawn | Replaced) -> None:
     code = parting.withdrawn if isinstance(parting, Withdrawn) else parting.replaced
     journal = register_of(study_dir)
     if not journal.begun:
-        raise AllocationError(f"{study_dir} is no study's folder: it has no {FILE_NAME}; name one with --study")
+        raise AllocationError(f"{study_dir} is no study's folder: it has no {REGISTER}; name one with --study")
     with journal.hold() as register:
         holders = _Holders(register.lines)
         if holders.line_of(code) is None:

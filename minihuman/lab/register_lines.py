@@ -6,10 +6,8 @@ from typing import Any, Literal
 import msgspec
 
 from minihuman.data.journal import Journal
-from minihuman.data.journals import journal
+from minihuman.data.journals import REGISTER, journal
 from minihuman.errors import AllocationError
-
-FILE_NAME = "register.jsonl"
 
 
 class Taken(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -71,17 +69,9 @@ Line = Taken | Drawn | Withdrawn | Replaced | Freed | Sealed
 
 def read_register(study_dir: Path) -> tuple[Taken, ...]:
     """Who is in the study, in order of taking their slots; those who withdrew are not."""
-    gone = withdrawn(study_dir)
-    return tuple(line for line in slots_taken(read_lines(study_dir)) if line.participant not in gone)
-
-
-def withdrawn(study_dir: Path) -> set[str]:
-    """The codes of those who withdrew.
-
-    Raises:
-        AllocationError: if a whole line cannot be read.
-    """
-    return {line.withdrawn for line in read_lines(study_dir) if isinstance(line, Withdrawn)}
+    lines = read_lines(study_dir)
+    gone = {line.withdrawn for line in lines if isinstance(line, Withdrawn)}
+    return tuple(line for line in slots_taken(lines) if line.participant not in gone)
 
 
 def read_lines(study_dir: Path) -> tuple[Line, ...]:
@@ -95,7 +85,7 @@ def read_lines(study_dir: Path) -> tuple[Line, ...]:
 
 def register_of(study_dir: Path) -> Journal[Line]:
     """A study's register."""
-    return journal(study_dir, FILE_NAME, _line)
+    return journal(study_dir, REGISTER, _line)
 
 
 def sealed_heads(study_dir: Path, log: str) -> dict[str, str]:
@@ -145,7 +135,7 @@ def _line(line: bytes, number: int) -> Line | None:
     except msgspec.DecodeError:
         if not line.endswith(b"}"):
             return None
-        raise AllocationError(f"{FILE_NAME}:{number}: cannot be read: {line[:60]!r}; restore the file") from None
+        raise AllocationError(f"{REGISTER}:{number}: cannot be read: {line[:60]!r}; restore the file") from None
 
 
 _KINDS: dict[str, type[Line]] = {

@@ -9,8 +9,8 @@ import os
 import shutil
 from pathlib import Path
 
+from minihuman.data.withdrawn import withdrawn
 from minihuman.errors import LogError
-from minihuman.lab.register_lines import withdrawn
 from minihuman.log.paths import LOG_SUFFIX, study_folder
 from minihuman.log.record.claim import sync_folder
 
@@ -107,13 +107,13 @@ def put_away(log: Path) -> None:
     """Put a finished log on its study's shelf, if there is one; nobody's who withdrew.
 
     Raises:
-        AllocationError: if the register cannot be read.
+        OSError: if the register cannot be asked.
         ShelfError: if it cannot be put there; the log stays here in any case.
     """
-    data = log.absolute().parents[3]  # behind study, participant and session
-    shelf = shelf_of(data)
-    if shelf is not None and log.absolute().parents[1].name not in withdrawn(study_folder(log)):
-        shelf.put(str(log.absolute().relative_to(data)), log)
+    study = study_folder(log)
+    shelf, name = shelf_of(study.parent), log.absolute().relative_to(study.parent)
+    if shelf is not None and name.parts[1] not in withdrawn(study):
+        shelf.put(str(name), log)
 
 
 def gather(data: Path, prefix: str) -> tuple[int, int]:
@@ -127,7 +127,7 @@ def gather(data: Path, prefix: str) -> tuple[int, int]:
         prefix: "study/" or "study/sub-07/".
 
     Raises:
-        AllocationError: if the register cannot be read.
+        OSError: if a register cannot be asked.
         ShelfError: if the shelf cannot be reached.
     """
     shelf = shelf_of(data)

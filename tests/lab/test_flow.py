@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from minihuman.data.journals import REGISTER
 from minihuman.lab.flow import flow
 from minihuman.lab.next_session import next_session
-from minihuman.lab.register_lines import FILE_NAME, read_register
+from minihuman.lab.register_lines import read_register
 from minihuman.lab.status import status_lines
 from minihuman.lab.withdraw import replace, withdraw
 from minihuman.report.flow import flow_section
@@ -118,24 +119,22 @@ def test_everybody_who_was_given_a_group_is_somewhere(tmp_path: Path) -> None:
 def test_registers_of_before_say_only_that_somebody_left(tmp_path: Path) -> None:
     list(simulate(TWO_DAYS, tmp_path, participants=1, seed=1, player="random"))
     study = tmp_path / "days"
-    taken = (
-        (study / FILE_NAME).read_text().splitlines()[0].replace("sub-01", "sub-02").replace('"index":0', '"index":1')
-    )
-    with (study / FILE_NAME).open("a") as register:
+    taken = (study / REGISTER).read_text().splitlines()[0].replace("sub-01", "sub-02").replace('"index":0', '"index":1')
+    with (study / REGISTER).open("a") as register:
         register.write(taken + '\n{"freed":"sub-02","at":"2026-01-01T00:00:00Z"}\n')
     assert flow(study).before == {"left before anything was recorded": 1}
 
 
 def test_logs_without_their_register_have_no_such_section(tmp_path: Path) -> None:
     list(simulate(TWO_DAYS, tmp_path, participants=1, seed=1, player="random"))
-    (tmp_path / "days" / FILE_NAME).unlink()
+    (tmp_path / "days" / REGISTER).unlink()
     participants = pd.DataFrame({"participant": ["sub-01"], "group": "all", "left_out": [None]})
     assert flow_section(tmp_path / "days", participants) == []
 
 
 def test_a_register_that_cannot_be_read_is_said_so_in_the_report(tmp_path: Path) -> None:
     list(simulate(TWO_DAYS, tmp_path, participants=1, seed=1, player="random"))
-    register = tmp_path / "days" / FILE_NAME
+    register = tmp_path / "days" / REGISTER
     register.write_text("sub-01 {}\n" + register.read_text())
     participants = pd.DataFrame({"participant": ["sub-01"], "group": "all", "left_out": [None]})
     title, said = flow_section(tmp_path / "days", participants)

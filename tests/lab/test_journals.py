@@ -9,11 +9,11 @@ import msgspec
 import pytest
 
 from minihuman.data.journal import FileJournal, Journal
-from minihuman.data.journals import URL_FILE_NAME, database_of, journal
+from minihuman.data.journals import REGISTER, URL_FILE_NAME, database_of, journal
 from minihuman.data.opened import worth_reading
 from minihuman.lab.recruits import PlatformId, Recruits, key_of_link
 from minihuman.lab.register import leave, take_slot
-from minihuman.lab.register_lines import FILE_NAME, Withdrawn, read_register
+from minihuman.lab.register_lines import Withdrawn, read_register
 from minihuman.seats.simulate import simulate
 from minihuman.study.protocol import decode
 from minihuman.web.arrivals import Arrival, Arrivals, Seated
@@ -149,7 +149,7 @@ def test_a_database_that_is_away_is_said_in_one_line(tmp_path: Path) -> None:
     pytest.importorskip("psycopg")
     (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")
     with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be asked"):
-        journal(tmp_path / "s", FILE_NAME, words).read()
+        journal(tmp_path / "s", REGISTER, words).read()
 
 
 def test_who_withdrew_by_the_register_is_in_nothing_that_is_read(data: Path) -> None:

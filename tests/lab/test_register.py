@@ -6,9 +6,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from minihuman.data.journals import REGISTER
 from minihuman.errors import AllocationError
 from minihuman.lab.register import free, take_slot
-from minihuman.lab.register_lines import FILE_NAME, read_register
+from minihuman.lab.register_lines import read_register
 from minihuman.lab.status import status_lines
 from minihuman.lab.withdraw import replace, withdraw
 from minihuman.study.allocation import allocation
@@ -124,14 +125,14 @@ def test_a_study_may_make_its_list_longer(tmp_path):
 def test_a_line_cut_off_by_a_crash_gives_its_slot_back(tmp_path):
     for _ in range(2):
         take_slot(PROTOCOL, tmp_path)
-    path = tmp_path / FILE_NAME
+    path = tmp_path / REGISTER
     path.write_bytes(path.read_bytes()[:-10])
     assert take_slot(PROTOCOL, tmp_path)[0].index == 1
     assert [line.index for line in read_register(tmp_path)] == [0, 1]
 
 
 def test_a_damaged_line_stops_the_station(tmp_path):
-    (tmp_path / FILE_NAME).write_bytes(b'{"participant": 3}\n')
+    (tmp_path / REGISTER).write_bytes(b'{"participant": 3}\n')
     with pytest.raises(AllocationError, match=r"register\.jsonl:1: cannot be read"):
         take_slot(PROTOCOL, tmp_path)
 

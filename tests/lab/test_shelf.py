@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.data.journals import REGISTER
 from minihuman.lab.prove import prove
 from minihuman.lab.recruits import Came, key_of_link
-from minihuman.lab.register_lines import FILE_NAME
 from minihuman.lab.shelf import URL_FILE_NAME, ShelfError, gather, put_away, shelf_of
 from minihuman.lab.withdraw import withdraw
 from minihuman.seats.simulate import simulate
@@ -117,8 +117,8 @@ def test_whoever_withdraws_is_put_on_no_shelf_again(machines: tuple[Path, Path],
     assert gather(there, "tried/") == (1, 0)
     [kept] = there.rglob("*.mcap")
     withdraw(here / "tried", "sub-01", seal=None)
-    register = (here / "tried" / FILE_NAME).read_bytes()
-    (there / "tried" / FILE_NAME).write_bytes(register)  # as a database would have it everywhere
+    register = (here / "tried" / REGISTER).read_bytes()
+    (there / "tried" / REGISTER).write_bytes(register)  # as a database would have it everywhere
     assert gather(there, "tried/") == (0, 0)
     put_away(kept)
     assert gather(here, "tried/") == (0, 0)

@@ -8,8 +8,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from minihuman.data.journals import ARRIVALS
 from minihuman.errors import AllocationError
-from minihuman.lab.recruits import FILE_NAME, IDS_FILE_NAME, PlatformId, Recruits
+from minihuman.lab.recruits import IDS_FILE_NAME, PlatformId, Recruits
 from minihuman.lab.register_lines import read_register
 from minihuman.lab.withdraw import withdraw
 from minihuman.log.record.mcap_recorder import McapRecorder
@@ -152,7 +153,7 @@ def test_who_declines_is_forgotten_and_may_think_better_of_it(tmp_path):
     door.decline(seat, "declined")
     assert read_register(tmp_path / "corridor") == ()
     assert not any(
-        seat.participant.encode() in line for line in (tmp_path / "corridor" / FILE_NAME).read_bytes().split()
+        seat.participant.encode() in line for line in (tmp_path / "corridor" / ARRIVALS).read_bytes().split()
     )
     assert door.id_on_platform(seat.participant) == ""
     assert door.arrive(from_prolific("60a7b3c4d5e6f708192a3b4c")).participant == seat.participant
