@@ -48,7 +48,7 @@ def code_of(root: Path, cache: Path) -> Path:
     """A folder with the machine code of all that an unpacked wheel's worlds compute."""
     environment = os.environ | {"PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(cache)}
     level = subprocess.run(
-        [sys.executable, "-c", "from minihuman.worlds.shipped import LEVEL; print(LEVEL)"],
+        [sys.executable, "-c", "from minihuman.worlds.kernels import SHIPPED_CPU; print(SHIPPED_CPU)"],
         env=environment,
         capture_output=True,
         text=True,

@@ -10,18 +10,17 @@ from tempfile import TemporaryDirectory
 
 import gymnasium
 
+from minihuman.admin.protocol_file import find_shipped_protocol, read_protocol
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.dataset.measures import shortest_path_bounds
 from minihuman.errors import WorldError
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.shipped import shipped_protocol
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log
-from minihuman.measures.shortest import shortest
-from minihuman.seats.simulate import simulate
-from minihuman.seats.warm_up import warm_up
-from minihuman.worlds.adapt.world import World
-from minihuman.worlds.catalogue import ENTRIES
+from minihuman.log.read.session_reader import read_log
+from minihuman.runtime.simulated_session import simulate
+from minihuman.runtime.warm_up import warm_up
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.grid import wrappers
-from minihuman.worlds.grid.instructions.explorer import Explorer
+from minihuman.worlds.grid.babyai.exploring_expert import Explorer
 
 STEPS = 40
 
@@ -47,7 +46,7 @@ def play(world_id: str, **options: object) -> None:
 def every_kind() -> list[str]:
     """An id of each family, level and 3D world."""
     found: dict[str, str] = {}
-    for entry in ENTRIES:
+    for entry in WORLDS:
         found.setdefault(str(entry.kwargs.get("family", entry.kwargs.get("layout", entry.id))), entry.id)
     return list(found.values())
 
@@ -64,7 +63,13 @@ def batches() -> None:
 
 def wrapped() -> None:
     """What other views of a grid and of a room compute."""
-    for wrap in (wrappers.Pictures, wrappers.OneHot, wrappers.FullyObserved, wrappers.Symbolic, wrappers.ViewSize):
+    for wrap in (
+        wrappers.PictureObservation,
+        wrappers.OneHot,
+        wrappers.FullyObserved,
+        wrappers.Symbolic,
+        wrappers.ViewSize,
+    ):
         env = wrap(gymnasium.make("minihuman/MiniGrid-DoorKey-5x5-v0"))
         env.reset(seed=0)
         env.step(0)
@@ -85,13 +90,13 @@ def studies() -> None:
     """The studies that come with the package, simulated, proved and measured."""
     with TemporaryDirectory() as data:
         for name in ("demo", "fourrooms-transfer", "instructions"):
-            protocol = read_protocol(shipped_protocol(name))
+            protocol = read_protocol(find_shipped_protocol(name))
             warm_up(protocol)
             for log in simulate(protocol, Path(data), participants=1, seed=0, player="human-like"):
-                read = open_log(log)
-                assert not verify(read).difference
+                read = read_log(log)
+                assert not verify_episodes(read).difference
                 for episode in read.episodes:
-                    shortest(episode.plan)
+                    shortest_path_bounds(episode.plan)
 
 
 def main() -> None:

@@ -13,22 +13,25 @@ from pathlib import Path
 
 import torch
 
-from minihuman.data.selection import Selection
-from minihuman.learn.agent.evaluate import at_random, evaluate
-from minihuman.learn.agent.network import Eyes
-from minihuman.learn.agent.observe import Eyesight, Sight
-from minihuman.learn.clone.clone import Cloning
-from minihuman.learn.clone.curve import Point, clone_curve
-from minihuman.learn.clone.demonstrations import Demonstrations, read_demonstrations
-from minihuman.learn.teach.trials import ending, interval
-from minihuman.statistics.shares import wilson
+from cloning_curve import CloningPoint, run_cloning_curve
+from minihuman.dataset.selection import Selection
+from minihuman.learn.behaviour_cloning import CloningSettings
+from minihuman.learn.demonstrations import Demonstrations, read_demonstrations
+from minihuman.learn.policy.evaluation import evaluate_policy, make_random_policy
+from minihuman.learn.policy.network import EncoderName
+from minihuman.learn.policy.observation import ObservationEncoder, ViewMode
+from minihuman.statistics.proportions import wilson_interval
+from teaching_study.trials import describe_command, mean_interval
 
 WORLD = "minihuman/MiniGrid-FourRooms-v0"
 PROTOCOL = Path(__file__).with_suffix(".toml")
 PLAYERS = ("human-like", "exploring", "optimal")
-SIGHTS: dict[Sight, tuple[Eyes, str]] = {"view": ("codes", "sees its view"), "remembered": ("near", "remembers")}
+SIGHTS: dict[ViewMode, tuple[EncoderName, str]] = {
+    "view": ("codes", "sees its view"),
+    "remembered": ("near", "remembers"),
+}
 SIZES = (25, 50, 100, 200)
-SETTINGS = Cloning(batch_size=128, most_epochs=40, patience=5)
+SETTINGS = CloningSettings(batch_size=128, most_epochs=40, patience=5)
 
 
 def main(out: Path, *, seeds: int, episodes: int, quick: bool) -> None:
@@ -38,11 +41,11 @@ def main(out: Path, *, seeds: int, episodes: int, quick: bool) -> None:
     sizes, participants = SIZES, 40
     if quick:
         sizes, participants = (4, 8), 3
-    points = list[Point]()
+    points = list[CloningPoint]()
     for sight, (eyes, words) in SIGHTS.items():
         for player in PLAYERS:
             logs = demonstrated(player, participants, out / "demos" / player)
-            points = clone_curve(
+            points = run_cloning_curve(
                 {f"{player}, {words}": seen(logs, sight)},
                 sizes=sizes,
                 seeds=range(1, seeds + 1),
@@ -65,20 +68,24 @@ def demonstrated(player: str, participants: int, data: Path) -> Path:
     return data
 
 
-def seen(logs: Path, sight: Sight) -> Demonstrations:
+def seen(logs: Path, sight: ViewMode) -> Demonstrations:
     """What ended at the goal, as a clone of that sight sees it."""
-    return read_demonstrations(logs, WORLD, Eyesight(missions=False, sight=sight), Selection(outcome=("goal",)))
+    return read_demonstrations(
+        logs, WORLD, ObservationEncoder(missions=False, sight=sight), Selection(outcome=("goal",))
+    )
 
 
 def of_chance(like: Demonstrations, episodes: int) -> str:
     """How often any action at any time comes to the goal."""
-    choose = at_random(len(like.action_names), 1)
+    choose = make_random_policy(len(like.action_names), 1)
     return str(
-        evaluate(choose, WORLD, like.options, like.eyesight, episodes=episodes, seed=0, most_steps=like.most_steps)
+        evaluate_policy(
+            choose, WORLD, like.options, like.eyesight, episodes=episodes, seed=0, most_steps=like.most_steps
+        )
     )
 
 
-def table(points: list[Point], sizes: tuple[int, ...], chance: str, command: str) -> str:
+def table(points: list[CloningPoint], sizes: tuple[int, ...], chance: str, command: str) -> str:
     """Success by who demonstrated and how often, over the clones of all seeds."""
     seeds = len({point.seed for point in points})
     lines = [
@@ -94,16 +101,16 @@ def table(points: list[Point], sizes: tuple[int, ...], chance: str, command: str
     for source in dict.fromkeys(point.source for point in points):
         told = (said([one for one in points if (one.source, one.demonstrations) == (source, size)]) for size in sizes)
         lines.append(f"| {source} | " + " | ".join(told) + " |")
-    lines += [f"| any action at any time | {chance} |" + " |" * (len(sizes) - 1), "", *ending(command)]
+    lines += [f"| any action at any time | {chance} |" + " |" * (len(sizes) - 1), "", *describe_command(command)]
     return "\n".join(lines) + "\n"
 
 
-def said(clones: list[Point]) -> str:
+def said(clones: list[CloningPoint]) -> str:
     """Their mean success with its interval; no narrower than if all episodes were one clone's."""
     if not clones:
         return "-"
-    mean, low, high = interval([one.successes / one.episodes for one in clones])
-    least, most = wilson(sum(one.successes for one in clones), sum(one.episodes for one in clones))
+    mean, low, high = mean_interval([one.successes / one.episodes for one in clones])
+    least, most = wilson_interval(sum(one.successes for one in clones), sum(one.episodes for one in clones))
     return f"{mean:.2f} [{max(min(low, least), 0):.2f}, {min(max(high, most), 1):.2f}]"
 
 

@@ -17,16 +17,16 @@ import numpy as np
 import torch
 
 import minihuman  # noqa: F401  # registers the worlds
-from minihuman.data.selection import Selection
-from minihuman.figures.files import save
-from minihuman.learn.agent.observe import Eyesight
-from minihuman.learn.clone.clone import Cloning
-from minihuman.learn.clone.curve import clone_curve, curve_figure, curve_table
-from minihuman.learn.clone.demonstrations import Demonstration, Demonstrations, read_demonstrations
+from cloning_curve import build_curve_table, curve_figure, run_cloning_curve
+from minihuman.dataset.selection import Selection
+from minihuman.figures.style import save_figure
+from minihuman.learn.behaviour_cloning import CloningSettings
+from minihuman.learn.demonstrations import Demonstration, Demonstrations, read_demonstrations
+from minihuman.learn.policy.observation import ObservationEncoder
 
 LEVEL = "BabyAI-GoToRedBallGrey-v0"
 PROTOCOL = Path(__file__).with_suffix(".toml")
-EYESIGHT = Eyesight(missions=False)
+EYESIGHT = ObservationEncoder(missions=False)
 TURNS = 160  # episodes of a participant, simulated or a name of the bot's
 
 
@@ -51,7 +51,7 @@ def bot(like: Demonstrations, count: int, turns: int) -> Demonstrations:
         mind, actions, seen, ended, reward = BabyAIBot(env.unwrapped), [], [], False, 0.0
         while not ended:
             action = mind.replan(None if not actions else actions[-1])
-            seen.append(EYESIGHT.see(env.unwrapped, raw))
+            seen.append(EYESIGHT.encode(env.unwrapped, raw))
             actions.append(int(action))
             raw, reward, terminated, truncated, _ = env.step(action)
             ended = terminated or truncated
@@ -84,18 +84,18 @@ def main(out: Path, *, seeds: int, episodes: int, quick: bool) -> None:
         "human-like": simulated("human-like", participants, out, protocol),
         "Minigrid's bot": bot(exploring, participants * turns, turns),
     }
-    points = clone_curve(
+    points = run_cloning_curve(
         sources,
         sizes=sizes,
         seeds=range(1, seeds + 1),
         eyes="grid",
         episodes=episodes,
-        settings=Cloning(validation_share=0.1, most_epochs=30, patience=3, batch_size=256),
+        settings=CloningSettings(validation_share=0.1, most_epochs=30, patience=3, batch_size=256),
         kept=out / "points.json",
     )
-    table = curve_table(points)
+    table = build_curve_table(points)
     table.round(4).to_csv(out / "curve.csv", index=False)
-    save(curve_figure(table, title=f"Clones of {LEVEL}, {seeds} a point"), out / "curve")
+    save_figure(curve_figure(table, title=f"Clones of {LEVEL}, {seeds} a point"), out / "curve")
     print(table.round(3).to_string(index=False))
 
 

@@ -3,17 +3,22 @@
 import sys
 from pathlib import Path
 
-from minihuman.data.selection import Selection
-from minihuman.data.study import readable
-from minihuman.figures.drawn_from import learning_curves
-from minihuman.figures.files import save
-from minihuman.figures.gallery import rewards
-from minihuman.figures.learning import learning_figure
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import read_selected_sessions
+from minihuman.figures.figure_data import collect_learning_curves
+from minihuman.figures.gallery import collect_rewards
+from minihuman.figures.learning_curves import learning_figure
+from minihuman.figures.style import save_figure
 
 
 def main(study: str, block: str, out: str) -> None:
-    logs, account = readable([Path(study)], Selection(block=(block,)))
-    print(*save(learning_figure(learning_curves(rewards(logs)), measure="reward", limits=(0, 1)), Path(out)), sep="\n")
+    logs, account = read_selected_sessions([Path(study)], Selection(block=(block,)))
+    print(
+        *save_figure(
+            learning_figure(collect_learning_curves(collect_rewards(logs)), measure="reward", limits=(0, 1)), Path(out)
+        ),
+        sep="\n",
+    )
     print(*account.lines(), sep="\n")
 
 

@@ -3,15 +3,15 @@
 import sys
 from pathlib import Path
 
-from minihuman.data.selection import Selection
-from minihuman.data.study import readable
-from minihuman.figures.files import save
-from minihuman.figures.occupancy import by_participant, occupancy_figure
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import read_selected_sessions
+from minihuman.figures.occupancy import group_by_participant, occupancy_figure
+from minihuman.figures.style import save_figure
 
 
 def main(study: str, world: str, out: str) -> None:
-    logs, account = readable([Path(study)], Selection())
-    print(*save(occupancy_figure(world, by_participant(logs, world)), Path(out)), sep="\n")
+    logs, account = read_selected_sessions([Path(study)], Selection())
+    print(*save_figure(occupancy_figure(world, group_by_participant(logs, world)), Path(out)), sep="\n")
     print(*account.lines(), sep="\n")
 
 

@@ -3,15 +3,15 @@
 import sys
 from pathlib import Path
 
-from minihuman.data.selection import Selection
-from minihuman.data.study import readable
-from minihuman.figures.files import save
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import read_selected_sessions
 from minihuman.figures.overview import overview_figure
+from minihuman.figures.style import save_figure
 
 
 def main(log: str, out: str) -> None:
-    (session,), account = readable([Path(log)], Selection())
-    print(*save(overview_figure(session), Path(out)), *account.lines(), sep="\n")
+    (session,), account = read_selected_sessions([Path(log)], Selection())
+    print(*save_figure(overview_figure(session), Path(out)), *account.lines(), sep="\n")
 
 
 if __name__ == "__main__":

@@ -3,15 +3,15 @@
 import sys
 from pathlib import Path
 
-from minihuman.data.selection import Selection
-from minihuman.data.study import readable
-from minihuman.figures.files import save
-from minihuman.figures.paths import session_paths
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import read_selected_sessions
+from minihuman.figures.path_figures import session_paths
+from minihuman.figures.style import save_figure
 
 
 def main(log: str, out: str) -> None:
-    (session,), account = readable([Path(log)], Selection())
-    print(*save(session_paths(session), Path(out)), *account.lines(), sep="\n")
+    (session,), account = read_selected_sessions([Path(log)], Selection())
+    print(*save_figure(session_paths(session), Path(out)), *account.lines(), sep="\n")
 
 
 if __name__ == "__main__":

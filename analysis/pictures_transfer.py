@@ -23,7 +23,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from minihuman.statistics.shares import wilson
+from minihuman.statistics.proportions import wilson_interval
 
 pyglet.options["headless"] = True  # before miniworld opens its window
 
@@ -113,7 +113,7 @@ def main(out: Path, *, episodes: int, tests: int, epochs: int) -> None:
         network = fitted(pictures[learnt_from], taken, epochs=epochs, seed=1)
         for played_by in both:
             reached = successes(network, both[played_by], tests)
-            low, high = wilson(reached, tests)
+            low, high = wilson_interval(reached, tests)
             found.append({"learnt_from": learnt_from, "played_by": played_by, "reached": reached, "of": tests})
             print(f"learnt from {learnt_from}, played by {played_by}: {reached} of {tests} [{low:.3f}, {high:.3f}]")
     apart = float(np.abs(pictures["miniworld"].astype(int) - pictures["minihuman"]).mean())

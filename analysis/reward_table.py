@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pandas as pd
 
-from minihuman.data.study import Sessions
-from minihuman.report.results import results
+from minihuman.dataset.sessions import StudySessions
+from minihuman.reporting.results import compute_results
 
 
 def main(study: str, out: str) -> None:
-    sessions = Sessions(Path(study))
+    sessions = StudySessions(Path(study))
     rows = [one.rows for one in sessions.rows(with_shortest=True)]
     names = ("episodes", "blocks", "participants")
-    found = results(*(pd.concat([one[name].to_pandas() for one in rows]) for name in names))
+    found = compute_results(*(pd.concat([one[name].to_pandas() for one in rows]) for name in names))
     target = found.target_block
     if target is None:
         raise SystemExit("no block was played by every group")

@@ -16,17 +16,16 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from minihuman.figures.files import save
-from minihuman.figures.style import PAGE_CM, QUIET, SERIES, our_style
-from minihuman.lab.shipped import shipped_protocol
-from minihuman.power.pool import Pool, play_pool
-from minihuman.power.studies import TWO_PARTS, Effect, PowerAt, power_curve, values_of
+from minihuman.admin.protocol_file import find_shipped_protocol
+from minihuman.figures.style import MUTED, PAGE_CM, SERIES, figure_style, save_figure
+from minihuman.planning.pool import ParticipantPool, simulate_pool
+from minihuman.planning.power import TWO_PARTS, Effect, PowerEstimate, compute_values, power_curve
 
 SIZES = (5, 10, 20, 40)  # people a group; the paper had five
 EFFECTS = (1.0, 0.7, 0.5, 0.3)  # what is left of the excess steps
 ASKED = 0.7
 MEASURES = ("log_excess_steps", "log_steps_ratio", "reward", "success", TWO_PARTS)
-Row = tuple[float, PowerAt]  # with what is left of the excess steps
+Row = tuple[float, PowerEstimate]  # with what is left of the excess steps
 
 
 def main(out: Path, *, people: int, studies: int, processes: int | None) -> None:
@@ -41,26 +40,26 @@ def main(out: Path, *, people: int, studies: int, processes: int | None) -> None
                 (one.measure, left, one.participants, one.power, one.low, one.high, one.studies, pool.people)
             )
     print("\n".join(told(rows)))
-    print(*save(figure(rows), out / "ten_people"), sep="\n")
+    print(*save_figure(figure(rows), out / "ten_people"), sep="\n")
 
 
-def pool_of(kept: Path, people: int, processes: int | None) -> Pool:
+def pool_of(kept: Path, people: int, processes: int | None) -> ParticipantPool:
     """The people: read, or played and written."""
     if not kept.exists():
-        toml = shipped_protocol("fourrooms-transfer").read_bytes()
-        played = play_pool(toml, people=people, player="human-like", seed=1, processes=processes)
+        toml = find_shipped_protocol("fourrooms-transfer").read_bytes()
+        played = simulate_pool(toml, people=people, player="human-like", seed=1, processes=processes)
         played.episodes.to_csv(kept, index=False)
     episodes = pd.read_csv(kept)
-    return Pool(str(episodes["block"].iloc[0]), str(episodes["group"].iloc[0]), episodes)
+    return ParticipantPool(str(episodes["block"].iloc[0]), str(episodes["group"].iloc[0]), episodes)
 
 
-def rows_of(pool: Pool, effects: tuple[float, ...], sizes: tuple[int, ...], studies: int) -> list[Row]:
+def rows_of(pool: ParticipantPool, effects: tuple[float, ...], sizes: tuple[int, ...], studies: int) -> list[Row]:
     """Power of every measure, effect and size."""
     found = list[Row]()
     for left in effects:
         changed = Effect(left).of(pool.episodes)
         for measure in MEASURES:
-            treated, untreated = values_of(changed, measure), values_of(pool.episodes, measure)
+            treated, untreated = compute_values(changed, measure), compute_values(pool.episodes, measure)
             found += [(left, one) for one in power_curve(measure, treated, untreated, sizes, studies=studies, seed=1)]
     return found
 
@@ -80,7 +79,7 @@ def told(rows: list[Row]) -> list[str]:
 
 def figure(rows: list[Row]) -> Figure:
     """Power over the effect with five a group, and over people a group for one effect."""
-    with our_style():
+    with figure_style():
         drawn = Figure(figsize=(PAGE_CM / 2.54, 6.6 / 2.54), layout="constrained")
         over_effect, over_size = drawn.subplots(1, 2, sharey=True)
         fewest = [(left, one) for left, one in rows if one.participants == SIZES[0]]
@@ -100,7 +99,7 @@ def draw(axes: Axes, points: list[Row]) -> None:
         axes.fill_between(x, low, high, color=SERIES[place], alpha=0.2, lw=0)
         axes.plot(x, power, "osv^D"[place], ls="-", ms=3, color=SERIES[place], label=measure.replace("_", " "))
     for level in (0.8, 0.05):
-        axes.axhline(level, color=QUIET, linewidth=0.6, linestyle=":")
+        axes.axhline(level, color=MUTED, linewidth=0.6, linestyle=":")
 
 
 if __name__ == "__main__":

@@ -20,16 +20,16 @@ from pathlib import Path
 STUDY = """
 from pathlib import Path
 from msgspec.structs import replace
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.seats.warm_up import warm_up
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.runtime.warm_up import warm_up
 study = read_protocol(Path("protocols/fourrooms-transfer.toml"))
 warm_up(replace(study, blocks=[block for block in study.blocks if "{}" in block.world]))
 """
 PLAN = """
-from minihuman.worlds.adapt.world import World
+from minihuman.worlds.adapters.world import World
 world = World("minihuman/{}-FourRooms-v0")
 world.reset(0)
-world.way()
+world.shortest_path()
 """
 COMMAND = """
 import sys
@@ -39,13 +39,12 @@ main()
 """
 PICTURE = """
 from msgspec.structs import replace
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.shipped import shipped_protocol
-from minihuman.seats.warm_up import shared, warm_up
-study = read_protocol(shipped_protocol("demo"))
+from minihuman.admin.protocol_file import find_shipped_protocol, read_protocol
+from minihuman.runtime.warm_up import share_compilation, warm_up
+study = read_protocol(find_shipped_protocol("demo"))
 first, *others = study.blocks
-with shared([first], others, plans=True) as companion:
-    warm_up(replace(study, blocks=(first,)), companion=companion)
+with share_compilation([first], others, plans=True) as process:
+    warm_up(replace(study, blocks=(first,)), process=process)
 """
 DEMO = "protocols/demo.toml"
 SESSIONS = 10  # of the demo's study, which are plotted and reported

@@ -24,13 +24,13 @@ import numpy as np
 from minigrid.utils.baby_ai_bot import BabyAIBot
 
 import minihuman  # noqa: F401
-from minihuman.worlds.grid.instructions.explorer import Explorer
-from minihuman.worlds.grid.instructions.planner import plan_instruction
-from minihuman.worlds.grid.levels.catalogue import ENTRIES
+from minihuman.worlds.catalogue import BABYAI_WORLDS
+from minihuman.worlds.grid.babyai.expert import plan_instruction
+from minihuman.worlds.grid.babyai.exploring_expert import Explorer
 
 LIMIT_S = 4.0  # of processor time for an episode of the bot's
 PLAYERS = "explorer", "bot"
-OURS = [entry.id.removeprefix("minihuman/BabyAI-") for entry in ENTRIES]
+OURS = [entry.id.removeprefix("minihuman/BabyAI-") for entry in BABYAI_WORLDS]
 LEVELS = [level for level in OURS if f"BabyAI-{level}" in gymnasium.registry]  # some are ours alone
 
 

@@ -22,9 +22,9 @@ from gymnasium.wrappers import TransformObservation
 from minigrid.wrappers import ImgObsWrapper, RGBImgPartialObsWrapper
 
 import minihuman
-from minihuman.worlds.grid.items import door, goal, key
+from minihuman.worlds.grid.object_kinds import door, goal, key
 from minihuman.worlds.grid.world import GridWorld
-from minihuman.worlds.grid.wrappers import Pictures
+from minihuman.worlds.grid.wrappers import PictureObservation
 
 WORLDS = ("FourRooms-v0", "DoorKey-8x8-v0", "MultiRoom-N6-v0", "Dynamic-Obstacles-8x8-v0")
 ROUNDS = 7
@@ -102,7 +102,7 @@ def compare(what: str, ours: Callable[[], float], theirs: Callable[[], float], w
 
 def pixels(env: gymnasium.Env) -> gymnasium.Env:
     """Our 56 x 56 picture of the agent's view, alone."""
-    drawn = Pictures(env, tile_px=8)
+    drawn = PictureObservation(env, tile_px=8)
     return TransformObservation(drawn, itemgetter("image"), drawn.observation_space["image"])
 
 

@@ -31,12 +31,12 @@ from pathlib import Path
 
 import numpy as np
 
-from minihuman.data.quality import keys_to_flips_ms
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.log.read.open_log import open_log
-from minihuman.study.expand import enrol, expand
-from minihuman.windows.blocking import TITLE
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.dataset.recording_quality import list_key_to_flip_ms
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.adapters.world import World
 from tests.seats.session_typist import enter_at, until
 from tests.xserver import Typist, xvfb
 
@@ -51,7 +51,7 @@ participants = 1
 
 [keys]
 pool = ["1", "2"]
-check = false
+keyboard_check = false
 
 [[groups]]
 name = "everyone"
@@ -134,14 +134,14 @@ def measure(
         typist.focus(TITLE)
         begin_episode(typist, Path(folder))
         study = read_protocol(protocol)
-        pressed = list(expand(study, enrol(study, 0)).episodes[0].key_map.keys)
+        pressed = list(expand_protocol(study, enrol_participant(study, 0)).episodes[0].key_map.keys)
         with watching(Path(folder) / "latency") if watched else nullcontext():
             seen_ms, waiting = one_by_one(typist, pressed, keys)
             begin_episode(typist, Path(folder))
             rolling = rolled(typist, pressed, keys)
         enter_at(typist, Path(folder), "closing", "page")
         station.communicate(timeout=120)
-        log = open_log(next(Path(folder).rglob("*.mcap")))
+        log = read_log(next(Path(folder).rglob("*.mcap")))
     began_ns = log.segments[0].started_unix_ns
     stamped = [
         (key.key, key.down, began_ns + key.t_ns - key.waited_ns)
@@ -155,7 +155,7 @@ def measure(
     stamps = [at_ns for _, _, at_ns in stamped[len(waiting) :]]
     return Measured(
         facts=dict(log.facts),
-        key_to_flip=keys_to_flips_ms(log).tolist(),
+        key_to_flip=list_key_to_flip_ms(log).tolist(),
         key_to_pixels=seen,
         unseen=len(seen_ms) - len(seen),
         waiting=errors_ms[: len(waiting)],

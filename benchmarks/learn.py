@@ -18,20 +18,20 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from benchmarks import upstream_first_person, upstream_grid
-from minihuman.learn.agent.network import Eyes, policy_settings
-from minihuman.learn.agent.observe import Eyesight
-from minihuman.learn.agent.policy_file import versions
-from minihuman.learn.agent.training import History, new_ppo, train
-from minihuman.learn.agent.training_world import TrainingWorld
-from minihuman.learn.transfer.plan import FIRST_PERSON_WORLD, GRID_WORLD, Ppo
+from minihuman.learn.policy.file import get_versions
+from minihuman.learn.policy.network import EncoderName, get_policy_settings
+from minihuman.learn.policy.observation import ObservationEncoder
+from minihuman.learn.ppo import PpoSettings, TrainingEnv, TrainingHistory, make_ppo, train_ppo
+
+GRID_WORLD, FIRST_PERSON_WORLD = "minihuman/MiniGrid-GoToObj-Transfer-v0", "minihuman/MiniWorld-GoToObj-Transfer-v0"
 
 
 @dataclass
 class Side:
     name: str
-    world: TrainingWorld
-    eyes: Eyes
-    history: History
+    world: TrainingEnv
+    eyes: EncoderName
+    history: TrainingHistory
     cpu_s: float
 
     @property
@@ -54,22 +54,22 @@ class Side:
         return ", ".join(f"{name} {value / whole:.0%}" for name, value in parts.items())
 
 
-def as_it_comes(world: TrainingWorld, eyes: Eyes) -> PPO:
+def as_it_comes(world: TrainingEnv, eyes: EncoderName) -> PPO:
     """The published network in Stable-Baselines3's own policy, optimiser and loops."""
-    settings = {name: value for name, value in policy_settings(eyes).items() if name != "optimizer_kwargs"}
+    settings = {name: value for name, value in get_policy_settings(eyes).items() if name != "optimizer_kwargs"}
     return PPO(MultiInputActorCriticPolicy, DummyVecEnv([lambda: world]), policy_kwargs=settings, seed=1, device="cpu")
 
 
-def measure(name: str, world_id: str, eyes: Eyes, steps: int) -> Side:
-    world = TrainingWorld(world_id, {}, seed=1, eyesight=Eyesight(missions=True))
+def measure(name: str, world_id: str, eyes: EncoderName, steps: int) -> Side:
+    world = TrainingEnv(world_id, {}, seed=1, eyesight=ObservationEncoder(missions=True))
     if name == "ours":
-        agent: PPO = new_ppo(world, settings=Ppo(), eyes=eyes, seed=1, device="cpu")
+        agent: PPO = make_ppo(world, settings=PpoSettings(), eyes=eyes, seed=1, device="cpu")
     else:
         agent = as_it_comes(world, eyes)
     world.reset()
     world.step(0)  # compiled before the clock starts
     started_s = time.process_time()
-    history = train(agent, world, steps=steps)
+    history = train_ppo(agent, world, steps=steps)
     return Side(name, world, eyes, history, time.process_time() - started_s)
 
 
@@ -81,8 +81,8 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     gymnasium.register(upstream_grid.WORLD_ID, entry_point=upstream_grid.UpstreamGrid)
     gymnasium.register(upstream_first_person.WORLD_ID, entry_point=upstream_first_person.UpstreamFirstPerson)
-    print(f"{arguments.steps} steps, {arguments.threads} thread(s), {platform.machine()}, {versions()}")
-    pairs: tuple[tuple[Eyes, str, str], ...] = (
+    print(f"{arguments.steps} steps, {arguments.threads} thread(s), {platform.machine()}, {get_versions()}")
+    pairs: tuple[tuple[EncoderName, str, str], ...] = (
         ("grid", GRID_WORLD, upstream_grid.WORLD_ID),
         ("atari", FIRST_PERSON_WORLD, upstream_first_person.WORLD_ID),
     )

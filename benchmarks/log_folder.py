@@ -11,8 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from minihuman.lab.session_table import FILE_NAME, sessions
-from minihuman.log.read.open_log import open_log
+from minihuman.admin.session_index import read_session_index
+from minihuman.dataset.caches import SESSION_CACHE
+from minihuman.log.read.session_reader import read_log
 from tests.log.played import record
 from tests.log.samples import session_events, session_plan
 
@@ -25,13 +26,13 @@ def main() -> None:
         folder = Path(name)
         plan = session_plan(episodes=10)
         log = record(folder / "one", plan, session_events(plan, steps=50))
-        print(f"open_log, 10 episodes, 500 steps: {1e3 * _seconds(lambda: open_log(log)):.1f} ms")
+        print(f"open_log, 10 episodes, 500 steps: {1e3 * _seconds(lambda: read_log(log)):.1f} ms")
         print(f"{'sessions':>8} {'first list s':>12} {'again s':>8} {'peak MiB':>8}")
         for size in sizes:
             study = folder / str(size)
             _study(study, size)
             first, again = _seconds(lambda study=study: _list(study)), _seconds(lambda study=study: _list(study))
-            (study / FILE_NAME).unlink()
+            (study / SESSION_CACHE).unlink()
             print(f"{size:8} {first:12.2f} {again:8.3f} {_peak_mib(lambda study=study: _list(study)):8.2f}")
 
 
@@ -46,7 +47,7 @@ def _study(study: Path, size: int) -> None:
 
 
 def _list(study: Path) -> None:
-    for row in sessions(study):
+    for row in read_session_index(study):
         assert row.summary is not None, row.problem
 
 

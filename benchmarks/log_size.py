@@ -16,13 +16,13 @@ import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 
-from minihuman.log.kinds import TRUTHS
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.codec import RECORD_TOPICS
+from minihuman.log.names import STEP
 from minihuman.log.paths import MAGIC
-from minihuman.log.read.chunk import HEAD, Messages
-from minihuman.log.read.scan import Scan
-from minihuman.log.topics import STEP
-from minihuman.seats.simulate import simulate
-from minihuman.study.protocol import decode
+from minihuman.log.salvage.chunk import RECORD_HEADER, ChunkMessages
+from minihuman.log.salvage.scan import LogScanner
+from minihuman.runtime.simulated_session import simulate
 
 PROTOCOL = """
 [study]
@@ -46,17 +46,17 @@ def by_record(log: bytes) -> Counter[str]:
     """The file's bytes by kind of record."""
     found, at = Counter[str](), len(MAGIC)
     while at < len(log) - len(MAGIC):
-        opcode, length = HEAD.unpack_from(log, at)
-        found[Opcode(opcode).name.lower().replace("_", " ")] += HEAD.size + length
-        at += HEAD.size + length
+        opcode, length = RECORD_HEADER.unpack_from(log, at)
+        found[Opcode(opcode).name.lower().replace("_", " ")] += RECORD_HEADER.size + length
+        at += RECORD_HEADER.size + length
     return found
 
 
-def side_by_side(chunk: Messages) -> bytes:
+def side_by_side(chunk: ChunkMessages) -> bytes:
     """The payloads that hold the truth, those of one topic and length transposed: what columns would be packed from."""
     alike: dict[tuple[str, int], list[bytes]] = defaultdict(list)
     for message in chunk:
-        if message.channel.topic in TRUTHS:
+        if message.channel.topic in RECORD_TOPICS:
             alike[message.channel.topic, len(message.data)].append(message.data)
     tables = [np.frombuffer(b"".join(rows), np.uint8).reshape(len(rows), -1) for rows in alike.values()]
     return b"".join(table.T.tobytes() for table in tables)
@@ -67,10 +67,10 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--episodes", type=int, default=100)
     with tempfile.TemporaryDirectory() as folder:
-        protocol = decode(PROTOCOL.format(episodes=parser.parse_args().episodes).encode())
+        protocol = decode_protocol(PROTOCOL.format(episodes=parser.parse_args().episodes).encode())
         [log] = simulate(protocol, Path(folder), participants=1, seed=3, player="random")
         whole = log.read_bytes()
-        chunks = [record for record in Scan(log).records() if isinstance(record, Messages)]
+        chunks = [record for record in LogScanner(log).records() if isinstance(record, ChunkMessages)]
     steps = sum(chunk.count(STEP) for chunk in chunks)
     print(f"Python {platform.python_version()}, zstandard {zstandard.__version__}; {steps} steps")
     print(f"{len(whole) / steps:8.1f}  bytes a step")

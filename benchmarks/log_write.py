@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+from minihuman.experiment.machine.events import Event, Stepped
+from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import Event, Stepped
 from tests.log.samples import session_events, session_plan
 
 FRAME_S = 1 / 60
@@ -27,7 +28,7 @@ def play(folder: Path, sync: Callable[[int], None]) -> tuple[list[float], list[f
     """Write an episode's events in groups of a step, one group a frame: ms spent in ``write``, ms between frames."""
     plan = session_plan(episodes=2)
     groups = _by_step(session_events(plan, steps=STEPS))
-    recorder = McapRecorder(folder, plan, started_ns=time.time_ns(), sync=sync)
+    recorder = McapRecorder(folder, plan, started_ns=time.time_ns(), settings=RecorderSettings(sync=sync))
     write_ms, frame_ms = [], []
     before = next_frame = time.perf_counter()
     for group in groups:

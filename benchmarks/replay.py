@@ -15,12 +15,10 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from minihuman.log.read.open_log import open_log
-from minihuman.recorded.episode import SessionLog
-from minihuman.replay.facts import facts_page
-from minihuman.replay.layout import layout
-from minihuman.replay.recording import save_recording
-from minihuman.replay.scene import AGENT, PATH, TRAIL, WALL
+from minihuman.log.model.session_log import SessionLog
+from minihuman.log.read.session_reader import read_log
+from minihuman.replay.recording import build_layout, save_recording
+from minihuman.replay.rerun_scene import AGENT, PATH, TRAIL, WALL, build_facts_page
 from tests.builders import session
 
 REPEATS = 5
@@ -29,8 +27,8 @@ REPEATS = 5
 def step_by_step(log: SessionLog, path: Path) -> None:
     """The same replay with one ``rr.log`` a thing and step."""
     recording = rr.RecordingStream("minihuman")
-    recording.save(path, default_blueprint=layout([log], with_view=False))
-    recording.log("facts", rr.TextDocument(facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True)
+    recording.save(path, default_blueprint=build_layout([log], with_view=False))
+    recording.log("facts", rr.TextDocument(build_facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True)
     count = 0
     for episode in log.episodes:
         floor = episode.start.map
@@ -79,7 +77,7 @@ def best_s(work: Callable[[], object]) -> tuple[float, float]:
 
 def main() -> None:
     """Time both ways for each log and print them."""
-    logs = [open_log(Path(name)) for name in sys.argv[1:]] or [session(episodes=5)]
+    logs = [read_log(Path(name)) for name in sys.argv[1:]] or [session(episodes=5)]
     with tempfile.TemporaryDirectory() as folder:
         for log in logs:
             steps = sum(len(episode.actions) for episode in log.episodes)

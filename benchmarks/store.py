@@ -18,7 +18,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from minihuman.data.caches import caches_in
+from minihuman.dataset.caches import list_caches
 from tests.copied import as_another
 
 HERE = Path(__file__).parents[1]
@@ -52,7 +52,7 @@ def make(study: Path, played: list[Path], sessions: int) -> Path:
 
 def forget(study: Path) -> None:
     """Leave nothing kept."""
-    for cache in caches_in(study):
+    for cache in list_caches(study):
         shutil.rmtree(cache) if cache.is_dir() else cache.unlink()
 
 

@@ -18,11 +18,11 @@ import time
 from pathlib import Path
 
 from benchmarks.latency import ROWS, UNSEEN_S, difference, distribution, send, turns
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.log.read.open_log import open_log
-from minihuman.recorded.taught import Taught
-from minihuman.study.expand import enrol, expand
-from minihuman.windows.blocking import TITLE
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.log.model.teaching_events import TeachingRecord
+from minihuman.log.read.session_reader import read_log
 from tests.seats.session_typist import enter_at, until
 from tests.xserver import Typist, xvfb
 
@@ -35,7 +35,7 @@ participants = 1
 
 [keys]
 pool = ["1", "2"]
-check = false
+keyboard_check = false
 
 [[groups]]
 name = "everyone"
@@ -84,7 +84,7 @@ def measure(window: str, world: str, keys: int) -> None:
         typist = Typist(display)
         typist.focus(TITLE)
         study = read_protocol(protocol)
-        episodes = expand(study, enrol(study, 0)).episodes
+        episodes = expand_protocol(study, enrol_participant(study, 0)).episodes
         plain, beside = (list(episode.key_map.keys) for episode in episodes)
         enter_at(typist, Path(folder), "ready")
         until(folder := Path(folder), "playing")
@@ -100,9 +100,9 @@ def measure(window: str, world: str, keys: int) -> None:
                 press_and_see(typist, "space")
         enter_at(typist, folder, "closing", "page")
         station.communicate(timeout=120)
-        log = open_log(next(folder.rglob("*.mcap")))
+        log = read_log(next(folder.rglob("*.mcap")))
     taught = log.episodes[1].taught
-    assert isinstance(taught, Taught)
+    assert isinstance(taught, TeachingRecord)
     assert taught.interventions == keys, f"{taught.interventions} of {keys} takeovers are in the log"
     began_ns = log.segments[0].started_unix_ns
     taken = [change.pressed_ns + began_ns for change in taught.controls if change.reason == "key"]

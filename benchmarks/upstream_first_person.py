@@ -9,7 +9,7 @@ from miniworld import entity
 from miniworld.miniworld import MiniWorldEnv
 from miniworld.params import DEFAULT_PARAMS
 
-from minihuman.worlds.go_to_obj import arrange
+from minihuman.worlds.go_to_obj import draw_arrangement
 
 WORLD_ID = "benchmark/MiniWorld-GoToObj-v0"
 
@@ -25,7 +25,7 @@ class UpstreamFirstPerson(MiniWorldEnv):
         self.action_space = spaces.Discrete(3)
 
     def _gen_world(self) -> None:
-        drawn = arrange(self.np_random)
+        drawn = draw_arrangement(self.np_random)
         self.add_rect_room(min_x=0, max_x=9, min_z=0, max_z=9)
         placed = []
         for number, ((x, z), (colour, kind)) in enumerate(zip(self.places, drawn.objects, strict=True)):

@@ -8,7 +8,8 @@ from minigrid.core.mission import MissionSpace
 from minigrid.core.world_object import Ball, Box, Key
 from minigrid.minigrid_env import MiniGridEnv
 
-from minihuman.worlds.go_to_obj import COLOURS, KINDS, Arrangement, arrange
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.go_to_obj import KINDS, Arrangement, draw_arrangement
 
 WORLD_ID = "benchmark/MiniGrid-GoToObj-v0"
 
@@ -22,7 +23,7 @@ class UpstreamGrid(MiniGridEnv):
         super().__init__(mission_space, width=11, height=11, max_steps=484, see_through_walls=True, **kwargs)
 
     def _gen_grid(self, width: int, height: int) -> None:
-        drawn = self.arrangement or arrange(self.np_random)
+        drawn = self.arrangement or draw_arrangement(self.np_random)
         self.grid = Grid(width, height)
         self.grid.wall_rect(0, 0, width, height)
         for place, (colour, kind) in zip(self.places, drawn.objects, strict=True):

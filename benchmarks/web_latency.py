@@ -23,11 +23,11 @@ from Xlib.display import Display
 
 import minihuman
 from benchmarks.latency import ROWS, UNSEEN_S, measure
-from minihuman.lab.prove import prove
-from minihuman.log.read.file import segment_starts
-from minihuman.log.read.open_log import read_events
-from minihuman.study.events import FrameShown, KeyPressed, Linked, Stepped
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import FrameShown, KeyPressed, Linked, Stepped
+from minihuman.log.read.reader import read_segment_starts
+from minihuman.log.read.session_reader import read_events
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import browsing
 from tests.web.protocols import study
 from tests.web.serving import line, serving
@@ -113,7 +113,7 @@ def in_browser(world: str, keys: int, rtt_ms: float) -> Measured:
         events = list(read_events(log))
         linked = [event for event in events if isinstance(event, Linked)]
         best = min(linked, key=lambda event: event.least_rtt_ns)
-        zero_ns = int(segment_starts(log)[1]) + best.offset_ns
+        zero_ns = int(read_segment_starts(log)[1]) + best.offset_ns
         presses = [
             zero_ns + event.t_ns - event.waited_ns
             for event in events
@@ -127,7 +127,7 @@ def in_browser(world: str, keys: int, rtt_ms: float) -> Measured:
             pixels=np.array(seen_ms),
             flips=np.array([(flips[e.episode, e.step] - e.key_t_ns) / 1e6 for e in steps]),
             error=best.error_ns / 1e6,
-            complaints=list(prove(log, World)),
+            complaints=list(find_log_differences(log, World)),
         )
 
 

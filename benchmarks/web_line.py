@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 
 import minihuman
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import read_events
-from minihuman.study.events import FrameShown, KeyPressed, Stepped
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import FrameShown, KeyPressed, Stepped
+from minihuman.log.read.session_reader import read_events
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import browsing, chromium
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line
@@ -131,7 +131,12 @@ def measure(world: tuple[str, tuple[str, ...]], keys_hz: float, rtt_ms: float, r
         took = [(flips[s.episode, s.step] - s.key_t_ns) / 1e6 for s in steps if (s.episode, s.step) in flips]
         count = max(1, len(steps))
         return Found(
-            pressed, logged, np.array(took), down / 1000 / count, 1000 * cpu_s / count, list(prove(log, World))
+            pressed,
+            logged,
+            np.array(took),
+            down / 1000 / count,
+            1000 * cpu_s / count,
+            list(find_log_differences(log, World)),
         )
 
 
@@ -145,16 +150,16 @@ def serve(protocol: Path, data: Path, deepest: int) -> None:
     """As `minihuman serve`, but with a look-ahead of so many steps at most."""
     from dataclasses import replace
 
-    from minihuman.lab.protocol_file import read_protocol
-    from minihuman.seats.warm_up import warm_up
-    from minihuman.web import joining
-    from minihuman.web.running import listen, run
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.runtime.warm_up import warm_up
+    from minihuman.web import connection
+    from minihuman.web.server.process import open_listening_socket, run_server
 
-    made = joining.Settings
-    joining.Settings = lambda *parts: replace(made(*parts), deepest=deepest)  # type: ignore[misc,assignment]
+    made = connection.PageSettings
+    connection.PageSettings = lambda *parts: replace(made(*parts), deepest=deepest)  # type: ignore[misc,assignment]
     read = read_protocol(protocol)
     warm_up(read)
-    run(read, data, listen(0), links=1, say=lambda said: print(said, flush=True))
+    run_server(read, data, open_listening_socket(0), links=1, say=lambda said: print(said, flush=True))
 
 
 if __name__ == "__main__":

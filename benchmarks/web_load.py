@@ -23,8 +23,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from minihuman.lab.recruits import Recruits
-from minihuman.study.protocol import Protocol, decode
+from minihuman.admin.recruitment import Recruitment
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.web.arrivals import Arrival, Arrivals
 from tests.web.typed_page import TypedPage
 
@@ -37,10 +37,10 @@ version = "1"
 seed = 1
 participants = 1000
 [keys]
-check = false
+keyboard_check = false
 [web]
-picture_px = {size}
-most_at_once = 1000
+image_size_px = {size}
+max_concurrent_sessions = 1000
 [[groups]]
 name = "all"
 blocks = ["walk"]
@@ -49,7 +49,7 @@ name = "walk"
 world = "{world}"
 episodes = 1000
 max_steps = 100
-hold_ms = 100
+final_frame_ms = 100
 actions = {actions}
 """
 GRID, ROOMS = '["left", "right", "forward"]', '["turn_left", "turn_right", "move_forward"]'
@@ -124,7 +124,7 @@ def load(kind: str, *, people: int, seconds: float, rtt_s: float, settle_s: floa
     world, size, actions = KINDS[kind]
     with tempfile.TemporaryDirectory(prefix="minihuman-") as name:
         folder = Path(name)
-        tokens = Recruits(folder / "load").issue(people)
+        tokens = Recruitment(folder / "load").issue(people)
         with served(TOML.format(world=world, size=size, actions=actions), folder) as server:
             pages = [
                 TypedPage(server.host, token, keys_per_s=KEYS_PER_S, rtt_s=rtt_s, rng=random.Random(number))
@@ -181,7 +181,7 @@ def main() -> None:
     for kind in asked.kinds:
         rtt_s, settle_s = asked.rtt_ms / 1e3, asked.settle
         print(load(kind, people=asked.people, seconds=asked.seconds, rtt_s=rtt_s, settle_s=settle_s), flush=True)
-    protocol = decode(TOML.format(world=KINDS["grid"][0], size="[400, 300]", actions=GRID).encode())
+    protocol = decode_protocol(TOML.format(world=KINDS["grid"][0], size="[400, 300]", actions=GRID).encode())
     print(joins(protocol, taken=asked.taken, times=20))
     longer = msgspec.structs.replace(protocol, study=msgspec.structs.replace(protocol.study, participants=5000))
     print(joins(longer, taken=asked.taken, times=20))

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 import minihuman
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import read_events
-from minihuman.study.events import Answered, Event, FrameShown, KeyPressed, PageShown
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import Answered, Event, FrameShown, KeyPressed, PageShown
+from minihuman.log.read.session_reader import read_events
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import Somebody, browsing, chromium
 from tests.web.protocols import study
 from tests.web.serving import line
@@ -33,7 +33,7 @@ LOOK_MS = 700  # between two keys
 
 def protocol_in(folder: Path, *, each: int) -> Path:
     """Pages, questions and episodes of one step, so many of each."""
-    block = f"interval_ms = {INTERVAL_MS}\nfixation_ms = {FIXATION_MS}\nhold_ms = 0"
+    block = f"inter_trial_interval_ms = {INTERVAL_MS}\nfixation_ms = {FIXATION_MS}\nfinal_frame_ms = 0"
     path = study(folder, episodes=each, max_steps=1, block=block)
     names = ", ".join(f'"page-{number}"' for number in range(each))
     text = path.read_text().replace('blocks = ["tried"]', "").replace('feedback = "{outcome}"', "")
@@ -105,7 +105,7 @@ def measure(rtt_ms: float, rule: str, each: int) -> str:
         for what, ms in waits(list(read_events(log))):
             found[what].append(ms)
         shares = " ".join(f"{np.median(ms):9.1f} {np.percentile(ms, 95):7.1f}" for ms in found.values())
-        return f"{rtt_ms:4.0f} ms {rule:5} {shares}   {list(prove(log, World)) or 'proven'}"
+        return f"{rtt_ms:4.0f} ms {rule:5} {shares}   {list(find_log_differences(log, World)) or 'proven'}"
 
 
 def main() -> None:

@@ -23,20 +23,20 @@ import minihuman
 from benchmarks.latency import UNSEEN_S, difference, distribution, turns
 from benchmarks.takeover import PROTOCOL
 from benchmarks.web_latency import SCREEN_PX, focus, watch
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.prove import prove
-from minihuman.log.read.file import segment_starts
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.recorded.episode import Episode
-from minihuman.recorded.taught import Taught
-from minihuman.study.events import Linked
-from minihuman.study.expand import enrol, expand
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import Linked
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.log.model.session_log import EpisodeLog
+from minihuman.log.model.teaching_events import TeachingRecord
+from minihuman.log.read.reader import read_segment_starts
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import line, serving
 from tests.xserver import Typist, xvfb
 
-WEB = "\n[web]\npicture_px = [400, 300]\n"
+WEB = "\n[web]\nimage_size_px = [400, 300]\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,9 @@ def measure(world: str, keys: int, rtt_ms: float) -> Found:
         protocol = folder / "takeover.toml"
         protocol.write_text(PROTOCOL.format(world=world, actions=turns(world), keys=keys) + WEB)
         study = read_protocol(protocol)
-        plain, beside = (list(episode.key_map.keys) for episode in expand(study, enrol(study, 0)).episodes)
+        plain, beside = (
+            list(episode.key_map.keys) for episode in expand_protocol(study, enrol_participant(study, 0)).episodes
+        )
         screen: dict[str, Any] = {
             "headless": False,
             "env": {"DISPLAY": display},
@@ -131,12 +133,12 @@ def press_and_see(typist: Typist, look: Any, key: str) -> tuple[float, int]:
 
 def found_in(path: Path, play: list[tuple[float, int]], takeovers: list[tuple[float, int]]) -> Found:
     """What the log says of the same keys."""
-    log = open_log(path if path.suffix == ".mcap" else path.parent)
+    log = read_log(path if path.suffix == ".mcap" else path.parent)
     linked = [event for event in read_events(path) if isinstance(event, Linked)]
     best = min(linked, key=lambda event: event.least_rtt_ns)
-    zero_ns = int(segment_starts(path)[1]) + best.offset_ns
+    zero_ns = int(read_segment_starts(path)[1]) + best.offset_ns
     alone, taught = log.episodes[0], log.episodes[1].taught
-    assert isinstance(taught, Taught)
+    assert isinstance(taught, TeachingRecord)
     taken = [change.pressed_ns + zero_ns for change in taught.controls if change.reason == "key"]
     assert len(taken) == len(takeovers), f"{len(taken)} of {len(takeovers)} takeovers are in the log"
     return Found(
@@ -146,11 +148,11 @@ def found_in(path: Path, play: list[tuple[float, int]], takeovers: list[tuple[fl
         takeover_flips=flips(log.episodes[1]),
         stamps=[(at_ns - sent_ns) / 1e6 for at_ns, (_, sent_ns) in zip(taken, takeovers, strict=True)],
         error=best.error_ns / 1e6,
-        complaints=list(prove(path, World)),
+        complaints=list(find_log_differences(path, World)),
     )
 
 
-def flips(episode: Episode) -> list[float]:
+def flips(episode: EpisodeLog) -> list[float]:
     """From each step's key to the first flip of its picture, ms."""
     first = {frame.step: frame.flip_ns for frame in reversed(list(episode.frames))}
     return [(first[step] - at) / 1e6 for step, at in enumerate(episode.key_t_ns.tolist(), 1) if step in first]

@@ -21,8 +21,7 @@ from minigrid.envs.wfc.config import WFCConfig
 from PIL import Image
 
 import minihuman  # noqa: F401
-from minihuman.worlds.grid.wfc.pictures import PICTURES
-from minihuman.worlds.grid.wfc.world import PRESETS
+from minihuman.worlds.grid.wfc.family import PICTURES, PRESETS
 
 ROUNDS = 3
 

@@ -1,55 +1,74 @@
-"""minihuman: run people and agents through reinforcement-learning worlds, and keep everything.
+"""minihuman: run people and agents through reinforcement-learning environments, and record everything.
 
-It registers our worlds with Gymnasium under ``minihuman/<name>``. To look at what was recorded:
+Importing it registers our worlds with Gymnasium as `minihuman/<name>`. To inspect recorded data:
 
     import minihuman
 
-    study = minihuman.open("sessions/fourrooms-transfer")   # a study; of one log or session's folder, a session
-    study.table("episodes")                                 # a table of what counts, as pandas
+    study = minihuman.open_study("sessions/fourrooms-transfer")
+    study.table("episodes")                                 # the included episodes, as a pandas table
     session = study["sub-01"]
     session.episodes[3].path                                # where the agent was: x, y, z, heading
-    session.episodes[3].frames()                            # what was seen, drawn again and proved equal
+    session.episodes[3].frames()                            # what was shown, rendered again and verified
     session.figure("paths")
 
-What does not count (marked exclude, not played to an end, left out by the protocol's own rules) is left out; give
-``open`` a ``Selection`` to say otherwise. On the command line: ``minihuman --help``.
+Episodes annotated `exclude`, unfinished ones and those that the protocol's own rules exclude are excluded; pass a
+`Selection` to choose otherwise. `run`, `simulate`, `verify`, `export` and `report` do what the commands of these names
+do; on the command line: `minihuman --help`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from minihuman.worlds.registration import register_in_time as _register
+from minihuman.worlds.registration import register_with_gymnasium as _register
 
 if TYPE_CHECKING:
-    from minihuman.data.selection import Selection as Selection
+    from minihuman.api import Episode as Episode
+    from minihuman.api import ReplayedStep as ReplayedStep
+    from minihuman.api import Session as Session
+    from minihuman.api import Study as Study
+    from minihuman.api import open_session as open_session
+    from minihuman.api import open_study as open_study
+    from minihuman.dataset.selection import Selection as Selection
     from minihuman.errors import MinihumanError as MinihumanError
-    from minihuman.notebook.episode import Episode as Episode
-    from minihuman.notebook.episode import Moment as Moment
-    from minihuman.notebook.session import Session as Session
-    from minihuman.notebook.study import Study as Study
-    from minihuman.notebook.study import open as open
-    from minihuman.recorded.segment import Segment as Segment
+    from minihuman.log.model.session_log import Segment as Segment
+    from minihuman.workflow import ExportSummary as ExportSummary
+    from minihuman.workflow import ReportSummary as ReportSummary
+    from minihuman.workflow import VerificationLine as VerificationLine
+    from minihuman.workflow import export as export
+    from minihuman.workflow import report as report
+    from minihuman.workflow import run as run
+    from minihuman.workflow import simulate as simulate
+    from minihuman.workflow import verify as verify
 
 __version__ = "0.1.0"
-__all__ = ["Episode", "MinihumanError", "Moment", "Segment", "Selection", "Session", "Study", "__version__", "open"]
 
-_PLACES = {  # where each public name is; looked up when it is asked for, so that importing minihuman takes no time
-    "Episode": "minihuman.notebook.episode",
+_MODULES = {  # where each public name is; imported when it is asked for, so that importing minihuman is fast
+    "Episode": "minihuman.api",
+    "ExportSummary": "minihuman.workflow",
     "MinihumanError": "minihuman.errors",
-    "Moment": "minihuman.notebook.episode",
-    "Segment": "minihuman.recorded.segment",
-    "Selection": "minihuman.data.selection",
-    "Session": "minihuman.notebook.session",
-    "Study": "minihuman.notebook.study",
-    "open": "minihuman.notebook.study",
+    "ReplayedStep": "minihuman.api",
+    "ReportSummary": "minihuman.workflow",
+    "Segment": "minihuman.log.model.session_log",
+    "Selection": "minihuman.dataset.selection",
+    "Session": "minihuman.api",
+    "Study": "minihuman.api",
+    "VerificationLine": "minihuman.workflow",
+    "export": "minihuman.workflow",
+    "open_session": "minihuman.api",
+    "open_study": "minihuman.api",
+    "report": "minihuman.workflow",
+    "run": "minihuman.workflow",
+    "simulate": "minihuman.workflow",
+    "verify": "minihuman.workflow",
 }
+__all__ = [*_MODULES, "__version__"]
 
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> Any:
-        if name not in _PLACES:
+        if name not in _MODULES:
             raise AttributeError(f"module 'minihuman' has no attribute {name!r}")
-        return getattr(import_module(_PLACES[name]), name)
+        return getattr(import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:

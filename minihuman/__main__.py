@@ -1,4 +1,4 @@
-"""``python -m minihuman``."""
+"""Run `python -m minihuman`."""
 
 from minihuman.cli import main
 

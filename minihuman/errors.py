@@ -1,4 +1,4 @@
-"""What can go wrong that a user can put right. Bugs stay asserts and tracebacks."""
+"""Errors that a user can correct. Bugs remain assertions and tracebacks."""
 
 import errno
 from collections.abc import Iterator, Sequence
@@ -9,7 +9,7 @@ _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 @contextmanager
-def naming(path: PathLike[str]) -> Iterator[None]:
+def name_file_in_errors(path: PathLike[str]) -> Iterator[None]:
     """Let an OSError that does not say which file it is about name this one: the system's calls on open files do not.
 
     Raises:
@@ -24,7 +24,7 @@ def naming(path: PathLike[str]) -> Iterator[None]:
 
 
 @contextmanager
-def room_for(out: PathLike[str]) -> Iterator[None]:
+def name_output_when_full(out: PathLike[str]) -> Iterator[None]:
     """Let an error of a full disk name what was to be written: libraries name nothing, or what they copied from.
 
     Raises:
@@ -38,11 +38,16 @@ def room_for(out: PathLike[str]) -> Iterator[None]:
         raise
 
 
-def printable(text: str) -> str:
+def escape_control_characters(text: str) -> str:
     """A text for a terminal: control characters, which could do anything to it, as they are written in Python."""
     if text.isprintable():  # most lines of a long list
         return text
     return "".join(letter if letter.isprintable() or letter in "\n\t" else ascii(letter)[1:-1] for letter in text)
+
+
+def escape_line(text: str) -> str:
+    """A text as one line for a terminal: a line break in it, of a file's name, is escaped too."""
+    return escape_control_characters(text).replace("\n", "\\n")
 
 
 class MinihumanError(Exception):
@@ -73,7 +78,7 @@ class AllocationError(MinihumanError, ValueError):
     """A participant's place in the study cannot be taken."""
 
 
-class PlayerError(MinihumanError, ValueError):
+class SimulationError(MinihumanError, ValueError):
     """A simulated player does not exist, has no such parameter, or cannot play this world."""
 
 
@@ -81,7 +86,7 @@ class LogError(MinihumanError, ValueError):
     """A log cannot be written, read or understood."""
 
 
-class LossError(LogError):
+class DataLossError(LogError):
     """Something that was recorded is not in its log."""
 
     exit_code = 1  # a check failed
@@ -103,7 +108,7 @@ class LearnError(MinihumanError, ValueError):
     """An agent's study, policy file or dataset does not fit what was asked."""
 
 
-class StoreError(MinihumanError, ValueError):
+class QueryError(MinihumanError, ValueError):
     """A study's tables cannot answer what was asked."""
 
 

@@ -1,17 +1,20 @@
-"""Plug-ins: players, windows, exporters and what else is found by name, whoever installed it.
+"""Plug-ins: simulated participants, windows, exporters and other objects found by name.
 
-A package registers them as entry points of a group: ``[project.entry-points."minihuman.players"]``.
+A package registers them as entry points of a group, such as `[project.entry-points."minihuman.exporters"]`.
 """
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, distributions, entry_points
-from typing import Any
+from functools import cache
+from importlib.metadata import EntryPoint, EntryPoints, distributions, entry_points
+from typing import Any, TypeVar
 
 from minihuman.errors import MinihumanError
 
-PREFIX = "minihuman."
-EXTRAS = {
+Port = TypeVar("Port")
+GROUP_PREFIX = "minihuman."
+EXTRA_OF_PACKAGE = {
     "torch": "learn",
     "stable_baselines3": "learn",
     "minari": "export",
@@ -31,23 +34,34 @@ class Plugin:
     package: str  # "minihuman 0.1.0"
 
 
-def plugins() -> tuple[Plugin, ...]:
+def list_plugins() -> tuple[Plugin, ...]:
     """Everything that is installed, by group and name."""
     found = {
-        Plugin(entry.group.removeprefix(PREFIX), entry.name, entry.value, f"{package.name} {package.version}")
+        Plugin(entry.group.removeprefix(GROUP_PREFIX), entry.name, entry.value, f"{package.name} {package.version}")
         for package in distributions()
         for entry in package.entry_points
-        if entry.group.startswith(PREFIX)
+        if entry.group.startswith(GROUP_PREFIX)
     }
     return tuple(sorted(found, key=lambda one: (one.group, one.name, one.package)))
 
 
-def names(group: str) -> tuple[str, ...]:
-    """The names in a group ("minihuman.players"), sorted."""
-    return tuple(sorted({entry.name for entry in entry_points(group=group)}))
+def list_plugin_names(group: str, *, built_in: bool = False) -> tuple[str, ...]:
+    """The names in a group ("minihuman.players"), sorted; of ``built_in`` ones only those of this package."""
+    module = GROUP_PREFIX if built_in else ""
+    return tuple(sorted({entry.name for entry in _find_entry_points(group) if entry.value.startswith(module)}))
 
 
-def load(group: str, name: str, error: Callable[[str], MinihumanError], *, what: str) -> Any:
+def _find_entry_points(group: str, name: str = "") -> tuple[EntryPoint, ...]:
+    return tuple(entry for entry in _load_group(group, tuple(sys.path)) if not name or entry.name == name)
+
+
+@cache
+def _load_group(group: str, path: tuple[str, ...]) -> EntryPoints:
+    """What is registered in a group; read once, as it takes 5 ms."""
+    return entry_points(group=group)
+
+
+def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *, what: str) -> Any:
     """What is registered under a name.
 
     Args:
@@ -59,32 +73,84 @@ def load(group: str, name: str, error: Callable[[str], MinihumanError], *, what:
     Raises:
         MinihumanError: ``error``'s: nothing or several things have the name, or it cannot be imported.
     """
-    found = sorted(set(entry_points(group=group, name=name)), key=lambda entry: entry.value)
+    found = sorted(set(_find_entry_points(group, name=name)), key=lambda entry: entry.value)
     if not found:
-        raise error(f"{what} {name!r} is unknown; it is one of {', '.join(names(group))}")
+        raise error(f"{what} {name!r} is unknown; it is one of {', '.join(list_plugin_names(group))}")
     if len(found) > 1:
         both = " and ".join(f"{entry.value} ({_package(entry)})" for entry in found)
-        raise error(f"{what} {name!r} is registered twice, {both}; uninstall one, or rename it")
+        raise error(f"{what} {name!r} is registered twice, by {both}; uninstall or rename one")
     try:
         return found[0].load()
     except ImportError as failed:
         missing = failed.name if isinstance(failed, ModuleNotFoundError) else None
-        extra = EXTRAS.get((missing or "").partition(".")[0])
-        cure = f"pip install 'minihuman[{extra}]'" if extra else f"see to {_package(found[0])}"
+        extra = EXTRA_OF_PACKAGE.get((missing or "").partition(".")[0])
+        cure = f"install minihuman with its extra {extra!r}" if extra else f"repair {_package(found[0])}"
         raise error(f"{what} {name!r} ({found[0].value}) cannot be imported: {failed}; {cure}") from failed
     except AttributeError as failed:
-        raise error(f"{what} {name!r}: there is no {found[0].value}; see to {_package(found[0])}") from failed
+        raise error(f"{what} {name!r}: {found[0].value} does not exist; repair {_package(found[0])}") from failed
 
 
-def check_made(made: Any, port: type, error: Callable[[str], MinihumanError], *, group: str, name: str) -> None:
+def make_plugin(
+    group: str, name: str, port: type[Port], error: Callable[[str], MinihumanError], *arguments: Any, what: str
+) -> Port:
+    """Make a plug-in from its name and the text after the colon, which it takes as its first argument.
+
+    Raises:
+        MinihumanError: ``error``'s: as `load_plugin`, or what is made is no ``port``.
+    """
+    kind, _, argument = name.partition(":")
+    made = load_plugin(group, kind, error, what=what)(argument, *arguments)
+    check_plugin_type(made, port, error, group=group, name=kind)
+    assert isinstance(made, port)  # checked just now
+    return made
+
+
+def check_plugin_type(made: Any, port: type, error: Callable[[str], MinihumanError], *, group: str, name: str) -> None:
     """Raise ``error`` if what a plug-in made is not what its group asks for."""
     if not isinstance(made, port):
-        (entry, *_) = entry_points(group=group, name=name)
+        (entry, *_) = _find_entry_points(group, name=name)
         raise error(
             f"{entry.value} ({_package(entry)}) makes a {type(made).__name__}; "
-            f"what {group!r} names makes a {port.__module__}.{port.__qualname__}"
+            f"a plug-in of {group!r} must make a {port.__module__}.{port.__qualname__}"
         )
 
 
 def _package(entry: EntryPoint) -> str:
     return "an unknown package" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
+
+
+def read_settings(
+    text: str,
+    defaults: Mapping[str, Any],
+    error: Callable[[str], MinihumanError],
+    *,
+    of: str,
+    aliases: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """Read the settings after a plug-in's colon, ``updates=400,batch_size=32``.
+
+    Args:
+        text: What follows the colon.
+        defaults: Every setting with its default, whose type the value takes; a boolean is 0 or 1.
+        error: Makes the error that is raised, from its line.
+        of: The plug-in's name, for that line.
+        aliases: Earlier names of settings, and what each is now.
+
+    Returns:
+        The settings that the text names.
+
+    Raises:
+        MinihumanError: ``error``'s: a name is no setting, or a value no number.
+    """
+    values: dict[str, Any] = {}
+    for part in filter(None, text.split(",")):
+        given, _, value = part.partition("=")
+        name = (aliases or {}).get(given, given)
+        if name not in defaults:
+            raise error(f"{of} has no setting {given!r}; use {', '.join(defaults)}")
+        kind = type(defaults[name])
+        try:
+            values[name] = bool(int(value)) if kind is bool else kind(value)
+        except ValueError:
+            raise error(f"{of}: setting {given} is {value!r}; use a number") from None
+    return values

@@ -10,11 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.recorded.columns import EventColumns
-from minihuman.recorded.episode import Episode, SessionLog
-from minihuman.recorded.segment import Note, Segment
-from minihuman.study.events import (
+from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodeStarted,
     Event,
@@ -25,8 +21,12 @@ from minihuman.study.events import (
     SessionStarted,
     Stepped,
 )
-from minihuman.study.plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
-from minihuman.worlds.contract import PICTURES
+from minihuman.experiment.plan.session_plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
+from minihuman.log.model.event_columns import EventColumns
+from minihuman.log.model.session_log import EpisodeLog, Segment, SegmentNote, SessionLog
+from minihuman.log.record.disk import RecorderSettings
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.worlds.contract import PICTURES_VERSION
 from minihuman.worlds.pose import Map, Pose, Thing
 
 Kind = Literal["grid", "room"]
@@ -171,7 +171,7 @@ def made(
     seen: Sequence[int] | None = None,
     extra_keys: Iterable[KeyPressed] = (),
     reward: float | None = None,
-) -> Episode:
+) -> EpisodeLog:
     """An episode from its poses and actions; every step has its key press, frame and reaction time.
 
     ``seen`` are the observation hashes (n + 1); by default they change with the pose only.
@@ -200,7 +200,7 @@ def made(
     start = EpisodeStarted(
         start_ns, episode_plan, names, "get to the goal", floor, Pose(*rows[0]), int(states[0]), int(seen[0])
     )
-    return Episode(
+    return EpisodeLog(
         start=start, poses=rows, t_ns=t_ns, actions=np.asarray(actions, np.int64), step_keys=step_keys,
         key_t_ns=t_ns[1:] - 1_000_000, rewards=rewards,
         terminated=np.arange(1, n + 1) == (n if outcome == "goal" else -1),
@@ -217,7 +217,7 @@ def made(
 def episode(
     number: int = 0, *, kind: Kind = "grid", seed: int = 0, detours: int = 0, outcome: Outcome | None = "goal",
     start_ns: int = 0, block: int = 0, in_block: int | None = None, of: int = 10,
-) -> Episode:  # fmt: skip
+) -> EpisodeLog:  # fmt: skip
     """A walk from a random start to a random goal in another room, with ``detours`` on the way."""
     rng = np.random.default_rng([seed, number, kind == "room"])
     its_plan = plan(number, kind=kind, block=block, in_block=number if in_block is None else in_block, of=of)
@@ -254,15 +254,15 @@ def episode(
 
 
 def session_of(
-    episodes: Sequence[Episode], *, participant: str = "sub-01", index: int = 0, group: str = "grid_first",
-    study: str = "transfer", clean: bool = True, notes: tuple[Note, ...] = (),
+    episodes: Sequence[EpisodeLog], *, participant: str = "sub-01", index: int = 0, group: str = "grid_first",
+    study: str = "transfer", clean: bool = True, notes: tuple[SegmentNote, ...] = (),
     keys: Sequence[KeyPressed] | None = None, path: Path | None = None,
 ) -> SessionLog:  # fmt: skip
     """A session log holding these episodes."""
     text = BlockText("", "", "", 0.0)
     end_reason, facts = (
         "complete" if clean else "cut_off",
-        {"minihuman": "0.1.0", "python": "3.12", "pictures": str(PICTURES)},
+        {"version_minihuman": "0.1.0", "python": "3.12", "pictures": str(PICTURES_VERSION)},
     )
     blocks = max((played.plan.block for played in episodes), default=0) + 1
     session_plan = SessionPlan(
@@ -294,7 +294,7 @@ def session(
     blocks: Sequence[Kind] = ("grid", "room"), episodes: int = 5, path: Path | None = None,
 ) -> SessionLog:  # fmt: skip
     """A session with ``episodes`` in each block; the first ones take detours, as people do."""
-    played: list[Episode] = []
+    played: list[EpisodeLog] = []
     t_ns = 2_000_000_000
     for block, kind in enumerate(blocks):
         for in_block in range(episodes):
@@ -336,7 +336,7 @@ def events_of(log: SessionLog) -> list[Event]:
 
 def write_log(log: SessionLog, data: Path) -> Path:
     """Record a session as it would have been played, and give its finished log. Nothing is fsynced."""
-    recorder = McapRecorder(data, log.plan, started_ns=STARTED_NS, sync=lambda fd: None)
+    recorder = McapRecorder(data, log.plan, started_ns=STARTED_NS, settings=RecorderSettings(sync=lambda fd: None))
     recorder.write(events_of(log))
     path = recorder.close()
     assert path is not None

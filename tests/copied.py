@@ -5,11 +5,11 @@ from pathlib import Path
 from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
-from minihuman.lab.summarise import summarise
-from minihuman.log import segment_head, topics
+from minihuman.admin.session_summary import summarize_session
+from minihuman.log import integrity, names, topics
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.read.chunk import LogMessage
-from minihuman.log.read.scan import Scan
+from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.scan import LogScanner
 
 
 def as_another(log: Path, participant: str, study_dir: Path, *, with_end: bool = False) -> Path:
@@ -21,10 +21,10 @@ def as_another(log: Path, participant: str, study_dir: Path, *, with_end: bool =
     session = int(log.stem.rpartition("-")[2])
     to = study_dir / participant / f"ses-{session:02d}" / f"{participant}_ses-{session:02d}.mcap"
     to.parent.mkdir(parents=True)
-    scan = Scan(log)
+    scan = LogScanner(log)
     with to.open("wb") as file:
         writer = Writer(file, enable_data_crcs=True)
-        writer.start(profile=topics.PROFILE)
+        writer.start(profile=names.PROFILE)
         channels: dict[int, int] = {}
         for record in scan:
             match record:
@@ -44,8 +44,8 @@ def as_another(log: Path, participant: str, study_dir: Path, *, with_end: bool =
                 case Metadata(name=name, metadata=facts):
                     writer.flush()
                     own = {"participant": participant} if "participant" in facts else {}
-                    writer.add_metadata(name, facts | own | (said if name == topics.END_METADATA else {}))
-                case Attachment() if record.name != segment_head.NAME:  # a copy of what is another here
+                    writer.add_metadata(name, facts | own | (said if name == names.END_METADATA else {}))
+                case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME:  # a copy of what is another here
                     writer.add_attachment(
                         record.create_time, record.log_time, record.name, record.media_type, record.data
                     )
@@ -54,7 +54,7 @@ def as_another(log: Path, participant: str, study_dir: Path, *, with_end: bool =
 
 
 def _end_of(log: Path) -> dict[str, str]:
-    found = summarise([log])
+    found = summarize_session([log])
     return {
         "planned": str(found.episodes_planned),
         "completed": str(found.episodes_completed),

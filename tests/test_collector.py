@@ -1,18 +1,18 @@
 import gc
 
-from minihuman.collector import never_collected, seldom_collected
+from minihuman.garbage_collection import infrequent_collection, paused_collection
 
 
 def test_cycles_are_looked_for_seldom_and_afterwards_as_before():
     usual = gc.get_threshold()
-    with seldom_collected():
+    with infrequent_collection():
         assert gc.isenabled()
         assert gc.get_threshold()[0] > 10 * usual[0]
     assert gc.get_threshold() == usual
 
 
 def test_cycles_are_not_looked_for_at_all_and_afterwards_as_before():
-    with never_collected():
+    with paused_collection():
         assert not gc.isenabled()
     assert gc.isenabled()
 
@@ -20,7 +20,7 @@ def test_cycles_are_not_looked_for_at_all_and_afterwards_as_before():
 def test_whoever_turned_the_collector_off_finds_it_off():
     gc.disable()
     try:
-        with never_collected():
+        with paused_collection():
             pass
         assert not gc.isenabled()
     finally:

@@ -8,7 +8,8 @@ import gymnasium
 import pytest
 
 import minihuman.testing
-from minihuman.plugins import plugins
+from minihuman.plugins import list_plugins
+from tests.lab_package import install_lab as install_lab
 
 DOCS = Path(__file__).parents[1] / "docs"
 TEXT = (DOCS / "extending.md").read_text(encoding="utf-8")
@@ -17,10 +18,20 @@ PARTS = dict(zip(*[iter(re.split(r"^## (.*)$", TEXT, flags=re.M)[1:])] * 2, stri
 
 @pytest.mark.parametrize(
     "part",
-    ["A player", "A wrapper", pytest.param("An exporter", marks=pytest.mark.program), "A window"],
+    [
+        "A simulated participant",
+        "An agent",
+        pytest.param("A learner", marks=pytest.mark.program),
+        "A wrapper",
+        pytest.param("An exporter", marks=pytest.mark.program),
+        "A window",
+    ],
 )
 def test_the_code_runs_as_printed(part, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    if part == "A learner":
+        pytest.importorskip("torch")
+        pytest.importorskip("stable_baselines3")
     code = "\n".join(re.findall(r"```python\n(.*?)```", PARTS[part], re.S))
     try:
         exec(compile(code, f"extending.md, {part}", "exec"), {"__name__": "extending"})
@@ -29,10 +40,23 @@ def test_the_code_runs_as_printed(part, tmp_path, monkeypatch):
             gymnasium.registry.pop(name, None)
 
 
+@pytest.mark.parametrize(
+    ("part", "name", "group"),
+    [("A kind of question", "question", "questions"), ("An activity", "activity", "activities")],
+)
+def test_a_part_of_a_session_is_one_file_and_one_registration(part, name, group, install_lab):
+    code, check = (re.findall(rf"```python {block}\n(.*?)```", PARTS[part], re.S) for block in (name, f"{name}-check"))
+    toml = tomllib.loads(re.findall(r"```toml\n(.*?)```", PARTS[part], re.S)[0])
+    [(word, place)] = toml["project"]["entry-points"][f"minihuman.{group}"].items()
+    install_lab("a-lab", code[0], **{group: [f"{word} = a_lab:{place.partition(':')[2]}"]})
+    exec(compile(check[0], f"extending.md, {part}", "exec"), {"__name__": "extending"})
+
+
 def test_the_entry_points_are_groups_that_there_are():
-    (toml,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
-    groups = {group.removeprefix("minihuman.") for group in tomllib.loads(toml)["project"]["entry-points"]}
-    assert groups <= {one.group for one in plugins()}
+    tables = [tomllib.loads(toml) for toml in re.findall(r"```toml\n(.*?)```", TEXT, re.S)]
+    named = {group for toml in tables for group in toml.get("project", {}).get("entry-points", {})}
+    groups = {group.removeprefix("minihuman.") for group in named}
+    assert groups <= {one.group for one in list_plugins()}
 
 
 def test_every_check_named_exists_and_every_link_leads_somewhere():

@@ -7,6 +7,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+import minihuman
+from minihuman import ext
+from minihuman.cli.command_line import SECTIONS
+from minihuman.dataset.table_columns import TABLES
+
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 
@@ -20,6 +25,22 @@ def test_every_page_is_in_the_sites_menu():
 def test_every_link_of_a_page_leads_to_a_file(page):
     links = re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text())
     assert [link for link in links if "://" not in link and not (DOCS / link).exists()] == []
+
+
+def test_the_reference_has_every_command_every_table_and_every_exported_name():
+    pytest.importorskip("mkdocs")
+    hooks = runpy.run_path(str(DOCS / "_hooks.py"))
+    commands, tables = hooks["list_commands"](""), hooks["list_tables"]("")
+    for name in (name for names in SECTIONS.values() for name in names):
+        assert f"### minihuman {name}\n" in commands
+    for table, columns in TABLES.items():
+        section = tables.partition(f"## {table}\n")[2].partition("\n## ")[0]
+        assert [line.split("`")[1] for line in section.splitlines() if line.startswith("| `")] == [
+            column.name for column in columns
+        ]
+    for package, module in (("minihuman", minihuman), ("minihuman.ext", ext)):
+        listed = {line.rpartition(".")[2] for line in hooks["list_exports"](package).split("\n\n")}
+        assert listed == {*module.__all__} - {"__version__"}
 
 
 def test_every_picture_has_the_command_that_makes_it():

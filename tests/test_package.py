@@ -8,13 +8,13 @@ import gymnasium
 import pytest
 
 import minihuman
-from minihuman.worlds.catalogue import ENTRIES
+from minihuman.worlds.catalogue import WORLDS
 
 ROOT = Path(__file__).parents[1]
 
 
 def test_importing_registers_every_world():
-    assert all(entry.id in gymnasium.registry for entry in ENTRIES)
+    assert all(entry.id in gymnasium.registry for entry in WORLDS)
 
 
 def test_the_version_is_said_once_and_repeated_truly():

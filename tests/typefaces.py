@@ -4,13 +4,13 @@ import os
 
 import pytest
 
-from minihuman.study import words
-from minihuman.typeset.faces import faces_for
+from minihuman.display.text import select_typefaces
+from minihuman.experiment import words
 
 
 def need_faces(language: str) -> None:
     """Skip the test where no face has the language's characters; fail it in CI."""
-    if missing := faces_for(language).missing("".join(words.of(language).values())):
+    if missing := select_typefaces(language).missing("".join(words.load_words(language).values())):
         told = f"no face has {missing!r} of {language}; apt-get install fonts-noto-core fonts-noto-cjk"
         if os.environ.get("CI"):
             pytest.fail(told)

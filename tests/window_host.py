@@ -15,10 +15,10 @@ from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
 
-from minihuman.study.inputs import Input, Shown
-from minihuman.study.screens import Screen
-from minihuman.windows.choose import open_window
-from minihuman.windows.port import Window
+from minihuman.display.windows.blocking_window import open_window
+from minihuman.display.windows.window import Window
+from minihuman.experiment.machine.inputs import Input, ScreenShown
+from minihuman.experiment.machine.screens import Screen
 
 
 class HostedWindow(Window):
@@ -50,7 +50,7 @@ class HostedWindow(Window):
         self._line.send((method, arguments))
         return self._answer()
 
-    def show(self, screen: Screen) -> Shown:
+    def show(self, screen: Screen) -> ScreenShown:
         return self._ask("show", screen)
 
     def wait(self, until_ns: int | None) -> list[Input]:

@@ -16,7 +16,7 @@ from Xlib.error import BadDrawable, BadWindow
 from Xlib.ext import xtest
 from Xlib.protocol import event
 
-from minihuman.study.keys import KEY_NAMES
+from minihuman.experiment.keys import KEY_NAMES
 
 Size = tuple[int, int]
 

@@ -1,79 +1,47 @@
-"""The command line. Functions of ten lines: parse, call, print. Exit 0 done, 1 a check failed, 2 bad input."""
+"""The command line: parse, call, print. Exit status 0 is done, 1 a check failed, 2 bad input or an error that the user
+can put right.
+"""
 
 import os
+import re
 import sys
-from collections.abc import Sequence
-from importlib import import_module
-from inspect import isfunction
-from typing import TYPE_CHECKING
+import warnings
+from importlib.metadata import requires
 
-from minihuman.cli.plain import plain
-from minihuman.errors import MinihumanError, printable
+import click
 
-if TYPE_CHECKING:
-    from typer import Typer
+from minihuman.cli.command_line import make_command_line
+from minihuman.errors import MinihumanError, escape_control_characters, escape_line
 
-PARTS = {  # the commands of each module, so that asking for one loads no other; in the order of the help
-    "authoring": ("new", "schema"),
-    "session": ("run", "simulate", "check", "status"),
-    "serve": ("serve",),
-    "station": ("demo", "play", "doctor"),
-    "worlds": ("worlds", "plugins"),
-    "logs": ("info", "verify", "recover", "seal"),
-    "see": ("replay", "plot", "mark", "report", "query"),
-    "desk": ("watch", "withdraw", "replace", "bonus", "gather"),
-    "power": ("power", "fit"),
-    "export": ("export",),
-    "learn": ("learn",),
-}
+_DISTRIBUTIONS = {"rerun": "rerun-sdk", "pygame": "pygame-ce", "PIL": "pillow", "fontTools": "fonttools"}  # by module
 _INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended
-
-
-def app(command: str = "") -> "Typer":
-    """Make the command line: with one part of it if that has the command asked for, else with all."""
-    from typer import Typer
-
-    from minihuman.cli.typed import about
-
-    made = Typer(
-        name="minihuman",
-        no_args_is_help=True,
-        context_settings={"help_option_names": ["-h", "--help"]},
-        pretty_exceptions_enable=False,
-    )
-    made.callback()(about)
-    for part in _parts(command) or PARTS:
-        import_module(f"minihuman.cli.{part}").add_to(made)
-    return made
-
-
-def _parts(command: str) -> list[str]:
-    return [part for part, commands in PARTS.items() if command in commands]
-
-
-def _run(words: Sequence[str]) -> None:
-    """Run what was typed: at once where it is plain, as importing Typer alone can take longer; else by Typer."""
-    for part in _parts(words[0]) if words else ():
-        command = getattr(import_module(f"minihuman.cli.{part}"), words[0])
-        given = plain(command, words[1:]) if isfunction(command) else None
-        if given is not None:
-            command(**given)
-            sys.stdout.flush()
-            sys.exit(0)
-    app(*words[:1])()
 
 
 def main() -> None:
     """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
+    warnings.formatwarning = _format_warning  # type: ignore[assignment] # the text alone is of use here
     try:
-        _run(sys.argv[1:])
+        code = make_command_line().main(prog_name="minihuman", standalone_mode=False)
+        sys.stdout.flush()
+        sys.exit(code if isinstance(code, int) else 0)
     except MinihumanError as error:
         for line in getattr(error, "mistakes", ()) or (str(error),):
             _complain(line)
         sys.exit(error.exit_code)
+    except click.UsageError as error:
+        _complain(_usage_line(error))
+        sys.exit(error.exit_code)
+    except click.Abort as error:  # also what Click makes of Ctrl-C
+        sys.exit(_INTERRUPTED if isinstance(error.__cause__, KeyboardInterrupt) else 1)
     except KeyboardInterrupt:
         sys.exit(_INTERRUPTED)
-    except BrokenPipeError:  # whoever read has read enough; what is still to be written has nowhere to go
+    except ModuleNotFoundError as error:
+        requirement = find_missing_requirement(error.name or "")
+        if not requirement:
+            raise
+        _complain(f"this command needs {requirement}, which is not installed here; run: pip install '{requirement}'")
+        sys.exit(MinihumanError.exit_code)
+    except BrokenPipeError:  # the reader of our output has closed it; what is still to be written has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except OSError as error:
@@ -82,5 +50,25 @@ def main() -> None:
         sys.exit(MinihumanError.exit_code)
 
 
+def find_missing_requirement(module: str) -> str:
+    """Find the requirement of this package that brings a module, extras included; "" if none does."""
+    package = module.partition(".")[0]
+    name = _DISTRIBUTIONS.get(package, package).lower()
+    for line in requires("minihuman") or ():
+        requirement = line.partition(";")[0].strip()
+        if re.split(r"[^\w.-]", requirement)[0].lower() == name:
+            return requirement
+    return ""
+
+
+def _usage_line(error: click.UsageError) -> str:
+    said = " ".join(error.format_message().split()).removesuffix(".")
+    return said if error.ctx is None else f"{said} (see {error.ctx.command_path} --help)"
+
+
+def _format_warning(message: Warning | str, *_: object) -> str:
+    return f"Warning: {escape_control_characters(str(message))}\n"
+
+
 def _complain(line: str) -> None:
-    print(f"minihuman: {printable(line)}", file=sys.stderr)
+    print(f"minihuman: {escape_line(line)}", file=sys.stderr)

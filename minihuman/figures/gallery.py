@@ -1,26 +1,26 @@
-"""All figures of a log or a study, as files."""
+"""Draw all figures of a session or a study to files."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from minihuman.data.study import Sessions
-from minihuman.figures.drawn_from import learning_curves, light
-from minihuman.figures.files import save
-from minihuman.figures.learning import learning_figure
-from minihuman.figures.occupancy import by_participant, occupancy_figure
+from minihuman.dataset.sessions import StudySessions
+from minihuman.experiment.machine.events import KeyPressed
+from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits, strip_events
+from minihuman.figures.learning_curves import learning_figure
+from minihuman.figures.occupancy import group_by_participant, occupancy_figure
 from minihuman.figures.overview import overview_figure
-from minihuman.figures.paths import session_paths
-from minihuman.recorded.columns import EventColumns
-from minihuman.recorded.episode import SessionLog
-from minihuman.study.events import KeyPressed
+from minihuman.figures.path_figures import session_paths
+from minihuman.figures.style import save_figure
+from minihuman.log.model.event_columns import EventColumns
+from minihuman.log.model.session_log import SessionLog
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-def draw_all(sessions: Sessions, out: Path, *, each: bool = False) -> Iterator[Path]:
+def draw_all_figures(sessions: StudySessions, out: Path, *, each: bool = False) -> Iterator[Path]:
     """Draw a session's paths and overview, or what many sessions show together; yield the files.
 
     ``each`` draws every one of many sessions too, which takes some seconds a session.
@@ -45,29 +45,31 @@ def draw_all(sessions: Sessions, out: Path, *, each: bool = False) -> Iterator[P
 
 def draw_session(log: SessionLog, out: Path) -> Iterator[Path]:
     """Draw one session: its overview, and its paths with a group of columns for each block."""
-    yield from save(overview_figure(log), out / "overview")
-    yield from save(session_paths(log), out / "paths")
+    yield from save_figure(overview_figure(log), out / "overview")
+    yield from save_figure(session_paths(log), out / "paths")
 
 
 def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
     """Draw where everybody was in each world, and each block's rewards by group over its episodes."""
     for world in dict.fromkeys(episode.plan.world for log in logs for episode in log.episodes):
-        participants = by_participant(logs, world)
+        participants = group_by_participant(logs, world)
         if participants:
-            yield from save(occupancy_figure(world, participants), out / f"occupancy_{_file_name(world)}")
-    for block, episodes in rewards(logs).groupby("block", sort=False):
-        figure = learning_figure(learning_curves(episodes), measure="reward")
-        yield from save(figure, out / f"learning_{_file_name(str(block))}")
+            yield from save_figure(occupancy_figure(world, participants), out / f"occupancy_{_file_name(world)}")
+    for block, episodes in collect_rewards(logs).groupby("block", sort=False):
+        figure = learning_figure(
+            collect_learning_curves(episodes), measure="reward", limits=find_reward_limits(episodes)
+        )
+        yield from save_figure(figure, out / f"learning_{_file_name(str(block))}")
 
 
 def _light(log: SessionLog) -> SessionLog:
     """The session without its key presses and pictures shown, so that a thousand of them can be held at once."""
     keys = EventColumns.of(KeyPressed, ())
     segments = tuple(replace(one, keys=keys) for one in log.segments)
-    return replace(log, episodes=tuple(map(light, log.episodes)), segments=segments)
+    return replace(log, episodes=tuple(map(strip_events, log.episodes)), segments=segments)
 
 
-def rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":
+def collect_rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":
     """Every episode's reward with whose it is and where in its block, as in the table "episodes"."""
     import pandas as pd  # half a second: no figure of one session needs it
 

@@ -1,4 +1,4 @@
-"""Where people were: the share of steps spent in each place, over many episodes of one world."""
+"""Occupancy: the share of steps spent in each place, over many episodes of one world."""
 
 from collections.abc import Iterable, Sequence
 
@@ -9,14 +9,17 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from minihuman.figures.style import TIME_COLOURS, WALL, blank, our_style
-from minihuman.recorded.episode import Episode, SessionLog
+from minihuman.errors import LogError
+from minihuman.figures.path_figures import check_map_bounds
+from minihuman.figures.style import TIME_COLOURS, WALL, figure_style, new_figure
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 _BIN = {"cell": 1.0, "m": 0.5}
+_MAX_SQUARES = 4_000_000
 
 
-def occupancy(
-    participants: Sequence[Sequence[Episode]],
+def compute_occupancy(
+    participants: Sequence[Sequence[EpisodeLog]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Share of steps in each square of the floor: (columns, rows), with the edges along x and along z.
 
@@ -25,33 +28,39 @@ def occupancy(
 
     Raises:
         ValueError: if no episode tells map and poses, or cells and metres are mixed.
+        LogError: if a map's bounds are none, or too far from each other.
     """
-    told = [[episode for episode in theirs if tells_places(episode)] for theirs in participants]
-    told = [theirs for theirs in told if theirs]
-    maps = [episode.start.map for theirs in told for episode in theirs if episode.start.map]
+    placed = [[episode for episode in theirs if has_positions(episode)] for theirs in participants]
+    placed = [theirs for theirs in placed if theirs]
+    maps = [episode.start.map for theirs in placed for episode in theirs if episode.start.map]
     units = {floor.unit for floor in maps}
     if len(units) != 1:
         raise ValueError(f"occupancy needs episodes in one unit, with map and poses; found {sorted(units) or 'none'}")
     size = _BIN[units.pop()]
-    low, high = (
-        np.array([floor.bounds for floor in maps])[:, :2].min(0),
-        np.array([floor.bounds for floor in maps])[:, 2:].max(0),
-    )
+    bounds = np.array([check_map_bounds(floor).bounds for floor in maps])
+    places = np.concatenate([episode.poses[:, [0, 2]] for theirs in placed for episode in theirs])
+    low = np.minimum(bounds[:, :2].min(0), places.min(0))  # all steps are in it, wherever a world's map ends
+    high = np.maximum(bounds[:, 2:].max(0), places.max(0))
+    if ((high - low) / size).prod() > _MAX_SQUARES:
+        raise LogError(
+            f"{placed[0][0].plan.world}: its maps and paths span {low.tolist()} to {high.tolist()}, too much to draw; "
+            "the log was changed or the world's map is wrong: check with minihuman verify"
+        )
     edges = [np.arange(low[i], high[i] + size - 1e-9, size) for i in (0, 1)]
     total = np.zeros((len(edges[0]) - 1, len(edges[1]) - 1))
-    for theirs in told:
+    for theirs in placed:
         places = np.concatenate([episode.poses[:, [0, 2]] for episode in theirs])
         counts = np.histogram2d(places[:, 0], places[:, 1], bins=edges)[0]
-        total += counts / counts.sum() / len(told)
+        total += counts / counts.sum() / len(placed)
     return total, edges[0], edges[1]
 
 
-def draw_occupancy(ax: Axes, participants: Sequence[Sequence[Episode]]) -> Axes:
+def draw_occupancy(ax: Axes, participants: Sequence[Sequence[EpisodeLog]]) -> Axes:
     """Draw the share of steps in each place as colour, a never visited place white, with every map's walls over it.
 
     Walls that differ between episodes show as pale as they are rare.
     """
-    share, x_edges, z_edges = occupancy(participants)
+    share, x_edges, z_edges = compute_occupancy(participants)
     colours = mpl.colormaps[TIME_COLOURS].reversed().with_extremes(bad="white")
     percent = np.ma.masked_equal(100 * share.T, 0)
     mesh = ax.pcolormesh(
@@ -77,10 +86,10 @@ def draw_occupancy(ax: Axes, participants: Sequence[Sequence[Episode]]) -> Axes:
     return ax
 
 
-def occupancy_figure(title: str, participants: Sequence[Sequence[Episode]]) -> Figure:
+def occupancy_figure(title: str, participants: Sequence[Sequence[EpisodeLog]]) -> Figure:
     """The floor plan with its colour scale, for one column of a page."""
-    with our_style():
-        figure = blank(height_cm=7.6)
+    with figure_style():
+        figure = new_figure(height_cm=7.6)
         ax = figure.subplots()
         draw_occupancy(ax, participants)
         bar = figure.colorbar(ax.collections[0], ax=ax, shrink=0.8)
@@ -90,16 +99,16 @@ def occupancy_figure(title: str, participants: Sequence[Sequence[Episode]]) -> F
     return figure
 
 
-def by_participant(logs: Iterable[SessionLog], world: str) -> list[list[Episode]]:
+def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[EpisodeLog]]:
     """The episodes of a world that tell places, a list a participant, all of their sessions together."""
-    found: dict[tuple[str, str], list[Episode]] = {}
+    found: dict[tuple[str, str], list[EpisodeLog]] = {}
     for log in logs:
-        theirs = [episode for episode in log.episodes if episode.plan.world == world and tells_places(episode)]
+        theirs = [episode for episode in log.episodes if episode.plan.world == world and has_positions(episode)]
         if theirs:
             found.setdefault((log.plan.study, log.plan.participant.id), []).extend(theirs)
     return list(found.values())
 
 
-def tells_places(episode: Episode) -> bool:
+def has_positions(episode: EpisodeLog) -> bool:
     """Whether an episode has a map, and a pose at every step."""
     return episode.start.map is not None and not bool(np.isnan(episode.poses[:, [0, 2]]).any())

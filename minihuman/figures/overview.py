@@ -1,4 +1,4 @@
-"""A session at a glance: steps, time, outcome and the keys tried, episode by episode."""
+"""Overview of one session: steps, time, outcome and keys tried, episode by episode."""
 
 from collections import Counter
 from typing import Any
@@ -8,13 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from minihuman.figures.style import OUTCOME_COLOURS, OUTCOME_MARKERS, QUIET, SERIES, blank, our_style
-from minihuman.measures.timing import playing_s
-from minihuman.recorded.episode import Episode, SessionLog
+from minihuman.dataset.measures import playing_s
+from minihuman.errors import LogError
+from minihuman.figures.style import MUTED, OUTCOME_COLOURS, OUTCOME_MARKERS, SERIES, figure_style, new_figure
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 _DOT: dict[str, Any] = {"ms": 4, "mec": "black", "mew": 0.4}
 _TICKS = 12  # episodes that can each have their number under the axis
-_KEY_KINDS = (("steps", SERIES[0]), ("no action", SERIES[1]), ("not playing", QUIET))
+_KEY_KINDS = (("steps", SERIES[0]), ("no action", SERIES[1]), ("not playing", MUTED))
 
 
 def draw_steps(ax: Axes, log: SessionLog) -> Axes:
@@ -27,11 +28,11 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
             number, len(episode.actions), OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], ms=4, mec="black", mew=0.4
         )
         limit = episode.plan.max_steps
-        ax.plot([number - 0.35, number + 0.35], [limit, limit], color=QUIET, lw=0.8)
+        ax.plot([number - 0.35, number + 0.35], [limit, limit], color=MUTED, lw=0.8)
     seen = dict.fromkeys(episode.outcome_word for episode in log.episodes)
     for name in seen:
         ax.plot([], [], OUTCOME_MARKERS[name], color=OUTCOME_COLOURS[name], label=name, **_DOT)
-    ax.plot([], [], color=QUIET, lw=0.8, label="step limit")
+    ax.plot([], [], color=MUTED, lw=0.8, label="step limit")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(seen) + 1, borderaxespad=0, handlelength=1.2)
     ax.set_ylabel("steps")
     ax.set_ylim(bottom=0)
@@ -39,7 +40,7 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
 
 
 def draw_time(ax: Axes, log: SessionLog) -> Axes:
-    """Draw how long each episode was played, in seconds from reset to its last step, pauses left out."""
+    """Draw how long each episode was played, in seconds from reset to its last step, pauses excluded."""
     seconds = [playing_s(episode) for episode in log.episodes]
     ax.bar(_numbers(log), seconds, width=0.7, color=SERIES[4])
     ax.set_ylabel("playing time (s)")
@@ -74,9 +75,15 @@ def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
 
 
 def overview_figure(log: SessionLog) -> Figure:
-    """Four panels over the session's episodes, blocks told apart by bands, for one column of a page."""
-    with our_style():
-        figure = blank(height_cm=11.5)
+    """Four panels over the session's episodes, blocks told apart by bands, for one column of a page.
+
+    Raises:
+        LogError: if it has no episode.
+    """
+    if not log.episodes:
+        raise LogError(f"{log.path} has no included episode to draw")
+    with figure_style():
+        figure = new_figure(height_cm=11.5)
         axes = figure.subplots(4, 1, sharex=True)
         for ax, draw in zip(axes, (draw_steps, draw_time, draw_keys, draw_different_keys), strict=True):
             draw(ax, log)
@@ -97,7 +104,7 @@ def _numbers(log: SessionLog) -> list[int]:
     return [episode.number for episode in log.episodes]
 
 
-def _presses(episode: Episode) -> Counter[str]:
+def _presses(episode: EpisodeLog) -> Counter[str]:
     kinds = {"accepted": "steps", "queued": "steps", "unmapped": "no action", "spare": "no action"}
     return Counter(
         kinds.get(press.verdict, "not playing") for press in episode.keys if press.down and press.verdict != "repeat"

@@ -1,1 +1,3 @@
-"""Agents (extra ``learn``): the transfer study, and demonstrations that train a policy. Nothing else imports this."""
+"""Agents (extra `learn`): policies trained by PPO, by cloning demonstrations and by teaching. Nothing else imports
+this.
+"""

@@ -1,1 +1,1 @@
-"""The log: session events to MCAP and back."""
+"""The session log: events to MCAP files and back."""

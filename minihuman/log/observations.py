@@ -1,7 +1,7 @@
-"""Observations in a log: exactly what the world gave, as PNG where it is a picture, else as MessagePack.
+"""Observations in a log: exactly what the world returned, as PNG if it is an image, else as MessagePack.
 
-What comes out hashes like what went in: arrays keep type and shape, numpy's scalars stay numpy's. Lists come out as
-tuples, the only sequence that Gymnasium's spaces know.
+A decoded observation hashes like the original: arrays keep dtype and shape, NumPy scalars stay NumPy scalars. Lists are
+decoded as tuples, the only sequence type of Gymnasium's spaces.
 """
 
 import io
@@ -19,7 +19,7 @@ from minihuman.worlds.hashing import hash64
 _ARRAY, _SCALAR = 1, 2  # MessagePack extensions
 
 
-class Observations(Sequence[Any]):
+class ObservationSequence(Sequence[Any]):
     """The ``n + 1`` observations of an episode of ``n`` steps, each read when it is looked at.
 
     Raises:
@@ -45,17 +45,15 @@ class Observations(Sequence[Any]):
         where = f"episode {self._episode + 1} step {step}"
         try:
             message = v1.Observation.FromString(self._messages[step])
-            observation = unpack(message)
+            observation = decode_observation(message)
         except Exception as error:  # a foreign or newer message can make protobuf, PIL or numpy raise anything
-            raise LogError(f"{where}: its stored observation cannot be read: {error}") from error
+            raise LogError(f"{where}: the stored observation cannot be read: {error}") from error
         if (message.episode, message.step) != (self._episode, step):
-            raise LogError(
-                f"{where}: in its place is the observation of episode {message.episode + 1} step {message.step}"
-            )
+            raise LogError(f"{where}: the log has the observation of episode {message.episode + 1} step {message.step}")
         return observation
 
 
-def checked(observations: Sequence[Any], hashes: NDArray[np.uint64], episode: int) -> Iterator[Any]:
+def verify_observations(observations: Sequence[Any], hashes: NDArray[np.uint64], episode: int) -> Iterator[Any]:
     """Yield stored observations, each proved to be the one whose hash was taken when it was made.
 
     Raises:
@@ -63,7 +61,9 @@ def checked(observations: Sequence[Any], hashes: NDArray[np.uint64], episode: in
     """
     for step, (observation, expected) in enumerate(zip(observations, hashes.tolist(), strict=True)):
         if hash64(observation) != expected:
-            raise LogError(f"episode {episode + 1} step {step}: the stored observation is not the one that was made")
+            raise LogError(
+                f"episode {episode + 1} step {step}: the stored observation does not match its recorded hash"
+            )
         yield observation
 
 
@@ -73,7 +73,7 @@ def is_picture(observation: Any) -> bool:
     return is_array and observation.shape[2] == 3 and observation.size > 0
 
 
-def pack(observation: Any) -> dict[str, bytes]:
+def encode_observation(observation: Any) -> dict[str, bytes]:
     """The field of the message that holds an observation, and its bytes.
 
     Raises:
@@ -88,7 +88,7 @@ def pack(observation: Any) -> dict[str, bytes]:
     return {"png": file.getvalue()}
 
 
-def unpack(message: v1.Observation) -> Any:
+def decode_observation(message: v1.Observation) -> Any:
     """What was observed.
 
     Raises:
@@ -103,7 +103,9 @@ def unpack(message: v1.Observation) -> Any:
 
 def _extension(value: Any) -> msgspec.msgpack.Ext:
     if not isinstance(value, np.ndarray | np.generic):
-        raise TypeError(f"{type(value).__name__} {value!r} is nothing that an observation consists of")
+        raise TypeError(
+            f"{type(value).__name__} {value!r} cannot be stored in an observation; use arrays, numbers or strings"
+        )
     file = io.BytesIO()
     np.save(file, value, allow_pickle=False)
     return msgspec.msgpack.Ext(_ARRAY if isinstance(value, np.ndarray) else _SCALAR, file.getvalue())

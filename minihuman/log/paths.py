@@ -1,23 +1,41 @@
-"""Where a session's log lies: ``<data>/<study>/sub-07/ses-01/sub-07_ses-01.mcap``, and its names while it is live.
+"""Locate session logs and open them safely; nothing in a log is interpreted here.
 
-While a segment is live it is ``sub-07_ses-01.mcap.part``, or ``sub-07_ses-01_seg-02.mcap.part`` after a resume.
-When it ends it becomes, or is merged into, the session's one ``sub-07_ses-01.mcap``. Beside it other programs may keep
-companions of theirs, MCAP files too.
+A session's log is ``<data>/<study>/sub-07/ses-01/sub-07_ses-01.mcap``. While a segment is live it is
+``sub-07_ses-01.mcap.part``, or ``sub-07_ses-01_seg-02.mcap.part`` after a resume. Other programs may keep companion
+files beside it, MCAP files too. A pipe or a device with a log's name is not opened, because that could block forever.
 """
 
 import os
 import re
+import stat
 import struct
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
-from minihuman.errors import LogError
-from minihuman.log.regular import open_regular
+from minihuman.errors import LogError, MinihumanError
 
 if TYPE_CHECKING:
-    from minihuman.study.plan import SessionPlan
+    from minihuman.experiment.plan.session_plan import SessionPlan
+
+
+def open_regular_file(path: Path) -> BinaryIO:
+    """Open a file to read it.
+
+    Raises:
+        LogError: if it cannot be opened, or is a pipe, a device or anything else that is not a regular file.
+    """
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # opening a pipe would wait for its writer
+        if stat.S_ISREG(os.fstat(fd).st_mode):
+            return os.fdopen(fd, "rb")
+        os.close(fd)
+    except OSError as error:
+        raise LogError(f"{path} cannot be opened: {error.strerror}") from error
+    raise LogError(f"{path} is not a regular file; name a session log")
+
 
 MAGIC = b"\x89MCAP0\r\n"  # every MCAP file's first bytes
 LOG_SUFFIX = ".mcap"
@@ -30,10 +48,10 @@ _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
 def require_folder(study: Path, *, instead: str = "a study's folder") -> None:
-    """Make sure that there is a folder.
+    """Refuse a path that is no folder.
 
     Raises:
-        LogError: if there is none; it says what to name instead.
+        LogError: if it is none; ``instead`` says what to name.
     """
     if not study.is_dir():
         wrong = "is not a folder" if study.exists() else "does not exist"
@@ -68,25 +86,25 @@ class SegmentPath:
 
     @classmethod
     def of_part(cls, part: Path) -> "SegmentPath":
-        """Find out from a live file's name which log it belongs to.
+        """Derive from a live file's name which log it belongs to.
 
         Raises:
             LogError: if the name does not end in ``.mcap.part``.
         """
         if not part.name.endswith(PART_SUFFIX):
-            raise LogError(f"{part} is not a cut-off log; one is named *{PART_SUFFIX}")
+            raise LogError(f"{part} is not a cut-off log; its name must end in {PART_SUFFIX}")
         stem = part.name.removesuffix(PART_SUFFIX)
         tag = _SEGMENT.search(stem)
         log = part.with_name(_SEGMENT.sub("", stem) + LOG_SUFFIX)
         return cls(part, log, int(tag[1]) if tag else 1)
 
 
-def is_guest(path: Path) -> bool:
-    """Whether an MCAP file is another program's companion of a session, an eye tracker's say, by name and profile."""
+def is_companion_file(path: Path) -> bool:
+    """Say whether an MCAP file belongs to another program, such as an eye tracker's, by its name and profile."""
     if _OURS.search(path.name):
         return False
     try:
-        with open_regular(path) as file:
+        with open_regular_file(path) as file:
             start = file.read(64)
     except (OSError, LogError):
         return False
@@ -100,12 +118,12 @@ def session_folder(data: Path, study: str, participant: str, session: int) -> Pa
 
 
 def study_folder(log: Path) -> Path:
-    """Name the folder of the study that a log lies in, also where the log is named from inside of it."""
+    """Name the folder of the study that a log lies in, also for a relative path from inside it."""
     return log.absolute().parent.parent.parent  # behind session and participant
 
 
-def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yield every folder from one down that has an MCAP file in it, with the names of all its files; links are left."""
+def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
+    """Yield each folder below one that holds an MCAP file, with all its file names; symbolic links are not followed."""
     waiting = [os.fspath(top)]
     while waiting:
         folder = waiting.pop()
@@ -123,17 +141,33 @@ def folders_with_logs(top: Path) -> Iterator[tuple[Path, list[str]]]:
             yield Path(folder), names
 
 
-def sessions_in(folder: Path) -> dict[Path, list[Path]]:
-    """List a folder's sessions by the log each has or will have: that log, then live or cut-off segments in order."""
-    return sessions_among(folder, os.listdir(folder))
+def list_sessions(folder: Path) -> dict[Path, list[Path]]:
+    """List a folder's sessions by the log that each has or will have: the log, then live or cut-off segments."""
+    return group_sessions(folder, os.listdir(folder))
 
 
-def sessions_among(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
-    """As ``sessions_in``, for a folder whose names are already known."""
+def group_sessions(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
+    """List the sessions of a folder whose file names are known, as ``list_sessions`` does."""
     paths = [folder / name for name in sorted(names) if name.endswith((LOG_SUFFIX, PART_SUFFIX))]
-    ours = [path for path in paths if not is_guest(path)]
+    ours = [path for path in paths if not is_companion_file(path)]
     found = {path: [path] for path in ours if path.name.endswith(LOG_SUFFIX)}
     parts = [SegmentPath.of_part(path) for path in ours if path.name.endswith(PART_SUFFIX)]
     for part in sorted(parts, key=lambda part: (part.log, part.segment)):
         found.setdefault(part.log, []).append(part.part)
     return found
+
+
+@contextmanager
+def raise_as_log_error(path: Path, doing: str = "read") -> Iterator[None]:
+    """Turn any error that a log's content causes into a LogError that names the file; our own errors pass.
+
+    Raises:
+        LogError: instead of whatever else was raised.
+    """
+    try:
+        yield
+    except (MinihumanError, OSError):
+        raise
+    except Exception as error:  # a foreign, changed or newer log can make any parser raise anything
+        text = str(error).partition("\n")[0][:300]
+        raise LogError(f"{path} cannot be {doing}: {type(error).__name__}: {text}") from error

@@ -1,1 +1,1 @@
-"""Replay: a session log in the rerun viewer, made from the log alone."""
+"""Replay: a session log in the rerun viewer, from the log alone."""

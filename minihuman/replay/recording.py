@@ -1,19 +1,102 @@
-"""A recording: sessions into a ``.rrd`` file with its layout inside. No world runs unless the view is asked for."""
+"""Write sessions to a `.rrd` recording with its viewer layout, and open it in rerun. No world runs unless the view is
+selected.
+"""
 
 import errno
 import os
 import shutil
+import socket
+import subprocess
+import sys
 import uuid
 from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 import rerun as rr
+import rerun.blueprint as rrb
 
 from minihuman.errors import LogError
-from minihuman.recorded.episode import SessionLog
-from minihuman.replay.layout import layout
-from minihuman.replay.moments import Moments, common_starts
-from minihuman.replay.scene import send_session, send_views, session_root
+from minihuman.log.model.session_log import SessionLog
+from minihuman.replay.rerun_scene import (
+    ALIGNED,
+    PLAY_TIME,
+    ReplayTimeline,
+    align_episode_starts,
+    send_session,
+    send_views,
+    session_root,
+)
+
+_MARGIN = 0.04
+Bounds = tuple[float, float, float, float]
+
+
+def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
+    """Map and view beside numbers, keys and words for one session; a column a session for several."""
+    single = len(logs) == 1
+    columns = [_single(log, with_view=with_view) if single else _column(log, with_view=with_view) for log in logs]
+    return rrb.Blueprint(
+        rrb.Horizontal(*columns) if not single else columns[0],
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=PLAY_TIME if single else ALIGNED, play_state="paused"),
+        auto_views=False,
+    )
+
+
+def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
+    root = session_root(log)
+    taught = any(episode.taught is not None for episode in log.episodes)
+    steering = [rrb.StateTimelineView(origin=f"{root}/steering", name="Policy and person")] if taught else []
+    pictures = [_maps(log), *([rrb.Spatial2DView(origin=f"{root}/view", name="View")] if with_view else [])]
+    return rrb.Horizontal(
+        rrb.Vertical(*pictures, row_shares=[3, 2][: len(pictures)]),
+        rrb.Vertical(
+            *steering,
+            rrb.StateTimelineView(origin=f"{root}/keys", name="Keys"),
+            rrb.TimeSeriesView(origin=root, contents=["$origin/reward", "$origin/return"], name="Reward"),
+            rrb.TimeSeriesView(origin=root, contents=["$origin/reaction_ms"], name="Reaction time (ms)"),
+            rrb.Tabs(
+                rrb.TextLogView(origin=f"{root}/events", name="Events"),
+                rrb.TextDocumentView(origin=f"{root}/facts", name="Session"),
+            ),
+            row_shares=[*([2] if taught else []), 3, 2, 2, 3],
+        ),
+        column_shares=[1, 1],
+    )
+
+
+def _column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
+    root = session_root(log)
+    return rrb.Vertical(
+        _maps(log, f"{root} ({log.plan.participant.group}): "),
+        *([rrb.Spatial2DView(origin=f"{root}/view", name="View")] if with_view else []),
+        rrb.TimeSeriesView(origin=root, contents=["$origin/return"], name="Return"),
+        rrb.TextLogView(origin=f"{root}/events", name="Events"),
+    )
+
+
+def _maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
+    """The map in as many sizes as the blocks have; the first block's is in front."""
+    bounds: dict[str, list[Bounds]] = {}
+    for episode in log.episodes:
+        if episode.start.map is not None:
+            bounds.setdefault(episode.plan.block_name, []).append(episode.start.map.bounds)
+    if len(bounds) < 2:
+        return _map_view(log, f"{name}map", next(iter(bounds.values()), []))
+    return rrb.Tabs(*(_map_view(log, f"{name}map of {block}", theirs) for block, theirs in bounds.items()))
+
+
+def _map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
+    visual = None
+    if bounds:
+        x0, z0 = min(b[0] for b in bounds), min(b[1] for b in bounds)
+        x1, z1 = max(b[2] for b in bounds), max(b[3] for b in bounds)
+        margin = _MARGIN * max(x1 - x0, z1 - z0)
+        visual = rrb.VisualBounds2D(x_range=(x0 - margin, x1 + margin), y_range=(z0 - margin, z1 + margin))
+    return rrb.Spatial2DView(origin=f"{session_root(log)}/map", name=name, visual_bounds=visual)
+
 
 APPLICATION = "minihuman"
 FIRST_BYTES = 2**20  # rerun waits for ever where a disk has no room for what a recording begins with
@@ -32,17 +115,20 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
-        raise LogError(f"a replay needs different sessions, one or more; these are {roots}")
-    aligned_ns = common_starts(logs) if len(logs) > 1 else None
+        raise LogError(f"a replay needs one session or several different ones, but got {', '.join(roots) or 'none'}")
+    aligned_ns = align_episode_starts(logs) if len(logs) > 1 else None
     path.parent.mkdir(parents=True, exist_ok=True)
     if shutil.disk_usage(path.parent).free < FIRST_BYTES:
         raise _unwritten(path, errno.ENOSPC)
     path.open("ab").close()  # what cannot be written is an error that names it; rerun has one of its own
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(logs))
     with recording:
-        recording.save(path, default_blueprint=layout(logs, with_view=with_view))
+        try:
+            recording.save(path, default_blueprint=build_layout(logs, with_view=with_view))
+        except RuntimeError as error:
+            raise _unwritten(path, errno.EIO if path.is_file() else errno.ENOSPC) from error
         for log in logs:
-            moments = Moments.of(log, aligned_ns=aligned_ns)
+            moments = ReplayTimeline.of(log, aligned_ns=aligned_ns)
             send_session(recording, log, moments)
             if with_view:
                 send_views(recording, log, moments)
@@ -65,3 +151,39 @@ def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:
     """The same sessions make the same recording, so opening a replay twice shows it once."""
     names = [f"{log.plan.study}/{session_root(log)}/{log.started_at}" for log in logs]
     return uuid.uuid5(uuid.NAMESPACE_URL, "minihuman:" + "|".join(names))
+
+
+ADDRESS = "127.0.0.1"
+
+
+def viewer_command(recording: Path, *, web: bool) -> list[str]:
+    """The command that shows a recording; the web viewer and its server listen on 127.0.0.1 and nowhere else."""
+    # -P: do not import a rerun.py in the current folder
+    command = [sys.executable, "-P", "-m", "rerun", str(recording), "--bind", ADDRESS]
+    return [*command, "--web-viewer"] if web else command
+
+
+def viewer_environment() -> dict[str, str]:
+    """The environment of rerun's viewer: its usage statistics are off, for this run only.
+
+    rerun keeps none where it sees that it runs in continuous integration; it has no other switch for a single run.
+    """
+    return os.environ | {"CI": "1", "PYTHONSAFEPATH": "1"}
+
+
+def show_recording(recording: Path, *, web: bool) -> int:
+    """Show a recording until the viewer is closed, and give its exit status."""
+    command, environment = viewer_command(recording, web=web), viewer_environment()
+    if not web:
+        return subprocess.call(command, env=environment)
+    page, source = _free_port(), _free_port()
+    address = quote(f"rerun+http://{ADDRESS}:{source}/proxy", safe="")
+    print(f"open http://{ADDRESS}:{page}?url={address}   (Ctrl-C ends it)", flush=True)
+    ports = ["--web-viewer-port", str(page), "--port", str(source)]
+    return subprocess.call([*command, *ports], env=environment | {"RUST_LOG": "error"}, stdout=subprocess.DEVNULL)
+
+
+def _free_port() -> int:
+    with socket.socket() as taken:
+        taken.bind((ADDRESS, 0))
+        return int(taken.getsockname()[1])

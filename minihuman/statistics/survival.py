@@ -1,4 +1,6 @@
-"""Times until something happened, for those too to whom it had not happened when the watching stopped."""
+"""Survival analysis: times until an event, censored times included; Kaplan-Meier curves, restricted means and the
+log-rank test.
+"""
 
 import math
 from dataclasses import dataclass
@@ -7,22 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from minihuman.statistics.compare import Values, welch
+from minihuman.statistics.comparison import Values, compare_means
 
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Waited:
+class SurvivalTimes:
     """How long each waited, and whether it came: False where the watching stopped first (right-censored)."""
 
     times: Values  # (n,) of any unit
-    came: Flags  # (n,)
+    observed: Flags  # (n,)
 
     def __post_init__(self) -> None:
         """Refuse what is none."""
-        if self.times.shape != self.came.shape or self.times.ndim != 1 or np.isnan(self.times).any():
-            raise ValueError("a time and whether it came for each: two rows of the same length, without NaN")
+        if self.times.shape != self.observed.shape or self.times.ndim != 1 or np.isnan(self.times).any():
+            shapes = f"times has shape {self.times.shape} and observed {self.observed.shape}"
+            raise ValueError(f"{shapes}; give one finite time and one flag per participant")
 
     def waiting(self, at: Values) -> NDArray[np.int64]:
         """How many are still waiting at some times: the line under a survival figure."""
@@ -30,8 +33,8 @@ class Waited:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """The share to whom it has not come yet (Kaplan and Meier, 1958), at each time that it came to somebody."""
+class SurvivalCurve:
+    """The share to whom it has not come yet (Kaplan and Meier, 1958), at each time of an event."""
 
     times: Values  # (k,) rising
     share: Values  # (k,) just after
@@ -39,7 +42,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class WaitedCompared:
+class SurvivalComparison:
     """Two groups' waiting, first minus second."""
 
     n: tuple[int, int]
@@ -51,24 +54,24 @@ class WaitedCompared:
     p: float  # log-rank
 
 
-def curve(waited: Waited) -> Curve:
+def kaplan_meier(waited: SurvivalTimes) -> SurvivalCurve:
     """The Kaplan-Meier curve."""
-    times, came = np.unique(waited.times[waited.came], return_counts=True)
+    times, observed = np.unique(waited.times[waited.observed], return_counts=True)
     at_risk = waited.waiting(times)
-    share: Values = np.cumprod(1 - came / at_risk).astype(np.float64)
-    return Curve(times, share, at_risk)
+    share: Values = np.cumprod(1 - observed / at_risk).astype(np.float64)
+    return SurvivalCurve(times, share, at_risk)
 
 
-def restricted_mean(waited: Waited, until: float) -> float:
+def restricted_mean(waited: SurvivalTimes, until: float) -> float:
     """The mean time waited up to ``until``: the area under the curve."""
-    found = curve(waited)
+    found = kaplan_meier(waited)
     inside = found.times < until
     edges = np.concatenate([[0.0], found.times[inside], [until]])
     heights = np.concatenate([[1.0], found.share[inside]])
     return float(np.sum(np.diff(edges) * heights))
 
 
-def compare_waiting(first: Waited, second: Waited) -> WaitedCompared | None:
+def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalComparison | None:
     """Two groups compared by restricted means and the log-rank test; None where a group has fewer than two.
 
     The interval is Welch's over pseudo-observations (Andersen, Hansen and Klein, 2004), one a person: where everybody
@@ -82,36 +85,37 @@ def compare_waiting(first: Waited, second: Waited) -> WaitedCompared | None:
     pseudo = [_pseudo(waited, until) for waited in (first, second)]
     interval = (math.nan, math.nan)
     if max(np.ptp(pseudo[0]), np.ptp(pseudo[1])) > 0:
-        interval = welch(*pseudo).interval()
-    never = int((~first.came).sum()), int((~second.came).sum())
-    return WaitedCompared(n, never, until, means, means[0] - means[1], interval, logrank_p(first, second))
+        interval = compare_means(*pseudo).interval()
+    never = int((~first.observed).sum()), int((~second.observed).sum())
+    return SurvivalComparison(n, never, until, means, means[0] - means[1], interval, logrank_p(first, second))
 
 
-def logrank_p(first: Waited, second: Waited) -> float:
+def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
     """The two-sided p of the log-rank test (Mantel, 1966): that both groups wait alike. NaN where nothing tells it."""
-    whole = np.concatenate([first.times[first.came], second.times[second.came]])
-    times, came = np.unique(whole, return_counts=True)
+    whole = np.concatenate([first.times[first.observed], second.times[second.observed]])
+    times, observed = np.unique(whole, return_counts=True)
     a, b = (waited.waiting(times).astype(np.float64) for waited in (first, second))
     n = a + b
-    expected = float((a * came / n).sum())
+    expected = float((a * observed / n).sum())
     several = n > 1  # with one left nothing varies
-    spread = a * b * came * (n - came)
+    spread = a * b * observed * (n - observed)
     variance = float((spread[several] / (n[several] ** 2 * (n[several] - 1))).sum())
     if not variance > 0:
         return math.nan
-    return float(2 * special.ndtr(-abs(first.came.sum() - expected) / math.sqrt(variance)))
+    return float(2 * special.ndtr(-abs(first.observed.sum() - expected) / math.sqrt(variance)))
 
 
-def _known_until(waited: Waited) -> float:
+def _known_until(waited: SurvivalTimes) -> float:
     """How far the curve is known: for ever where it came to the last one of all."""
     last = float(waited.times.max())
-    return math.inf if waited.came[waited.times == last].all() else last
+    return math.inf if waited.observed[waited.times == last].all() else last
 
 
-def _pseudo(waited: Waited, until: float) -> Values:
+def _pseudo(waited: SurvivalTimes, until: float) -> Values:
     n, whole = len(waited.times), restricted_mean(waited, until)
     others = np.arange(n)
     without = [
-        restricted_mean(Waited(waited.times[others != one], waited.came[others != one]), until) for one in range(n)
+        restricted_mean(SurvivalTimes(waited.times[others != one], waited.observed[others != one]), until)
+        for one in range(n)
     ]
     return n * whole - (n - 1) * np.array(without)

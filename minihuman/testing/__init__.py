@@ -1,17 +1,33 @@
-"""What every world, player, window and exporter promises, as checks that a lab runs on its own.
+"""Contract tests for plug-ins: what each kind of plug-in, from worlds to questions, guarantees.
 
     from minihuman.testing import check_world
 
     def test_my_world():
         check_world("my_lab.envs:lab/Maze-v0")
 
-Each raises `ContractError`, which names the promise that is not kept; ours all pass them.
+Each check raises `ContractError`, which names the broken guarantee. All built-in ones pass.
 """
 
-from minihuman.testing.exporter import check_exporter
-from minihuman.testing.kept import ContractError
-from minihuman.testing.player import check_player
-from minihuman.testing.window import TypedWindow, check_window
-from minihuman.testing.world import check_world
+from minihuman.testing.agent_contract import check_agent
+from minihuman.testing.checks import ContractError
+from minihuman.testing.device_contract import check_device
+from minihuman.testing.exporter_contract import check_exporter
+from minihuman.testing.learner_contract import check_learner
+from minihuman.testing.part_contract import check_activity, check_question
+from minihuman.testing.participant_contract import check_participant
+from minihuman.testing.window_contract import TypedWindow, check_window
+from minihuman.testing.world_contract import check_world
 
-__all__ = ["ContractError", "TypedWindow", "check_exporter", "check_player", "check_window", "check_world"]
+__all__ = [
+    "ContractError",
+    "TypedWindow",
+    "check_activity",
+    "check_agent",
+    "check_device",
+    "check_exporter",
+    "check_learner",
+    "check_participant",
+    "check_question",
+    "check_window",
+    "check_world",
+]

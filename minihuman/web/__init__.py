@@ -1,1 +1,4 @@
-"""A browser is a window: the same session and the same log, over a line. Parts named `server` and `door` do I/O."""
+"""Sessions in a browser: the same session and the same log as at a window, over a network connection.
+
+Only ``server`` imports a network library.
+"""

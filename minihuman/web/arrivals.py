@@ -1,29 +1,82 @@
-"""Arrivals: who comes to a study's page, by link or from a platform, and what they are to play. Files, no network.
+"""Arrivals: who opens a study's page, by link or from a recruiting platform, and what they are to play. No network.
 
-Every call may wait for a lock and for the disk: not on the loop that serves others.
+A link has an unguessable token behind the #, which browsers send to no server. Each call may wait for a lock and for
+the disk, so it must not run on the event loop.
 """
 
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from minihuman.admin.enrolment_log import free_slot
+from minihuman.admin.next_session import is_session_complete, plan_next_session
+from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
+from minihuman.admin.remote_store import RemoteStoreError, sync_logs
 from minihuman.errors import AllocationError, LogError
-from minihuman.lab.next_session import is_complete, next_session
-from minihuman.lab.recruits import Came, Issued, PlatformId, Recruits, key_of_link
-from minihuman.lab.register import free
-from minihuman.lab.shelf import ShelfError, gather
-from minihuman.log.paths import PART_SUFFIX, session_folder, sessions_in
-from minihuman.log.read.open_log import open_log
-from minihuman.log.record.finish import leftovers
-from minihuman.study.events import SETTLED
-from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import Protocol
-from minihuman.web.links import is_token
-from minihuman.web.platforms import Visitor, visitor
+from minihuman.experiment.machine.events import FINAL_END_REASONS
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.protocol.specs import RecruitmentPlatform
+from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.finalization import find_leftovers
 
-Reason = Literal["unknown", "closed", "full", "preview", "finished", "not_today", "broken"]
+_TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_urlsafe writes them
+
+
+def build_link(address: str, token: str) -> str:
+    """The link that a participant gets."""
+    return f"{address}#t={token}"
+
+
+def is_token(text: str) -> bool:
+    """Whether it is written as a token is; most guesses are not."""
+    return _TOKEN.fullmatch(text) is not None
+
+
+_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+_PARAMETERS: dict[RecruitmentPlatform, str] = {"prolific": "PROLIFIC_PID", "sona": "survey_code", "mturk": "workerId"}
+_PREVIEW = "ASSIGNMENT_ID_NOT_AVAILABLE"  # MTurk shows a task to people who have not taken it
+PLATFORM_PARAMETERS = frozenset(_PARAMETERS.values()) | {"assignmentId"}  # all that the page sends on
+
+
+@dataclass(frozen=True, slots=True)
+class PlatformVisitor:
+    """A visitor whom a platform sent."""
+
+    platform: RecruitmentPlatform
+    id: str
+    preview: bool = False  # of the task, which they have not accepted
+
+    def __repr__(self) -> str:
+        """Without the id, which belongs in no log and no traceback."""
+        return f"Visitor({self.platform})"
+
+
+def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPlatform, ...]) -> PlatformVisitor | None:
+    """Identify a visitor by a link's parameters, on the study's platforms; None without a valid id."""
+    for platform in allowed:
+        who = parameters.get(_PARAMETERS[platform], "")
+        if _ID.fullmatch(who):
+            return PlatformVisitor(platform, who, preview=parameters.get("assignmentId") == _PREVIEW)
+    return None
+
+
+def build_platform_link(platform: RecruitmentPlatform, address: str) -> str:
+    """The link to be given to a platform, which puts its ids in; behind the #, where no server writes it down."""
+    match platform:
+        case "prolific":
+            return f"{address}#PROLIFIC_PID={{{{%PROLIFIC_PID%}}}}"
+        case "sona":
+            return f"{address}#survey_code=%SURVEY_CODE%"
+        case "mturk":
+            return address  # it adds ?workerId=... itself
+
+
+RejectionReason = Literal["unknown", "closed", "full", "preview", "finished", "not_today", "broken"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +92,10 @@ class Arrival:
 
 
 @dataclass(frozen=True, slots=True)
-class Seated:
-    """Somebody who may play."""
+class Admission:
+    """A visitor who may take part."""
 
-    key: str  # of their seat: "sub-07/1"
+    key: str  # of their connection: "sub-07/1"
     participant: str
     session: int
     part: Path | None  # the live log of a session that was cut off, or that runs now
@@ -51,10 +104,10 @@ class Seated:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
-    """Somebody who may not, and why."""
+class Rejection:
+    """A visitor who may not take part, and why."""
 
-    reason: Reason
+    reason: RejectionReason
     ended: str = ""  # where they have taken part: why their last session ended
 
 
@@ -70,108 +123,110 @@ class Arrivals:
         self.protocol = protocol
         self._data = data
         self._study_dir = data / protocol.study.name
-        self.recruits = Recruits(self._study_dir)
+        self.recruits = Recruitment(self._study_dir)
 
-    def arrive(self, arrival: Arrival) -> Seated | Refused:
-        """Say who somebody is, giving them a slot if they are new and may have one.
+    def arrive(self, arrival: Arrival) -> Admission | Rejection:
+        """Identify a visitor, and enrol a new one if the study has room.
 
         Raises:
             OSError: if the study's folder cannot be read or written.
         """
-        who = visitor(arrival.platform, self.protocol.web.platforms)
+        who = identify_visitor(arrival.platform, self.protocol.web.recruitment_platforms)
         if who is not None and who.preview:
-            return Refused("preview")
+            return Rejection("preview")
         try:
-            return self._seated(arrival, who)
+            return self._admit(arrival, who)
         except (AllocationError, LogError):
-            return Refused("broken")
+            return Rejection("broken")
 
-    def plan(self, seated: Seated) -> SessionPlan:
-        """What somebody plays in a new segment; a log that was cut off is finished first.
+    def plan(self, admission: Admission) -> SessionPlan:
+        """Plan a participant's next segment; a log that was cut off is finished first.
 
         Raises:
             AllocationError: if there is nothing left to play, or it is not the day.
             LogError: if an earlier log is damaged, or is being written.
         """
-        return next_session(self.protocol, self._data, participant=seated.participant, session=seated.session)
+        return plan_next_session(
+            self.protocol, self._data, participant=admission.participant, session=admission.session
+        )
 
-    def decline(self, seated: Seated, why: str) -> None:
-        """Forget somebody who left no data: the register says that one came and why they left, and the slot is free.
+    def decline(self, admission: Admission, why: str) -> None:
+        """Forget a visitor who left no data: the enrolment log keeps why they left, and the slot is free.
 
-        Who agreed to something before, and has data, stays.
+        A participant with earlier data stays.
         """
-        if (self._study_dir / seated.participant).exists():
+        if (self._study_dir / admission.participant).exists():
             return
-        self.recruits.forget(seated.participant)
-        free(self._study_dir, seated.participant, why)
+        self.recruits.forget(admission.participant)
+        free_slot(self._study_dir, admission.participant, why)
 
     def id_on_platform(self, participant: str) -> str:
         """A participant's id on the platform that sent them, for the link back; "" for the others."""
         who = self.recruits.id_of(participant)
         return who.id if who else ""
 
-    def _seated(self, arrival: Arrival, who: Visitor | None) -> Seated | Refused:
-        given = key_of_link(arrival.token) if is_token(arrival.token) else ""
-        key = given or (self.recruits.key_of_person(who.platform, who.id) if who else "")
-        if not key and not self.protocol.web.anyone:
-            return Refused("unknown")
+    def _admit(self, arrival: Arrival, who: PlatformVisitor | None) -> Admission | Rejection:
+        given = hash_link_token(arrival.token) if is_token(arrival.token) else ""
+        key = given or (self.recruits.hash_platform_id(who.platform, who.id) if who else "")
+        if not key and not self.protocol.web.open_access:
+            return Rejection("unknown")
         token = ""
         if not key:
             (token,) = self.recruits.issue(1)
-            key = key_of_link(token)
+            key = hash_link_token(token)
         participant, plan = self.recruits.standing().came.get(key), None
         if participant is None:
             first = self._first_time(key, who)
-            if isinstance(first, Refused):
+            if isinstance(first, Rejection):
                 return first
             participant, plan = first
         session = self._session(participant)
         if isinstance(session, str):
-            return Refused("finished", session)
+            return Rejection("finished", session)
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         part = next(iter(sorted(folder.glob(f"*{PART_SUFFIX}"))), None)
-        seated = Seated(f"{participant}/{session}", participant, session, part, plan, token)
+        admission = Admission(f"{participant}/{session}", participant, session, part, plan, token)
         if part is not None or plan is not None:
-            return seated
+            return admission
         try:
-            return replace(seated, plan=self.plan(seated))
+            return replace(admission, plan=self.plan(admission))
         except AllocationError:
-            return Refused("not_today" if session > 1 else "broken")
+            return Rejection("not_today" if session > 1 else "broken")
 
-    def _first_time(self, key: str, who: Visitor | None) -> tuple[str, SessionPlan | None] | Refused:
-        """Give the next slot to somebody new, and say what they play if they have just got it."""
+    def _first_time(self, key: str, who: PlatformVisitor | None) -> tuple[str, SessionPlan | None] | Rejection:
+        """Give a new visitor the next slot; return its plan if they just got it."""
         with self.recruits.exclusive() as file:
             if key in file.standing.came:
                 return file.standing.came[key], None  # in another tab, at the same moment
             known = not key.startswith("link:") or key in file.standing.issued
-            if not known and not self.protocol.web.anyone:
-                return Refused("unknown")
+            if not known and not self.protocol.web.open_access:
+                return Rejection("unknown")
             if not file.standing.recruiting:
-                return Refused("closed")
+                return Rejection("closed")
             try:
-                plan = next_session(self.protocol, self._data)
+                plan = plan_next_session(self.protocol, self._data)
             except AllocationError:
-                return Refused("full")
+                return Rejection("full")
             participant = plan.participant.id
             if who is not None:
                 self.recruits.remember(PlatformId(participant, who.platform, who.id))
-            issued = [] if known else [Issued(key, file.now())]  # a page's own, where anybody may come
-            file.write(*issued, Came(key, participant, file.now()))
+            issued = [] if known else [LinkIssued(key, file.now())]  # made by the page, in an open study
+            file.write(*issued, ParticipantArrived(key, participant, file.now()))
             return participant, plan
 
     def _session(self, participant: str) -> int | str:
         """The first of a participant's sessions that is not complete; if all are, why the last one ended."""
         ended = ""
-        with suppress(ShelfError):  # it is away: what is here is what there is
-            gather(self._data, f"{self.protocol.study.name}/{participant}/")
+        with suppress(RemoteStoreError):  # it is away: what is here is what there is
+            sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
         for session in range(1, max(1, len(self.protocol.sessions)) + 1):
             folder = session_folder(self._data, self.protocol.study.name, participant, session)
-            if not folder.is_dir() or leftovers(folder) or not sessions_in(folder):
+            if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
                 return session
-            log = open_log(folder)
+            log = read_log(folder)
             ended = log.end_reason
-            if ended in SETTLED - {"complete"}:
+            if ended in FINAL_END_REASONS - {"complete"}:
                 return ended
-            if not is_complete(log):
+            if not is_session_complete(log):
                 return session
         return ended

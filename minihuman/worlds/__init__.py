@@ -1,1 +1,1 @@
-"""Worlds: what there is and what an action does. Nothing here knows of keys, windows or files."""
+"""Worlds: what exists and what an action does. Knows no keys, windows or files."""

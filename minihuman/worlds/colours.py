@@ -1,6 +1,56 @@
-"""The six colours that things of every world have, by name and number: Minigrid's."""
+"""The six colours that objects have in every world: Minigrid's names and numbers.
+
+Also their RGB values for each palette, as a first-person world draws them and as plots show them.
+"""
 
 from typing import Literal, get_args
 
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import Palette
+
 Colour = Literal["red", "green", "blue", "purple", "yellow", "grey"]
 COLOURS: tuple[str, ...] = get_args(Colour)
+
+Rgb = tuple[float, float, float]  # red, green, blue, 0 to 1
+
+RGB_BY_COLOUR: dict[str, Rgb] = {  # sorted by name: worlds draw a colour by its place here
+    "blue": (0.0, 0.0, 1.0),
+    "green": (0.0, 1.0, 0.0),
+    "grey": (0.39, 0.39, 0.39),
+    "purple": (0.44, 0.15, 0.76),
+    "red": (1.0, 0.0, 0.0),
+    "yellow": (1.0, 1.0, 0.0),
+}
+COLOUR_NAMES = tuple(RGB_BY_COLOUR)
+
+# Okabe and Ito's palette, told apart by people with any common colour blindness.
+_COLOUR_SAFE: dict[str, Rgb] = {
+    "blue": (0.0, 0.447, 0.698),
+    "green": (0.0, 0.62, 0.451),
+    "grey": (0.39, 0.39, 0.39),
+    "purple": (0.8, 0.475, 0.655),
+    "red": (0.835, 0.369, 0.0),
+    "yellow": (0.941, 0.894, 0.259),
+}
+
+
+def check_colour(name: str) -> str:
+    """Give the name back.
+
+    Raises:
+        WorldError: if no colour is called so.
+    """
+    if name not in RGB_BY_COLOUR:
+        raise WorldError(f"unknown colour {name!r}; use one of {', '.join(RGB_BY_COLOUR)}")
+    return name
+
+
+def rgb_of(name: str, palette: Palette = "classic") -> Rgb:
+    """What a colour looks like."""
+    return (RGB_BY_COLOUR if palette == "classic" else _COLOUR_SAFE)[name]
+
+
+def hex_colour(colour: Rgb) -> str:
+    """The colour as "#rrggbb"."""
+    red, green, blue = (round(255 * part) for part in colour)
+    return f"#{red:02x}{green:02x}{blue:02x}"

@@ -1,13 +1,20 @@
-"""What every world of ours offers on ``env.unwrapped``, beside Gymnasium's own five-tuple API."""
+"""What every native world offers on `env.unwrapped`, beside Gymnasium's five-tuple API.
+
+Pose, map, picture, state hashes, the shortest path and bounds on its length, save and restore. Also a search for the
+first success in any such world by save and restore; the world is left as it was.
+"""
 
 import abc
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.errors import WorldError
 from minihuman.worlds.pose import Map, Pose
 
 View = Literal["partial", "full"]
@@ -15,21 +22,46 @@ Palette = Literal["classic", "colour-safe"]
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
-    """How many steps success takes from here; None where nobody can tell.
+class PathLengthBounds:
+    """How many steps success takes from here; None where that is unknown.
 
-    No way is shorter than ``at_least``; a way of ``feasible`` steps is known. In the grid they are equal.
+    No path is shorter than ``at_least``; a path of ``feasible`` steps is known. In the grid they are equal.
     """
 
     at_least: int | None = None
     feasible: int | None = None
 
 
-UNKNOWN = Bounds()
+UNKNOWN_BOUNDS = PathLengthBounds()
 
 
-PICTURES = 2  # goes up when first-person worlds are drawn otherwise; a log says by which its pictures were
-CLAUSES = 2  # goes up when more worlds tell what is done of their instruction; a log says by which it was recorded
+PICTURES_VERSION = 2  # goes up when first-person worlds are drawn differently; a log names the version of its pictures
+CLAUSES_VERSION = 2  # goes up when more worlds report their subgoals; a log names the version that recorded it
+
+
+OLD_NAMES = {
+    "way": "shortest_path",
+    "bounds": "path_length_bounds",
+    "judge": "reward_and_done",
+    "sought": "targets",
+    "clauses": "subgoals",
+}
+
+
+def answer_to_old_names(cls: type) -> None:
+    """Give the methods that a class defines their names of the last release too, which warn."""
+    for old, new in OLD_NAMES.items():
+        if new in vars(cls) and old not in vars(cls):
+            setattr(cls, old, _deprecated(old, new, vars(cls)[new]))
+
+
+def _deprecated(old: str, new: str, method: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(method)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        warnings.warn(f"{old}() is called {new}() now", DeprecationWarning, stacklevel=2)
+        return method(*args, **kwargs)
+
+    return call
 
 
 class NativeWorld(abc.ABC):
@@ -37,19 +69,29 @@ class NativeWorld(abc.ABC):
 
     drawn: ClassVar[bool] = False  # whether observations are pictures that a later version may draw otherwise
 
-    action_names: tuple[str, ...]  # one a discrete action, snake case: "left", "move_forward"
+    action_names: tuple[str, ...]  # one per discrete action, snake case: "left", "move_forward"
     # Where compiling takes long, calls that each compile a piece of it, so that processes can share them.
-    compile_apart: ClassVar[tuple[Callable[[], None], ...]] = ()
+    compile_pieces: ClassVar[tuple[Callable[[], None], ...]] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """What leads to success, and how soon, is known of a world's own rules: with new ones it is known no more.
+        """Withdraw the inherited shortest path from a class with rules of its own, and accept methods' old names.
 
-        So a class that judges, steps or advances anew, and gives no `way` or no `bounds`, has none.
+        A class that overrides `reward_and_done`, `step` or `advance` and not `shortest_path` or `path_length_bounds`
+        has none: those of its parent hold for the parent's rules.
         """
         super().__init_subclass__(**kwargs)
-        if {"judge", "step", "advance"} & vars(cls).keys():
-            for name in {"way", "bounds"} - vars(cls).keys():
+        for old, new in OLD_NAMES.items():
+            if old in vars(cls) and new not in vars(cls):
+                warnings.warn(
+                    f"{cls.__qualname__}.{old} is called {new} now; rename it, the next release ignores {old}",
+                    DeprecationWarning,
+                    stacklevel=2,
+                )
+                setattr(cls, new, vars(cls)[old])
+        if {"reward_and_done", "step", "advance"} & vars(cls).keys():
+            for name in {"shortest_path", "path_length_bounds"} - vars(cls).keys():
                 setattr(cls, name, vars(NativeWorld)[name])
+        answer_to_old_names(cls)
 
     @abc.abstractmethod
     def pose(self) -> Pose:
@@ -65,7 +107,7 @@ class NativeWorld(abc.ABC):
 
     @abc.abstractmethod
     def scene_hash(self) -> int:
-        """A uint64 over the same but the number of steps taken: what two ways that meet have in common."""
+        """A uint64 over the same except the number of steps taken: equal where two paths meet."""
 
     @abc.abstractmethod
     def advance(self, action: int) -> tuple[float, bool, bool]:
@@ -75,21 +117,21 @@ class NativeWorld(abc.ABC):
             WorldError: as ``step``.
         """
 
-    def clauses(self) -> tuple[tuple[str, int], ...]:
+    def subgoals(self) -> tuple[tuple[str, int], ...]:
         """What the episode's instruction says, clause by clause, each with the step that did it; 0 for none yet."""
         return ()
 
-    def way(self) -> Sequence[int] | None:
-        """Actions that lead to success from here, turns counted; empty if there are none, None if it cannot tell.
+    def shortest_path(self) -> Sequence[int] | None:
+        """Actions that lead to success from here, turns counted; empty if there are none, None without a planner.
 
         Raises:
-            WorldError: if it would take too long to tell.
+            WorldError: if planning would take too long.
         """
         return None
 
-    def bounds(self) -> Bounds:
-        """How many steps success takes from here."""
-        return Bounds(feasible=len(self.way() or ()) or None)
+    def path_length_bounds(self) -> PathLengthBounds:
+        """Bounds on the steps that success takes from here."""
+        return PathLengthBounds(feasible=len(self.shortest_path() or ()) or None)
 
     @abc.abstractmethod
     def save(self) -> Any:
@@ -108,3 +150,48 @@ class NativeWorld(abc.ABC):
         ``partial`` is what the agent sees, ``full`` the whole world from above. The grid answers with the largest
         whole-numbered tile size that fits; 3D fills the size. Drawing changes no state.
         """
+
+
+answer_to_old_names(NativeWorld)
+
+
+def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_scenes: int = 2_000) -> list[int] | None:
+    """The shortest list of these actions that earns something, found by trying them all; None if there is none.
+
+    A scene that two paths lead to is tried once. The world is left as it was. Its step limit counts.
+
+    Raises:
+        WorldError: if there are more scenes than ``most_scenes``.
+    """
+    before = world.save()
+    seen, waiting, parents = {world.scene_hash()}, [before], [(-1, -1)]
+    try:
+        for at, saved in enumerate(waiting):  # which grows meanwhile
+            for action in actions:
+                world.restore(saved)
+                reward, terminated, truncated = world.advance(action)
+                if reward > 0:
+                    return actions_from_start(parents, at, action)
+                scene = world.scene_hash()
+                if terminated or truncated or scene in seen:
+                    continue
+                seen.add(scene)
+                if len(seen) > most_scenes:
+                    raise WorldError(
+                        f"no path to success was found in the first {most_scenes} states searched; "
+                        "there may still be one"
+                    )
+                parents.append((at, action))
+                waiting.append(world.save())
+        return None
+    finally:
+        world.restore(before)
+
+
+def actions_from_start(parents: list[tuple[int, int]], at: int, last: int) -> list[int]:
+    """The actions to a state, and one more; ``parents`` has the state before each and the action between."""
+    actions = [last]
+    while at > 0:
+        at, action = parents[at]
+        actions.append(action)
+    return actions[::-1]

@@ -1,7 +1,7 @@
-"""GoToObj, what its grid and its 3D world share: four objects at the middles of the walls, and the one to go to.
+"""GoToObj, what its grid and its 3D world share: four objects at the middles of the walls, one of them the target.
 
-The pair is the transfer experiment of "Minigrid & Miniworld" (Chevalier-Boisvert et al., 2023). The same seed lays
-out the same objects at the same walls, with the same mission, in both worlds.
+The pair is the transfer experiment of "Minigrid & Miniworld" (Chevalier-Boisvert et al., 2023). The same seed lays out
+the same objects at the same walls, with the same mission, in both worlds.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ WALLS = ("left", "bottom", "right", "top")  # the order in which objects are lis
 
 @dataclass(frozen=True, slots=True)
 class Arrangement:
-    """Four (colour, kind), one a wall in the order of ``WALLS``, and which of them is meant."""
+    """Four (colour, kind), one per wall in the order of ``WALLS``, and which of them is the target."""
 
     objects: tuple[tuple[str, str], ...]
     target: int
@@ -33,7 +33,7 @@ class Arrangement:
         return self.objects.count(self.objects[self.target])
 
 
-def arrange(rng: np.random.Generator, *, ambiguous: bool = False) -> Arrangement:
+def draw_arrangement(rng: np.random.Generator, *, ambiguous: bool = False) -> Arrangement:
     """Draw an arrangement: four different colours, so that a mission fits one object only.
 
     ``ambiguous`` draws each colour and kind on its own, as the published grid did: 15.8 % of missions then fit a

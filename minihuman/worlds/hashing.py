@@ -75,7 +75,7 @@ def _rarer(value: Any, add: Callable[[bytes], None]) -> None:
         case tuple() | list():
             _canonical(list(value), add)
         case _:
-            raise TypeError(f"{type(value).__name__} {value!r} has no canonical form to hash")
+            raise TypeError(f"{type(value).__name__} {value!r} cannot be hashed; it has no canonical form")
 
 
 @cache

@@ -1,7 +1,20 @@
-"""The one door to Numba: how kernels are compiled, where their machine code is kept, who hears that it takes time.
+"""The one way to Numba: decorators that compile kernels, and the cache of compiled machine code.
 
-Kept code is found again by all that it was made of: see `Kept`. Nothing is fused or reordered, so what a kernel
-computes is the same on every machine; with NUMBA_DISABLE_JIT=1 it runs as the plain Python it is written in.
+Cached code is found by a digest of everything it was made of, so it is never stale; a platform wheel ships code for
+x86-64-v3 (nearly every processor since 2013) under the same keys. Nothing is fused or reordered, so a kernel computes
+the same on every machine; with NUMBA_DISABLE_JIT=1 it runs as the plain Python in which it is written.
+
+No other module imports Numba or llvmlite's binding. What is used of Numba beyond its documented interface, and what
+breaks when it changes:
+
+- `core.caching._Cache` (base of `KernelCache`), `CompileResult._rebuild`, ``data._reduce()``, `core.serialize.dumps`,
+  ``dispatcher._cache``, `library.has_dynamic_globals`, ``codegen.magic_tuple()``, ``target_context.refresh()``,
+  `core.sigutils.normalize_signature`: the cache on disk. Without them kernels still compile, in each process anew.
+- `core.config`, `misc.appdirs.AppDirs`: the cache's key and folder.
+- `core.event` ("numba:compile" and its ``data["dispatcher"]``): the notice that kernels are being compiled.
+- the options ``_nrt``, ``no_cfunc_wrapper``, ``no_cpython_wrapper``: compile time and the cost of a call alone.
+- `np.arrayobj.populate_array`, ``context.make_array``, ``array._getvalue()``: `array_at` and `llvm_function`, so all
+  of the first-person renderer.
 """
 
 import ctypes
@@ -12,7 +25,7 @@ import os
 import pickle
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -32,79 +45,87 @@ from numba.misc.appdirs import AppDirs
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
-from minihuman.worlds.shipped import FOLDER, made_for
-from minihuman.worlds.sources import module_digest
+from minihuman.worlds.source_digest import module_digest
+
+SHIPPED_CPU = "x86-64-v3"  # LLVM's name of it
+SHIPPED_FOLDER = Path(__file__).parent / "compiled"
+_INSTRUCTIONS = (
+    *("cx16", "popcnt", "sse3", "ssse3", "sse4.1", "sse4.2", "avx", "avx2"),
+    *("bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"),
+)
+
+
+def shipped_target(triple: str, features: Mapping[str, bool]) -> tuple[str, str, str] | None:
+    """What shipped code for a machine was compiled for, in Numba's words; None where the processor lacks something.
+
+    Args:
+        triple: the machine, its system and its ABI.
+        features: LLVM's names of instructions, and whether this processor has them.
+    """
+    if not triple.startswith("x86_64") or not all(features.get(name) for name in _INSTRUCTIONS):
+        return None
+    return triple, SHIPPED_CPU, ""
+
 
 int64: Any = numba.int64  # for variables whose first values say too little, and constants that are to be as any number
 LOG = logging.getLogger("minihuman")
-LINE = "compiling the worlds for this machine; this takes some seconds, and only the first time"
-QUICK = ("0.68",)  # Numba's versions that `minihuman.worlds.quick` was tried with; others compile by themselves
-MOST_KEPT_BYTES = 512 * 1024**2  # when there is more, what was not used for longest is deleted, down to half of it
+COMPILE_NOTICE = "compiling the worlds for this machine; this takes some seconds, and only the first time"
+CACHE_LIMIT_BYTES = 512 * 1024**2  # when there is more, what was not used for longest is deleted, down to half of it
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 # A division by zero is infinite, as in NumPy: nothing is made to raise it. C calls no kernel.
-_KERNEL: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
-_BRIEF: dict[str, Any] = {"_nrt": False}
-_LEAN: dict[str, Any] = _BRIEF | {"nogil": True}
+_KERNEL_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_HOLD_GIL: dict[str, Any] = {"_nrt": False}
+_NOGIL: dict[str, Any] = _HOLD_GIL | {"nogil": True}
 
 
 def kernel(
-    signature: str | None = None, *, lean: bool = False, brief: bool = False, **variables: Any
+    signature: str | None = None, *, nogil: bool = False, hold_gil: bool = False, **variables: Any
 ) -> Callable[[F], F]:
     """Compile what Python calls; with a signature now, and for nothing else than it.
 
     Args:
         signature: Numba's words for arguments and result; without one, what it is first called with.
-        lean: It makes no arrays, so it need not count who holds those it is given; other threads run meanwhile.
-        brief: The same, but so soon over that letting other threads run would take longer.
+        nogil: It makes no arrays, so it counts no references to those it is given; other threads run meanwhile.
+        hold_gil: The same for a call so short that releasing the lock would take longer.
         variables: Numba's types of variables whose first value says too little.
     """
-    return _compiled(signature, _LEAN if lean else _BRIEF if brief else {}, variables)
+    return _compiled(signature, _NOGIL if nogil else _HOLD_GIL if hold_gil else {}, variables)
 
 
-def part(
-    signature: str | None = None, *, lean: bool = False, into_caller: bool = False, **variables: Any
+def device_function(
+    signature: str | None = None, *, nogil: bool = False, force_inline: bool = False, **variables: Any
 ) -> Callable[[F], F]:
     """Compile what only kernels call, without a way in from Python, which would have to be compiled too.
 
-    Python must not call a part: there is nothing there, and the process ends. What a layout written in Python may
-    call is a kernel. ``into_caller`` copies the machine code to where it is called, in every case.
+    Python must not call it: it has no entry, and the process ends. What a layout written in Python may call is a
+    kernel. ``force_inline`` always copies the machine code into the caller.
     """
-    options = {"no_cpython_wrapper": True, "forceinline": into_caller} | (_LEAN if lean else {})
+    options = {"no_cpython_wrapper": True, "forceinline": force_inline} | (_NOGIL if nogil else {})
     return _compiled(signature, options, variables)
 
 
-def inlined(function: F) -> F:
+def inline(function: F) -> F:
     """Compile what is a line or two, as if it were written out in each kernel that calls it."""
     return _compiled(None, {"inline": "always"}, {})(function)
 
 
 def _compiled(signature: str | None, options: dict[str, Any], variables: dict[str, Any]) -> Callable[[F], F]:
-    options = _KERNEL | options
+    options = _KERNEL_OPTIONS | options
 
     def compiled(function: F) -> F:
-        dispatcher = numba.njit(locals=variables, **compiler(numba.__version__), **options)(function)
+        dispatcher = numba.njit(locals=variables, **options)(function)
         if not hasattr(dispatcher, "py_func"):
             return function  # NUMBA_DISABLE_JIT
         _announce()
-        dispatcher._cache = Kept(function, repr((sorted(options.items()), sorted(variables.items(), key=str))))
+        dispatcher._cache = KernelCache(function, repr((sorted(options.items()), sorted(variables.items(), key=str))))
         if signature is not None:
             dispatcher.compile(signature)
             dispatcher.disable_compile()
         return cast(F, dispatcher)
 
     return compiled
-
-
-@cache
-def compiler(version: str) -> dict[str, Any]:
-    """Numba's option for how kernels are compiled; the machine code is the same."""
-    if version.rpartition(".")[0] not in QUICK:
-        return {}
-    from minihuman.worlds.quick import Quick
-
-    return {"pipeline_class": Quick}
 
 
 class ArrayStart(NamedTuple):
@@ -114,7 +135,7 @@ class ArrayStart(NamedTuple):
     kind: str  # NumPy's name
 
 
-def instructions(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
+def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
     """A function for kernels to call whose LLVM instructions ``write`` adds; it is ``plain`` where nothing is compiled.
 
     Args:
@@ -155,7 +176,7 @@ def instructions(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
 def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
     """A function for kernels: from an address and a count to the array of so many numbers that begins there.
 
-    So one table of whole numbers can say where any number of arrays are. Whoever writes it keeps them alive.
+    So one table of whole numbers can say where any number of arrays are; its writer keeps them alive.
     """
     size = np.dtype(kind).itemsize
 
@@ -179,7 +200,7 @@ def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
     return cast(Callable[[int, int], NDArray[Any]], intrinsic(typed))
 
 
-class Kept(_Cache):
+class KernelCache(_Cache):
     """One function's machine code on disk, a file for each signature, found by all that the code is made of.
 
     That is: the sources of the function's module and of every module it imports, here and further on; how it is
@@ -192,7 +213,7 @@ class Kept(_Cache):
 
     def __init__(self, function: Callable[..., Any], options: str) -> None:
         if function.__closure__:
-            raise TypeError(f"{function.__qualname__} is made inside another function; a kernel stands in a module")
+            raise TypeError(f"{function.__qualname__} is nested in a function; define kernels at module level")
         self._name = f"{function.__module__}.{function.__qualname__}"
         self._digest = module_digest(function.__module__)
         self._made_of = f"{self._name} {function.__code__.co_firstlineno} {self._digest} {options}"
@@ -200,7 +221,7 @@ class Kept(_Cache):
     @property
     def cache_path(self) -> str:
         """The folder new code goes to; "" where there is none that can be written to."""
-        return str(folder() or "")
+        return str(cache_folder() or "")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The code for a signature; None where none is kept, or the file is damaged."""
@@ -208,19 +229,19 @@ class Kept(_Cache):
             return None
         target_context.refresh()  # or what the code refers to may not be there yet
         machine = target_context.codegen().magic_tuple()
-        code, where = None, folder()
+        code, where = None, cache_folder()
         if (shipped := _shipped(machine[0])) is not None:
-            code = _read(FOLDER / self._file(sig, shipped))
+            code = _read(SHIPPED_FOLDER / self._file(sig, shipped))
         if code is None and where is not None:
             path = where / self._file(sig, machine)
             code = _read(path)
-            with suppress(OSError):  # somebody else's file, perhaps
+            with suppress(OSError):  # perhaps another user's file
                 os.utime(path)
         return None if code is None else CompileResult._rebuild(target_context, *pickle.loads(code))
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep new code, unless it holds addresses of this process or the disk does not take it."""
-        where = folder()
+        where = cache_folder()
         if where is None or self._digest is None or data.library.has_dynamic_globals:
             return
         code = dumps(data._reduce())
@@ -262,9 +283,9 @@ def _shipped(triple: str) -> tuple[str, str, str] | None:
 
     Who tells Numba for which processor to compile gets just that.
     """
-    if not FOLDER.is_dir() or {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & os.environ.keys():
+    if not SHIPPED_FOLDER.is_dir() or {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & os.environ.keys():
         return None
-    return made_for(triple, llvmlite.binding.get_host_cpu_features())
+    return shipped_target(triple, llvmlite.binding.get_host_cpu_features())
 
 
 def _spelt(numba_type: Any) -> str:
@@ -275,21 +296,21 @@ def _spelt(numba_type: Any) -> str:
 
 @cache
 def _versions() -> str:
-    """Of NumPy what Numba looks at; and what Numba was told of how to compile."""
+    """The versions that compiled code depends on, and the options that Numba compiles with."""
     numpy = ".".join(np.__version__.split(".")[:2])
-    told = [str(getattr(config, name)) for name in ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK")]
-    return f"{sys.implementation.cache_tag} {numba.__version__} {llvmlite.__version__} {numpy} {told}"
+    options = [str(getattr(config, name)) for name in ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK")]
+    return f"{sys.implementation.cache_tag} {numba.__version__} {llvmlite.__version__} {numpy} {options}"
 
 
 @cache
-def folder() -> Path | None:
+def cache_folder() -> Path | None:
     """Where compiled code is kept: NUMBA_CACHE_DIR where that is set, or the user's cache, or beside the worlds.
 
     None where none of them can be written to; then every process compiles anew.
     """
     users = Path(AppDirs("minihuman", appauthor=False).user_cache_dir)
-    told, beside = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parent / "__pycache__"
-    for place in [Path(told) / "minihuman"] if told else [users, beside]:
+    chosen, beside = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parent / "__pycache__"
+    for place in [Path(chosen) / "minihuman"] if chosen else [users, beside]:
         where = place / "kernels"
         try:
             where.mkdir(parents=True, exist_ok=True)
@@ -308,26 +329,28 @@ def _make_room(where: Path) -> None:
         with suppress(OSError):  # another process may be doing the same
             found.append((path.stat().st_mtime, path.stat().st_size, path))
     left = sum(size for _, size, _ in found)
-    if left <= MOST_KEPT_BYTES:
+    if left <= CACHE_LIMIT_BYTES:
         return
     for _, size, path in sorted(found):
         with suppress(OSError):
             path.unlink()
         left -= size
-        if left <= MOST_KEPT_BYTES / 2:
+        if left <= CACHE_LIMIT_BYTES / 2:
             return
 
 
-class _Announcement(event.Listener):
-    """Says `LINE` when the first kernel of ours is compiled in this process; code that was kept says nothing."""
+class _FirstCompile(event.Listener):
+    """Calls ``act`` when the first function is compiled, or the first kernel of ``ours``; cached code calls nothing."""
 
-    def __init__(self) -> None:
-        self._said = False
+    def __init__(self, act: Callable[[], None], *, ours: bool = False) -> None:
+        self._act: Callable[[], None] | None = act
+        self._ours = ours
 
     def on_start(self, event: event.Event) -> None:
-        if not self._said and isinstance(getattr(event.data["dispatcher"], "_cache", None), Kept):
-            self._said = True
-            LOG.warning(LINE)  # a warning is what Python shows on stderr where nobody set up logging
+        if not self._ours or isinstance(getattr(event.data["dispatcher"], "_cache", None), KernelCache):
+            act, self._act = self._act, None
+            if act is not None:
+                act()
 
     def on_end(self, event: event.Event) -> None:
         pass
@@ -335,24 +358,12 @@ class _Announcement(event.Listener):
 
 @cache
 def _announce() -> None:
-    event.register("numba:compile", _Announcement())
-
-
-class _First(event.Listener):
-    def __init__(self, act: Callable[[], None]) -> None:
-        self._act: Callable[[], None] | None = act
-
-    def on_start(self, event: event.Event) -> None:
-        act, self._act = self._act, None
-        if act is not None:
-            act()
-
-    def on_end(self, event: event.Event) -> None:
-        pass
+    """Log `COMPILE_NOTICE` once, as a warning: Python shows that on stderr without any logging set up."""
+    event.register("numba:compile", _FirstCompile(lambda: LOG.warning(COMPILE_NOTICE), ours=True))
 
 
 @contextmanager
 def at_first_compile(act: Callable[[], None]) -> Iterator[None]:
-    """Call ``act`` when the first function is compiled meanwhile, before that; kept code calls nothing."""
-    with event.install_listener("numba:compile", _First(act)):
+    """Call ``act`` when the first function is compiled meanwhile, before that; cached code calls nothing."""
+    with event.install_listener("numba:compile", _FirstCompile(act)):
         yield

@@ -1,72 +1,109 @@
-"""Options that people give to worlds: each is checked before anything is made of it, and refused in one line."""
+"""Validation of the options that people give to worlds, and of a batch's seeds.
+
+Each value is checked before anything is built from it, and refused with its name and its value.
+"""
 
 from collections.abc import Collection, Sequence
 from operator import index
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from minihuman.errors import WorldError
 
 T = TypeVar("T")
 
-MOST_CELLS = 1024  # on a side of a grid: some seconds to plan in, 12 MB a state
-MOST_METRES = 1000.0  # along a side of a room
-MOST_PIXELS = 4096  # along a side of an observation or a rendered picture
+MAX_CELLS = 1024  # on a side of a grid: some seconds to plan in, 12 MB a state
+MAX_METRES = 1000.0  # along a side of a room
+MAX_PIXELS = 4096  # along a side of an observation or a rendered picture
 
 
-def whole(name: str, value: Any, low: int, high: int, *, odd: bool = False) -> int:
-    """A whole number from ``low`` to ``high``. A float is refused, even where it is whole."""
+def whole_number(value: Any) -> int | None:
+    """The value, if it is a whole number by its type; None for a bool, a float and everything else."""
     try:
-        number = None if isinstance(value, bool) else index(value)
+        return None if isinstance(value, bool) else index(value)
     except TypeError:
-        number = None
+        return None
+
+
+def check_whole(name: str, value: Any, low: int, high: int, *, odd: bool = False) -> int:
+    """A whole number from ``low`` to ``high``. A float is refused, even where it is whole."""
+    number = whole_number(value)
     if number is None or not low <= number <= high or (odd and number % 2 == 0):
         kind = "an odd number" if odd else "a whole number"
-        raise WorldError(f"{name} is {value!r}; it is {kind}, {low} to {high}")
+        raise WorldError(f"{name} is {value!r}; it must be {kind} from {low} to {high}")
     return number
 
 
-def number(name: str, value: Any, low: float, high: float) -> float:
+def check_number(name: str, value: Any, low: float, high: float) -> float:
     """A number from ``low`` to ``high``, as it was given."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise WorldError(f"{name} is {value!r}; it is a number, {low:g} to {high:g}")
+        raise WorldError(f"{name} is {value!r}; it must be a number, {low:g} to {high:g}")
     return value
 
 
-def truth(name: str, value: Any) -> bool:
+def check_bool(name: str, value: Any) -> bool:
     """True or false."""
     if not isinstance(value, bool):
-        raise WorldError(f"{name} is {value!r}; it is true or false")
+        raise WorldError(f"{name} is {value!r}; it must be true or false")
     return value
 
 
-def one_of(name: str, value: T, known: Collection[T]) -> T:
+def check_one_of(name: str, value: T, known: Collection[T]) -> T:
     """One of those that there are."""
     if not any(type(value) is type(each) and value == each for each in known):
-        raise WorldError(f"{name} is {value!r}; it is one of {', '.join(map(repr, known))}")
+        raise WorldError(f"{name} is {value!r}; use one of {', '.join(map(repr, known))}")
     return value
 
 
-def cell(name: str, value: Any, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
+def check_cell(name: str, value: Any, width: int, height: int, *, wall: int = 0) -> tuple[int, int]:
     """A column and a row of a grid, ``wall`` cells or more from its edge."""
     column, row = _as_many(name, value, 2, "a column and a row")
-    whole(f"{name}[0]", column, wall, width - 1 - wall)
-    return column, whole(f"{name}[1]", row, wall, height - 1 - wall)
+    check_whole(f"{name}[0]", column, wall, width - 1 - wall)
+    return column, check_whole(f"{name}[1]", row, wall, height - 1 - wall)
 
 
-def pair(name: str, value: Any, low: int, high: int) -> tuple[int, int]:
+def check_pair(name: str, value: Any, low: int, high: int) -> tuple[int, int]:
     """Two whole numbers."""
     first, second = _as_many(name, value, 2, "two whole numbers")
-    return whole(f"{name}[0]", first, low, high), whole(f"{name}[1]", second, low, high)
+    return check_whole(f"{name}[0]", first, low, high), check_whole(f"{name}[1]", second, low, high)
 
 
-def point(name: str, value: Any) -> tuple[float, float, float]:
+def check_point(name: str, value: Any) -> tuple[float, float, float]:
     """A place in metres: x, y, z."""
     x, y, z = _as_many(name, value, 3, "x, y and z in metres")
-    low, high = -MOST_METRES, MOST_METRES
-    return number(f"{name}[0]", x, low, high), number(f"{name}[1]", y, low, high), number(f"{name}[2]", z, low, high)
+    low, high = -MAX_METRES, MAX_METRES
+    return (
+        check_number(f"{name}[0]", x, low, high),
+        check_number(f"{name}[1]", y, low, high),
+        check_number(f"{name}[2]", z, low, high),
+    )
 
 
 def _as_many(name: str, value: Any, count: int, what: str) -> Sequence[Any]:
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
-        raise WorldError(f"{name} is {value!r}; it is {what}")
+        raise WorldError(f"{name} is {value!r}; it must be {what}")
     return value
+
+
+BatchSeeds = int | Sequence[int | None] | NDArray[np.integer] | None  # one for all to count from, or one per world
+
+
+def seeds_per_world(seed: BatchSeeds, count: int) -> list[int | None]:
+    """One seed per world: ``seed`` + i for a number, or those given; None goes on drawing.
+
+    Raises:
+        WorldError: if there are not as many as worlds, or one is not a whole number.
+    """
+    try:
+        if seed is None:
+            return [None] * count
+        if not isinstance(seed, Sequence | np.ndarray):
+            return [index(seed) + i for i in range(count)]
+        seeds = [None if one is None else index(one) for one in seed]
+    except TypeError as error:
+        raise WorldError(f"seed is {seed!r}; give a whole number, or one per world") from error
+    if len(seeds) != count:
+        raise WorldError(f"{len(seeds)} seeds for {count} worlds; give one per world, or a single number")
+    return seeds

@@ -1,6 +1,6 @@
-"""Our worlds registered with Gymnasium: at once where it is there, else as soon as somebody imports it.
+"""Registration with Gymnasium on import: at once if Gymnasium is loaded, otherwise as soon as it is.
 
-So importing minihuman costs those commands nothing that never make a world, and ``gymnasium.make`` knows ours even so.
+So importing minihuman stays cheap for commands that make no world, and `gymnasium.make` knows ours even so.
 """
 
 import sys
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from importlib.abc import Loader  # it brings temporary files and archives, and no method that is needed here
 
 
-def register_in_time() -> None:
-    """Register every world before anybody can ask Gymnasium for one."""
+def register_with_gymnasium() -> None:
+    """Register every world before one can be asked of Gymnasium."""
     if "gymnasium" in sys.modules:
         _register()
-    elif not any(isinstance(finder, _Waiting) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _Waiting())
+    elif not any(isinstance(finder, _GymnasiumFinder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _GymnasiumFinder())
 
 
 def _register() -> None:
@@ -27,7 +27,7 @@ def _register() -> None:
     register()
 
 
-class _Waiting:
+class _GymnasiumFinder:
     """Finds Gymnasium as the other finders do, and has our worlds registered behind it."""
 
     def find_spec(
@@ -39,14 +39,14 @@ class _Waiting:
         found = (finder.find_spec(fullname, path, target) for finder in others)
         spec = next((one for one in found if one is not None), None)
         if spec is not None and spec.loader is not None:
-            spec.loader = cast("Loader", _AndOurs(spec.loader, self))
+            spec.loader = cast("Loader", _RegisteringLoader(spec.loader, self))
         return spec
 
 
-class _AndOurs:
+class _RegisteringLoader:
     """Loads Gymnasium as its own loader does, and leaves no trace but our worlds."""
 
-    def __init__(self, its_own: "Loader", waiting: _Waiting) -> None:
+    def __init__(self, its_own: "Loader", waiting: _GymnasiumFinder) -> None:
         self._its_own = its_own
         self._waiting = waiting
 

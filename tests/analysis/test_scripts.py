@@ -59,8 +59,11 @@ def test_every_script_is_in_the_list():
 
 
 def test_every_script_is_tested():
-    tests = Path(__file__).read_text() + (SCRIPTS.parent / "tests" / "learn" / "test_analysis.py").read_text()
-    assert [path.name for path in SCRIPTS.glob("*.py") if path.name not in tests] == []
+    others = ("learn/test_analysis.py", "cli/test_teach.py")
+    tests = Path(__file__).read_text() + "".join((SCRIPTS.parent / "tests" / each).read_text() for each in others)
+    scripts = [path for path in SCRIPTS.glob("*.py") if "__main__" in path.read_text()]
+    assert len(scripts) > 5
+    assert [path.name for path in scripts if path.name not in tests] == []
 
 
 def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, capsys):
@@ -71,3 +74,12 @@ def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, cap
     assert len(rows[rows["participants_a_group"] == 5]) == 4 * 5
     assert (tmp_path / "ten_people.png").stat().st_size > 10_000
     assert "five a group" in capsys.readouterr().out
+
+
+def test_what_new_readers_judge_is_drawn_again_by_its_seed(tmp_path, monkeypatch):
+    for folder in ("first", "again"):
+        run(monkeypatch, "readers/draw.py", tmp_path / folder, "--seed", 3)
+    for name, count in (("help.txt", 40), ("errors.txt", 40), ("questions.txt", 24)):
+        text = (tmp_path / "first" / name).read_text()
+        assert text == (tmp_path / "again" / name).read_text()
+        assert len(text.splitlines()) == count

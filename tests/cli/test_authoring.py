@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.study.schema import json_schema
-from minihuman.worlds.catalogue import ENTRIES
+from minihuman.experiment.protocol.protocol import build_json_schema
+from minihuman.worlds.catalogue import WORLDS
 from tests.seats.session_typist import agree, enter_at, until
 from tests.xserver import Typist
 
@@ -65,7 +65,7 @@ def test_questions_are_asked_and_their_answers_taken(tmp_path: Path) -> None:
 def test_the_schema_takes_the_shipped_protocols_and_no_misspelt_field() -> None:
     jsonschema = pytest.importorskip("jsonschema")
     schema = json.loads(minihuman("schema").stdout)
-    assert schema == json.loads(json.dumps(json_schema()))
+    assert schema == json.loads(json.dumps(build_json_schema()))
     for path in sorted(PROTOCOLS.glob("*.toml")):
         jsonschema.validate(tomllib.loads(path.read_text()), schema)
     tree = tomllib.loads((PROTOCOLS / "demo.toml").read_text())
@@ -81,5 +81,5 @@ def test_it_says_its_version_and_helps_at_h() -> None:
 
 def test_every_world_is_listed_as_json():
     told = json.loads(minihuman("worlds", "--json").stdout)
-    assert [one["id"] for one in told] == [entry.id for entry in ENTRIES]
+    assert [one["id"] for one in told] == [entry.id for entry in WORLDS]
     assert all(one["summary"] for one in told)

@@ -4,13 +4,11 @@ import re
 import struct
 
 import pytest
-import typer
+from click.testing import CliRunner
 from rerun.chunk import RrdReader
-from typer.testing import CliRunner
 
-from minihuman.cli import export, see
-from minihuman.cli import session as cli_session
-from minihuman.data.marks import read_marks
+from minihuman.cli.command_line import SECTIONS, make_command_line
+from minihuman.dataset.annotations import read_annotations
 from minihuman.errors import LogError
 from tests.builders import session, write_log
 
@@ -19,9 +17,7 @@ pytestmark = pytest.mark.program
 
 @pytest.fixture(scope="module")
 def app():
-    made = typer.Typer()
-    see.add_to(made)
-    return made
+    return make_command_line()
 
 
 @pytest.fixture
@@ -37,30 +33,30 @@ def run(app, *arguments):
 
 
 def test_replay_saves_a_recording_and_opens_nothing(app, log, tmp_path):
-    result = run(app, "replay", log, "--save", tmp_path / "session.rrd")
+    result = run(app, "replay", log, "--out", tmp_path / "session.rrd")
     assert result.stdout.strip() == str(tmp_path / "session.rrd")
     assert len(RrdReader(tmp_path / "session.rrd").recordings()) == 1
 
 
-def test_mark_writes_beside_the_log_and_can_be_taken_back(app, log):
-    result = run(app, "mark", log, "--episode", 2, "--tag", "exclude", "--note", "phone rang")
+def test_annotate_writes_beside_the_log_and_can_be_taken_back(app, log):
+    result = run(app, "annotate", log, "--episode", 2, "--tag", "exclude", "--note", "phone rang")
     assert result.stdout.strip() == str(log.with_name("sub-01_ses-01.marks.jsonl"))
-    (mark,) = read_marks(log)
+    (mark,) = read_annotations(log)
     assert (mark.episode, mark.tag, mark.note) == (2, "exclude", "phone rang")
-    run(app, "mark", log, "--episode", 2, "--tag", "exclude", "--take-back")
-    assert read_marks(log)[1].taken_back
+    run(app, "annotate", log, "--episode", 2, "--tag", "exclude", "--take-back")
+    assert read_annotations(log)[1].taken_back
 
 
 def test_a_mark_on_an_episode_that_is_not_there_is_refused(app, log):
     with pytest.raises(LogError, match="has no episode 3; it has 1 to 2"):
-        run(app, "mark", log, "--episode", 3, "--tag", "exclude")
+        run(app, "annotate", log, "--episode", 3, "--tag", "exclude")
 
 
 def test_plot_draws_what_the_tags_leave(app, log, tmp_path):
-    run(app, "mark", log, "--tag", "pilot")
+    run(app, "annotate", log, "--tag", "pilot")
     result = run(app, "plot", log, "--out", tmp_path / "figures", "--without", "pilot")
-    assert "0 episodes of 0 sessions count" in result.stderr
-    assert "left out: 2 episodes: tagged pilot" in result.stderr
+    assert "0 episodes of 0 sessions included" in result.stderr
+    assert "excluded: 2 episodes: tagged pilot" in result.stderr
     assert not (tmp_path / "figures").exists()
     result = run(app, "plot", log, "--out", tmp_path / "figures", "--only", "pilot")
     assert [line.rpartition("/")[2] for line in result.stdout.split()] == [
@@ -100,11 +96,9 @@ def spoiled(tmp_path_factory):
 def test_every_command_names_what_it_cannot_read_does_the_rest_and_changes_no_log(spoiled, tmp_path, command):
     logs = {path: path.read_bytes() for path in spoiled.rglob("*.mcap")}
     out = tmp_path / "out"
-    app = typer.Typer()
-    for part in (see, export, cli_session):
-        part.add_to(app)
+    app = make_command_line()
     words, done = {
-        "replay": ((spoiled, "--save", out), lambda _: len(RrdReader(out).recordings()) == 1),
+        "replay": ((spoiled, "--out", out), lambda _: len(RrdReader(out).recordings()) == 1),
         "plot": ((spoiled, "--out", out, "--each"), lambda _: len(list(out.glob("sub-0?_ses-01/paths.png"))) == 2),
         "report": (
             (spoiled, "--out", out),
@@ -125,7 +119,7 @@ def test_every_command_names_what_it_cannot_read_does_the_rest_and_changes_no_lo
 
 def test_a_replay_of_nothing_that_can_be_read_is_an_error(app, spoiled, tmp_path):
     with pytest.raises(LogError, match=r"nothing to show|is empty|cut off"):
-        run(app, "replay", spoiled / "bad" / "half.mcap", "--save", tmp_path / "none.rrd")
+        run(app, "replay", spoiled / "bad" / "half.mcap", "--out", tmp_path / "none.rrd")
 
 
 def test_a_report_names_the_figures_in_its_folder_that_it_did_not_draw(app, tmp_path):
@@ -141,6 +135,6 @@ def test_a_report_names_the_figures_in_its_folder_that_it_did_not_draw(app, tmp_
     assert (out / "figures" / "notes.txt").exists()
 
 
-@pytest.mark.parametrize("command", ["replay", "plot", "mark", "report", "query"])
+@pytest.mark.parametrize("command", [name for names in SECTIONS.values() for name in names if name != "learn"])
 def test_every_command_has_help_with_an_example(app, command):
     assert f"Example: minihuman {command}" in run(app, command, "--help").stdout

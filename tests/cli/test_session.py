@@ -7,15 +7,14 @@ from pathlib import Path
 
 import msgspec
 import pytest
-import typer
-from typer.testing import CliRunner, Result
+from click.testing import CliRunner, Result
 
-from minihuman.cli import session
+from minihuman.admin.enrolment_entries import read_enrolled
+from minihuman.cli.command_line import make_command_line
 from minihuman.errors import AllocationError, LogError, ProtocolError, ReportError
-from minihuman.lab.register_lines import read_register
-from minihuman.study.expand import enrol, expand
-from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import decode
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import decode_protocol
 from tests.study.test_protocol import without_place
 
 pytestmark = pytest.mark.program
@@ -41,9 +40,7 @@ max_steps = 9
 
 
 def typed(*words: object) -> Result:
-    app = typer.Typer()
-    session.add_to(app)
-    return CliRunner().invoke(app, [str(word) for word in words])
+    return CliRunner().invoke(make_command_line(), [str(word) for word in words])
 
 
 def edited(tmp_path: Path, old: str, new: str) -> Path:
@@ -64,7 +61,9 @@ def grid_only(tmp_path: Path) -> Path:
 def test_check_prints_everything_a_participant_will_play():
     told = typed("check", TRANSFER, "--participant", "sub-02")
     assert told.exit_code == 0
-    plan = expand(decode(TRANSFER.read_bytes()), enrol(decode(TRANSFER.read_bytes()), 1))
+    plan = expand_protocol(
+        decode_protocol(TRANSFER.read_bytes()), enrol_participant(decode_protocol(TRANSFER.read_bytes()), 1)
+    )
     for episode in plan.episodes:
         assert str(episode.seed) in told.stdout
     for key, action in plan.episodes[0].key_map.keys.items():
@@ -75,8 +74,8 @@ def test_check_prints_everything_a_participant_will_play():
 
 def test_check_prints_the_plan_itself_as_json():
     told = typed("check", TRANSFER, "--participant", "sub-03", "--json")
-    study = decode(TRANSFER.read_bytes())
-    assert told.stdout.strip().encode() == msgspec.json.encode(expand(study, enrol(study, 2)))
+    study = decode_protocol(TRANSFER.read_bytes())
+    assert told.stdout.strip().encode() == msgspec.json.encode(expand_protocol(study, enrol_participant(study, 2)))
     assert msgspec.json.decode(told.stdout, type=SessionPlan).participant.id == "sub-03"
 
 
@@ -94,7 +93,7 @@ def test_check_prints_the_plan_itself_as_json():
             "max_steps = 101\n",
             "$.blocks[0].max_steps is 101, but minihuman/MiniGrid-FourRooms-v0 ends an episode after 100 steps",
         ),
-        ("max_steps = 100\n", 'max_steps = 100\noptions = { colour = "red" }\n', "do not take {'colour': 'red'}"),
+        ("max_steps = 100\n", 'max_steps = 100\noptions = { colour = "red" }\n', "does not take {'colour': 'red'}"),
     ],
 )
 def test_check_finds_a_block_that_its_world_cannot_play(tmp_path, old, new, said):
@@ -166,4 +165,4 @@ def test_a_station_without_a_display_says_so_in_one_line_and_uses_up_no_slot(tmp
     assert done.returncode == 2
     [line] = [line for line in done.stderr.splitlines() if line.startswith("minihuman:")]
     assert "window" in line
-    assert read_register(tmp_path / "data" / "fourrooms-transfer") == ()
+    assert read_enrolled(tmp_path / "data" / "fourrooms-transfer") == ()

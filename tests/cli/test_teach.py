@@ -1,4 +1,4 @@
-"""Teaching from the command line: a policy of what a log holds, and trials that go on where they stopped."""
+"""Teaching from the command line: a policy of what a log holds, and simulated trials that resume."""
 
 import json
 import subprocess
@@ -19,6 +19,11 @@ def learn(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
+def teaching(*words: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "analysis/teaching.py", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT)
+
+
 def test_a_policy_is_made_of_what_a_person_showed_and_is_never_written_over(tmp_path: Path) -> None:
     out = tmp_path / "taught.pt"
     asked = ("teach", TAUGHT, "--world", "minihuman/MiniGrid-Empty-5x5-v0", "--learner", "hg-dagger:updates=2")
@@ -28,7 +33,7 @@ def test_a_policy_is_made_of_what_a_person_showed_and_is_never_written_over(tmp_
     made = out.read_bytes()
     again = learn(*asked, "--out", out)
     assert again.returncode == 2
-    assert "is there already" in again.stderr
+    assert "already exists" in again.stderr
     assert out.read_bytes() == made
 
 
@@ -46,7 +51,7 @@ def test_trials_that_are_there_are_tabled_and_not_run_again(tmp_path: Path) -> N
     for arm in {row["arm"] for row in mine}:
         rows = [row for row in mine if row["arm"] == arm]
         (tmp_path / "rows" / f"DoorKey-8x8-{arm}-seed-1.json").write_text(json.dumps(rows))
-    said = learn("takeovers", "--worlds", "DoorKey-8x8", "--seeds", 1, "--out", tmp_path)
+    said = teaching("takeovers", tmp_path, "--worlds", "DoorKey-8x8", "--seeds", 1)
     assert said.returncode == 0, said.stderr
     for row in mine:
         assert f"| {row['labelled_steps']} | {row['arm']} | {row['success']:.2f} (one seed) |" in said.stdout
@@ -56,6 +61,8 @@ def test_trials_that_are_there_are_tabled_and_not_run_again(tmp_path: Path) -> N
         "takeovers.md",
         "takeovers.png",
     ]
-    wrong = learn("takeovers", "--worlds", "DoorKey", "--out", tmp_path)
-    assert wrong.returncode == 2
+    for command in ("takeovers", "ratings", "comparisons"):
+        assert teaching(command, "--help").returncode == 0
+    wrong = teaching("takeovers", tmp_path, "--worlds", "DoorKey")
+    assert wrong.returncode == 1
     assert "--worlds has 'DoorKey'; it is some of DoorKey-8x8" in wrong.stderr

@@ -4,8 +4,8 @@ import shutil
 import sys
 from pathlib import Path
 
-from minihuman.data.selection import Selection
-from minihuman.export.run import export
+from minihuman.dataset.selection import Selection
+from minihuman.exporters.exporter import export_study
 
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 STUDIES = ("plain", "mixed", "resumed", "real-time", "foreign", "taught")
@@ -16,7 +16,7 @@ def write(out: Path) -> None:
     for study in STUDIES:
         shutil.copytree(GOLDEN / study, out / "studies" / study)
         for kind in ("minari", "lerobot", "imitation"):
-            export(kind, out / "studies" / study, out / kind / study, Selection(with_=("unfinished",)))
+            export_study(kind, out / "studies" / study, out / kind / study, Selection(with_=("unfinished",)))
 
 
 if __name__ == "__main__":

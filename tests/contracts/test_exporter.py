@@ -4,13 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.export.port import Written, exporters
-from minihuman.testing import ContractError, check_exporter
+from minihuman.exporters.exporter import ExportResult, list_exporters
+from minihuman.testing.checks import ContractError
+from minihuman.testing.exporter_contract import check_exporter
 
 pytestmark = pytest.mark.program
 
 
-@pytest.mark.parametrize("name", sorted(exporters()))
+@pytest.mark.parametrize("name", sorted(list_exporters()))
 def test_every_exporter_keeps_what_exporters_promise(name):
     check_exporter(name)
 
@@ -19,16 +20,16 @@ def lengths(selection, out):
     """One line an episode: how many steps it took; each of the wrong ones changes one thing."""
     steps = [len(item.episode.actions) for item in selection]
     (out / "lengths.txt").write_text("\n".join(map(str, steps)))
-    return Written((out / "lengths.txt",), episodes=len(steps), steps=sum(steps))
+    return ExportResult((out / "lengths.txt",), episodes=len(steps), steps=sum(steps))
 
 
 def elsewhere(selection, out):
-    return Written((Path(__file__),), lengths(selection, out).episodes, 0)
+    return ExportResult((Path(__file__),), lengths(selection, out).episodes, 0)
 
 
 def miscounting(selection, out):
     written = lengths(selection, out)
-    return Written(written.paths, written.episodes + 1, written.steps)
+    return ExportResult(written.paths, written.episodes + 1, written.steps)
 
 
 def silent(selection, out):

@@ -4,18 +4,19 @@ import random
 
 import pytest
 
-from minihuman.errors import PlayerError
-from minihuman.players.port import Player, Press
-from minihuman.testing import ContractError, check_player
+from minihuman.errors import SimulationError
+from minihuman.simulation.participant import KeyPress, SimulatedParticipant
+from minihuman.testing.checks import ContractError
+from minihuman.testing.participant_contract import check_participant
 
 
 @pytest.mark.parametrize("player", ["optimal", "random", "human-like", "human-like:lapse=0.2"])
 @pytest.mark.parametrize("world", ["minihuman/MiniGrid-Empty-5x5-v0", "minihuman/MiniWorld-OneRoomS6Fast-v0"])
 def test_every_player_keeps_what_players_promise(player, world):
-    check_player(player, world)
+    check_participant(player, world)
 
 
-class Sleepy(Player):
+class Sleepy(SimulatedParticipant):
     """Presses its first key, now and then; each of the wrong ones changes one thing."""
 
     def __init__(self, rng):
@@ -25,7 +26,7 @@ class Sleepy(Player):
         self.keys = pool
 
     def press(self, world):
-        return Press(self.keys[0], float(self.rng.integers(200, 900)))
+        return KeyPress(self.keys[0], float(self.rng.integers(200, 900)))
 
 
 class Steps(Sleepy):
@@ -36,21 +37,21 @@ class Steps(Sleepy):
 
 class DrawsFromElsewhere(Sleepy):
     def press(self, world):
-        return Press(random.choice(self.keys), 300.0)
+        return KeyPress(random.choice(self.keys), 300.0)
 
 
 class NoSuchKey(Sleepy):
     def press(self, world):
-        return Press("banana", 300.0)
+        return KeyPress("banana", 300.0)
 
 
 class Backwards(Sleepy):
     def press(self, world):
-        return Press("1", -5.0)
+        return KeyPress("1", -5.0)
 
 
 def test_a_labs_player_keeps_them():
-    check_player(Sleepy)
+    check_participant(Sleepy)
 
 
 @pytest.mark.parametrize(
@@ -60,14 +61,14 @@ def test_a_labs_player_keeps_them():
         (DrawsFromElsewhere, "other keys"),
         (NoSuchKey, "'banana', which no keyboard has"),
         (Backwards, "waits -5.0 ms"),
-        (lambda rng: object(), r"object is no minihuman\.players\.port\.Player"),
+        (lambda rng: object(), r"object is not a minihuman\.simulation\.participant\.SimulatedParticipant"),
     ],
 )
 def test_a_promise_that_is_not_kept_is_named(player, said):
     with pytest.raises(ContractError, match=said):
-        check_player(player)
+        check_participant(player)
 
 
 def test_a_world_that_it_cannot_play_is_said_as_anywhere():
-    with pytest.raises(PlayerError):
-        check_player("optimal", "minihuman/MiniGrid-Playground-v0")
+    with pytest.raises(SimulationError):
+        check_participant("optimal", "minihuman/MiniGrid-Playground-v0")

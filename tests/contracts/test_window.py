@@ -14,13 +14,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minihuman.study.inputs import FocusChanged, KeyDown, KeyUp, Stop
-from minihuman.study.keys import KEY_NAMES
-from minihuman.study.screens import PlayScreen
-from minihuman.testing.window import CHECKS, MS, SCREENS, SECOND, TypedWindow, strokes_of
-from minihuman.windows.blocking import TITLE
-from minihuman.windows.compose import compose
-from minihuman.windows.scripted import ScriptedWindow, VirtualClock
+from minihuman.display.drawing.screen import compose_screen
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.keys import KEY_NAMES
+from minihuman.experiment.machine.inputs import FocusChanged, KeyDown, KeyUp, Stop
+from minihuman.experiment.machine.screens import PlayScreen
+from minihuman.testing.window_contract import CHECKS, MS, SCREENS, SECOND, TypedWindow, list_strokes
 from tests.window_host import HostedWindow
 from tests.xserver import Typist, xvfb
 
@@ -135,7 +135,7 @@ def test_without_a_deadline_it_sleeps_until_a_key_comes(real_desk: RealDesk) -> 
     heard = real_desk.window.wait(None)
     later.join()
     heard += real_desk.hear(2 - len(heard))
-    assert strokes_of(heard) == [("7", True), ("7", False)]
+    assert list_strokes(heard) == [("7", True), ("7", False)]
 
 
 def test_a_held_key_repeats_and_says_so(real_desk: RealDesk) -> None:
@@ -152,7 +152,7 @@ def test_every_key_is_called_by_its_place(real_desk: RealDesk) -> None:
     there = sorted(key for key in KEY_NAMES - {"caps_lock", "num_lock"} if real_desk.typist.keycode(key))
     assert len(there) > 80
     real_desk.typist.tap(*there)
-    assert strokes_of(real_desk.hear(2 * len(there))) == [(key, down) for key in there for down in (True, False)]
+    assert list_strokes(real_desk.hear(2 * len(there))) == [(key, down) for key in there for down in (True, False)]
 
 
 @pytest.mark.skipif(shutil.which("setxkbmap") is None, reason="setxkbmap, which changes the layout, is not installed")
@@ -177,7 +177,7 @@ def test_what_is_on_the_display_is_what_was_composed(real_desk: RealDesk) -> Non
     steps = [replace(played, picture=np.full((56, 56, 3), shade, np.uint8)) for shade in (30, 60, 90)]
     for screen in (*SCREENS, *steps, replace(steps[0], progress="episode 2 of 2"), SCREENS[0]):
         real_desk.window.show(screen)
-        assert np.array_equal(real_desk.typist.picture(TITLE), compose(screen, SIZE_PX))
+        assert np.array_equal(real_desk.typist.picture(TITLE), compose_screen(screen, SIZE_PX))
 
 
 def test_losing_and_finding_the_keyboard_are_told(real_desk: RealDesk) -> None:

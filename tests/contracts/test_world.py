@@ -6,16 +6,17 @@ import pytest
 
 import minihuman  # noqa: F401  # registers the worlds
 from minihuman.errors import WorldError
-from minihuman.testing import ContractError, check_world
-from minihuman.worlds.catalogue import ENTRIES
+from minihuman.testing.checks import ContractError
+from minihuman.testing.world_contract import check_world
+from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.first_person.entities import Box
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from minihuman.worlds.grid.items import goal
+from minihuman.worlds.grid.object_kinds import goal
 from minihuman.worlds.grid.world import GridWorld
 from tests.worlds.grid.test_kinds import APPLE, GATE, Lane
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # v0 of worlds that have a v1
-INSIDE = [entry.id for entry in ENTRIES if entry.kwargs.get("family")][::12]
+INSIDE = [entry.id for entry in WORLDS if entry.kwargs.get("family")][::12]
 
 
 SOME = ("MiniGrid-DoorKey-8x8-v0", "MiniGrid-GoToObj-Transfer-v0", "MiniWorld-OneRoomS6Fast-v0", "MiniWorld-Sign-v0")
@@ -27,7 +28,7 @@ def test_a_world_keeps_what_worlds_promise(name):
 
 
 @pytest.mark.program
-@pytest.mark.parametrize("world", [entry.id for entry in ENTRIES if entry.name not in SOME])
+@pytest.mark.parametrize("world", [entry.id for entry in WORLDS if entry.name not in SOME])
 def test_every_world_keeps_what_worlds_promise(world):
     check_world(world)
 
@@ -66,7 +67,7 @@ class Counts(Room):
         super().layout(grid)
         self.turns = 0
 
-    def judge(self, action, reward, terminated):
+    def reward_and_done(self, action, reward, terminated):
         self.turns += action < 2
         return reward + self.turns, terminated
 
@@ -80,14 +81,14 @@ class NeverForgets(Room):
         super().__init__(**options)
         self._visits = {}
 
-    def judge(self, action, reward, terminated):
+    def reward_and_done(self, action, reward, terminated):
         place = self.state.position
         self._visits[place] = self._visits.get(place, 0) + 1
         return 1 / self._visits[place], terminated
 
 
 class DrawsFromElsewhere(Room):
-    def judge(self, action, reward, terminated):
+    def reward_and_done(self, action, reward, terminated):
         return float(np.random.default_rng().random()), terminated
 
 
@@ -110,7 +111,7 @@ class Yard(FirstPersonEnv):
         self.place_agent()
         self.seen = 0
 
-    def judge(self, action):
+    def reward_and_done(self, action):
         self.seen += self.box in self.visible_entities()
         return float(self.seen), self.near(self.box)
 
@@ -127,7 +128,7 @@ def test_a_labs_world_keeps_them(world):
         (NeverForgets, "reset again with seed 0: step 1 has another reward"),
         (DrawsFromElsewhere, "has another reward"),
         (ChangesWhileDrawn, "drawing it changes its state"),
-        (GoesOn, "a step after the end is played"),
+        (GoesOn, "a step after the end is accepted"),
     ],
 )
 def test_a_promise_that_is_not_kept_is_named(world, said):

@@ -10,16 +10,15 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from minihuman.data.columns import TABLES
-from minihuman.data.from_topics import FROM_TOPICS
-from minihuman.data.rows import key_in_tables
-from minihuman.data.selection import Selection
-from minihuman.data.table_schema import KEYS, OF_EPISODES
-from minihuman.export.run import export
-from minihuman.log import corrections, pairs, topics
-from minihuman.log.kinds import topics_of
-from minihuman.log.read.open_log import open_log
-from minihuman.study.activities.registry import OURS
+from minihuman.dataset.rows import table_key_name
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.session_tables import TABLES_OF_TOPIC
+from minihuman.dataset.table_columns import EPISODE_TABLES, PRIMARY_KEYS, TABLES
+from minihuman.experiment.activities.registry import list_built_in_kinds
+from minihuman.exporters.exporter import export_study
+from minihuman.log import activity_topics, topics
+from minihuman.log.codec import list_activity_topics
+from minihuman.log.read.session_reader import read_log
 from tests.lab.test_bonus import study
 
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
@@ -32,7 +31,7 @@ def studies(tmp_path_factory):
     for name in STUDIES:
         shutil.copytree(GOLDEN / name, folder / name)
         for kind in ("csv", "parquet"):
-            export(kind, folder / name, folder / f"{name}-{kind}", Selection())
+            export_study(kind, folder / name, folder / f"{name}-{kind}", Selection())
     return folder
 
 
@@ -42,15 +41,20 @@ def table(studies, study, name):
 
 def log_of(studies, study):
     [path] = (studies / study).rglob("*.mcap")
-    return open_log(path)
+    return read_log(path)
 
 
 def test_every_topic_of_the_log_is_in_a_table_or_an_export():
-    truths = {topic.name for topic in (*topics.TOPICS, *topics_of(OURS)) if not topic.for_viewers}
-    seen, none = {pairs.FRAME, corrections.FRAME}, {pairs.NOTHING, corrections.NOTHING}
+    truths = {
+        topic.name for topic in (*topics.TOPICS, *list_activity_topics(list_built_in_kinds())) if not topic.is_preview
+    }
+    seen, none = (
+        {activity_topics.PREFERENCE_FRAME_TOPIC, activity_topics.CORRECTION_FRAME_TOPIC},
+        {activity_topics.NO_PREFERENCE_TOPIC, activity_topics.NO_CORRECTION_TOPIC},
+    )
     left_out = {topics.OBSERVATION} | seen | none  # arrays; when something was seen; that there was nothing to see
-    assert set(FROM_TOPICS) == truths - left_out
-    assert {name for names in FROM_TOPICS.values() for name in names} <= set(TABLES)
+    assert set(TABLES_OF_TOPIC) == truths - left_out
+    assert {name for names in TABLES_OF_TOPIC.values() for name in names} <= set(TABLES)
 
 
 def test_segments_say_when_and_where_each_began(studies):
@@ -103,7 +107,7 @@ def test_every_key_is_in_one_table_or_the_other(studies):
     assert len(inside) == sum(len(episode.keys) for episode in log.episodes)
     assert len(inside) + len(outside) == len(log.keys)
     both = sorted([*zip(inside["t_ns"], inside["key"]), *zip(outside["t_ns"], outside["key"])])  # noqa: B905
-    assert both == sorted((key.t_ns, key_in_tables(key.key)) for key in log.keys)
+    assert both == sorted((key.t_ns, table_key_name(key.key)) for key in log.keys)
     assert "keyboard_check" in set(outside["phase"])
 
 
@@ -124,11 +128,11 @@ def test_marks_are_there_with_who_took_them_back(studies):
 
 @pytest.mark.parametrize("study", STUDIES)
 def test_keys_are_unique_and_nothing_is_orphaned(studies, study):
-    for name, fields in KEYS.items():
+    for name, fields in PRIMARY_KEYS.items():
         assert not table(studies, study, name).duplicated(list(fields)).any(), name
     for name in TABLES:
-        parent = "episodes" if name in OF_EPISODES else "participants"
-        fields = list(KEYS[parent])
+        parent = "episodes" if name in EPISODE_TABLES else "participants"
+        fields = list(PRIMARY_KEYS[parent])
         rows, parents = table(studies, study, name), table(studies, study, parent)
         assert len(rows.merge(parents[fields], on=fields)) == len(rows), name
 
@@ -190,6 +194,6 @@ def test_the_package_beside_the_tables_describes_every_column(studies):
 
 
 def test_what_people_sat_at_is_a_column_to_compare_by(tmp_path):
-    export("csv", study(tmp_path, bonus=""), tmp_path / "out", Selection())
+    export_study("csv", study(tmp_path, bonus=""), tmp_path / "out", Selection())
     for name in ("participants", "segments"):
         assert set(pd.read_csv(tmp_path / "out" / f"{name}.csv")["window"]) == {"simulated"}

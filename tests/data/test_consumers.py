@@ -16,22 +16,20 @@ import pytest
 from datasets import load_from_disk
 from rerun.chunk import RrdReader
 
-from minihuman.data.marks import Mark, add_mark
-from minihuman.data.selection import Selection
-from minihuman.data.study import Sessions, readable
-from minihuman.data.versions import version_name
-from minihuman.export.port import exporters
-from minihuman.export.run import export
-from minihuman.figures.drawn_from import learning_curves
-from minihuman.figures.gallery import draw_all, rewards
-from minihuman.learn.agent.observe import Eyesight
-from minihuman.learn.clone.demonstrations import read_demonstrations
-from minihuman.log.read.open_log import open_log
+from minihuman.dataset.annotations import Annotation, add_annotation
+from minihuman.dataset.selection import Selection, format_version
+from minihuman.dataset.sessions import StudySessions, read_selected_sessions
+from minihuman.experiment.plan.expansion import enrol_participant, parse_participant_code
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.exporters.exporter import export_study, list_exporters
+from minihuman.figures.figure_data import collect_learning_curves
+from minihuman.figures.gallery import collect_rewards, draw_all_figures
+from minihuman.learn.demonstrations import read_demonstrations
+from minihuman.learn.policy.observation import ObservationEncoder
+from minihuman.log.read.session_reader import read_log
 from minihuman.replay.recording import save_recording
-from minihuman.report.build import build
-from minihuman.report.results import results
-from minihuman.study.expand import enrol, participant_index
-from minihuman.study.protocol import decode
+from minihuman.reporting.build import build_report
+from minihuman.reporting.results import compute_results
 from tests.golden.make import segment
 
 pytestmark = pytest.mark.program
@@ -68,17 +66,17 @@ below = 0.5
 @pytest.fixture(scope="module")
 def study(tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("data")
-    versions = [decode(PROTOCOL.format(version=version).encode()) for version in "12"]
+    versions = [decode_protocol(PROTOCOL.format(version=version).encode()) for version in "12"]
     for number in range(1, 11):
         who, protocol = f"sub-{number:02}", versions[number > 5]
         how = {"after_steps": 2, "key": "escape"} if number == 3 else {}  # in the first episode
         if number == 7:
             how = {"after_steps": 11, "key": "escape"}  # in the third
-        group = enrol(protocol, participant_index(who), None).group
+        group = enrol_participant(protocol, parse_participant_code(who), None).group
         segment(data, protocol, "optimal" if group == "good" or how else "random", participant=who, **how)
     folder = data / "counted"
     marked = next((folder / "sub-01").rglob("*.mcap"))
-    add_mark(open_log(marked), Mark("exclude", "2026-11-22T09:00:00Z", episode=2, note="the phone rang"))
+    add_annotation(read_log(marked), Annotation("exclude", "2026-11-22T09:00:00Z", episode=2, note="the phone rang"))
     shutil.copytree(folder / "sub-05", folder / "backup")
     return folder
 
@@ -96,7 +94,7 @@ def places(rows) -> set[tuple[str, int, int]]:
 
 
 def test_the_selection_itself(study, counting):
-    sessions = Sessions(study)
+    sessions = StudySessions(study)
     found = [(one.log, episode) for one in sessions for episode in one.episodes]
     assert {(log.plan.participant.id, one.number, one.attempt) for log, one in found} == counting
     assert sessions.account.episodes == len(counting)
@@ -107,14 +105,14 @@ def test_the_selection_itself(study, counting):
     }
     assert len(sessions.account.versions) == 2
     told = "\n".join(sessions.account.lines())
-    assert f"{len(counting)} episodes of 9 sessions count" in told
+    assert f"{len(counting)} episodes of 9 sessions included" in told
     assert "session 1 of sub-05" in told
     assert "several versions of the protocol: 1 (" in told
 
 
-@pytest.mark.parametrize("name", sorted(exporters()))
+@pytest.mark.parametrize("name", sorted(list_exporters()))
 def test_every_export(study, counting, tmp_path, monkeypatch, name):
-    written, card = export(name, study, tmp_path / "out", Selection())
+    written, card = export_study(name, study, tmp_path / "out", Selection())
     assert written.episodes == card.account.episodes == len(counting)
     text = (tmp_path / "out" / "README.md").read_text()
     for said in (f"{len(counting)} episodes", "went home", "tagged exclude", "not played to an end", "sub-05"):
@@ -139,44 +137,47 @@ def test_every_export(study, counting, tmp_path, monkeypatch, name):
             assert places(json.loads(row["infos"][0]) for row in load_from_disk(str(data))) == counting
         case "parquet":
             rows = pq.read_table(out / "episodes.parquet").to_pylist()
-            assert places(row for row in rows if not row["left_out"]) == counting
+            assert places(row for row in rows if not row["exclusion_reason"]) == counting
             assert len(rows) == 28  # all that was begun: of sub-03 one episode
 
 
 def test_the_report_its_curves_and_its_statistics(study, counting, tmp_path):
-    sessions = Sessions(study, processes=1)
-    page, *_ = build(sessions, tmp_path / "out")
+    sessions = StudySessions(study, processes=1)
+    page, *_ = build_report(sessions, tmp_path / "out")
     frames = [
         pd.read_parquet(tmp_path / f"out/tables/{name}.parquet") for name in ("episodes", "blocks", "participants")
     ]
-    found = results(*frames)
+    found = compute_results(*frames)
     assert found.kept == (9, len(counting))
     assert sum(block.subjects["episodes"].sum() for block in found.blocks) == len(counting)
     (reward,) = [one for one in found.target_block.comparisons if one.measure == "reward_mean"]
     assert sum(reward.n) == 9
     growth = found.target_block.growth
     assert growth is None or max(term.people for term in growth.terms) <= 9
-    counted = frames[0][frames[0]["left_out"].isna()]
-    assert sum(int((~np.isnan(curve)).sum()) for curve in learning_curves(counted).values()) == len(counting)
+    counted = frames[0][frames[0]["exclusion_reason"].isna()]
+    assert sum(int((~np.isnan(curve)).sum()) for curve in collect_learning_curves(counted).values()) == len(counting)
     text = page.read_text()
     assert "2 versions of the protocol are pooled here" in text
     assert "10 sessions read, 1 skipped" in text
 
 
 def test_figures_of_the_study_and_of_each_person(study, counting, tmp_path):
-    logs, account = readable([study], Selection())
+    logs, account = read_selected_sessions([study], Selection())
     assert account.episodes == sum(len(log.episodes) for log in logs) == len(counting)
-    curves = learning_curves(rewards(logs))
+    curves = collect_learning_curves(collect_rewards(logs))
     assert sum(int((~np.isnan(curve)).sum()) for curve in curves.values()) == len(counting)
     assert sum(len(curve) for curve in curves.values()) == 9
-    drawn = {path.parent.name for path in draw_all(Sessions(study, Selection(participant=("sub-03",))), tmp_path)}
+    drawn = {
+        path.parent.name
+        for path in draw_all_figures(StudySessions(study, Selection(participant=("sub-03",))), tmp_path)
+    }
     assert not drawn  # who does not count has no paths
 
 
 def test_a_replay_shows_what_counts_and_what_was_not_finished(study, counting, tmp_path):
     """The command takes unfinished episodes, and people whom a rule leaves out, too: who looks wants to see those."""
     for selection, expected in ((Selection(), len(counting)), (Selection(with_=("unfinished", "rules")), 27)):
-        logs, account = readable([study], selection)
+        logs, account = read_selected_sessions([study], selection)
         saved = save_recording(logs, tmp_path / "all.rrd")
         rows = [row for chunk in RrdReader(saved).stream().to_chunks() for row in chunk.to_record_batch().to_pylist()]
         lines = [str(row.get("TextLog:text")) for row in rows]
@@ -184,17 +185,19 @@ def test_a_replay_shows_what_counts_and_what_was_not_finished(study, counting, t
 
 
 def test_what_a_clone_learns_from(study, counting):
-    found = read_demonstrations(study, WORLD, Eyesight(missions=False), Selection())
+    found = read_demonstrations(study, WORLD, ObservationEncoder(missions=False), Selection())
     assert len(found.episodes) == len(counting)
     assert found.account.episodes == len(counting)
 
 
 def test_what_is_left_out_can_be_taken_back_in_and_one_version_taken_alone(study):
     def count(**selection) -> int:
-        return sum(len(one.episodes) for one in Sessions(study, Selection(**selection)))
+        return sum(len(one.episodes) for one in StudySessions(study, Selection(**selection)))
 
     assert count(with_=("exclude",)) == 26
     assert count(with_=("exclude", "unfinished", "rules")) == 28
     assert count(version=("1",)) + count(version=("2",)) == 25
-    (first,) = {version_name(one.log.plan) for one in Sessions(study, Selection(version=("1",))) if any(one.asked)}
+    (first,) = {
+        format_version(one.log.plan) for one in StudySessions(study, Selection(version=("1",))) if any(one.asked)
+    }
     assert count(version=(first,)) == count(version=("1",))

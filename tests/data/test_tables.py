@@ -11,18 +11,17 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from minihuman.data.columns import TABLES
-from minihuman.data.counted import Account
-from minihuman.data.exclusions import rules_of
-from minihuman.data.marks import Mark
-from minihuman.data.measured import Measured
-from minihuman.data.rows import together
-from minihuman.data.selection import NOT_FINISHED, Selection
-from minihuman.data.table_file import TableFile
-from minihuman.data.tables import session_tables
-from minihuman.data.writing import write_tables
+from minihuman.dataset.annotations import Annotation
+from minihuman.dataset.rows import merge_tables
+from minihuman.dataset.selection import NOT_FINISHED, Selection, SelectionSummary, read_exclusion_rules
+from minihuman.dataset.session_measures import SessionMeasures
+from minihuman.dataset.session_tables import build_activity_rows, build_session_tables
+from minihuman.dataset.store import TableDatabase
+from minihuman.dataset.table_columns import TABLES
+from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError
-from minihuman.worlds.contract import Bounds
+from minihuman.experiment.machine.events import Answered
+from minihuman.worlds.contract import PathLengthBounds
 from tests.builders import made, plan, session, session_of
 from tests.counts import count
 
@@ -47,13 +46,13 @@ max_steps = 10
 """
 
 
-def twenty(_plan) -> Bounds:
-    return Bounds(20, 25)
+def twenty(_plan) -> PathLengthBounds:
+    return PathLengthBounds(20, 25)
 
 
 def tabled(log, *, marks=(), selection=EVERY):
-    measured = Measured.of(log, twenty)
-    return session_tables(selection.judge(log, measured=measured, marks=marks), measured)
+    measured = SessionMeasures.of(log, twenty)
+    return build_session_tables(selection.judge(log, measured=measured, marks=marks), measured)
 
 
 def rows_of(log, **how):
@@ -137,7 +136,7 @@ def test_an_episode_begun_again_is_told_apart_and_the_broken_one_does_not_count(
     broken = dataclasses.replace(log.episodes[0], outcome="abandoned")
     tables = rows_of(session_of([broken, dataclasses.replace(log.episodes[0], attempt=2)]))
     assert tables["episodes"]["attempt"].tolist() == [1, 2]
-    assert tables["episodes"]["left_out"].tolist() == [NOT_FINISHED, ""]
+    assert tables["episodes"]["exclusion_reason"].tolist() == [NOT_FINISHED, ""]
     assert tables["participants"]["episodes"].tolist() == [1]
 
 
@@ -155,13 +154,13 @@ def test_keys_that_were_found_in_a_broken_off_attempt_were_found_then(log):
     again = dataclasses.replace(walked, attempt=2, start=dataclasses.replace(walked.start, plan=broken.plan))
     tables = rows_of(session_of([broken, again]))
     for name in ("blocks", "participants"):
-        assert tables[name]["found_all_s"].tolist() == whole[name]["found_all_s"].tolist()
-        assert tables[name]["found_all_s"].tolist() == [whole["keys"]["found_s"].max()]
+        assert tables[name]["all_keys_discovered_s"].tolist() == whole[name]["all_keys_discovered_s"].tolist()
+        assert tables[name]["all_keys_discovered_s"].tolist() == [whole["keys"]["discovered_s"].max()]
         assert tables[name]["episodes"].tolist() == [1]
     some = rows_of(session_of(log.episodes[:3]), selection=Selection(outcome=("timeout",)))
     assert len(some["episodes"]) == 1
     assert some["keys"]["first_episode"].unique().tolist() == [1]
-    assert some["keys"]["found_s"].tolist() == pytest.approx(whole["keys"]["found_s"].tolist(), nan_ok=True)
+    assert some["keys"]["discovered_s"].tolist() == pytest.approx(whole["keys"]["discovered_s"].tolist(), nan_ok=True)
 
 
 @pytest.mark.parametrize(
@@ -174,9 +173,9 @@ def test_keys_that_were_found_in_a_broken_off_attempt_were_found_then(log):
     ],
 )
 def test_tags_choose_the_episodes_that_count(log, selection, expected):
-    marks = [Mark("exclude", "2026-01-06T10:00:00Z", episode=2)]
+    marks = [Annotation("exclude", "2026-01-06T10:00:00Z", episode=2)]
     tables = rows_of(session_of(log.episodes[:3]), marks=marks, selection=selection)
-    assert tables["episodes"]["left_out"].tolist() == expected
+    assert tables["episodes"]["exclusion_reason"].tolist() == expected
     assert tables["participants"]["episodes"].tolist() == [expected.count("")]
 
 
@@ -192,22 +191,22 @@ def test_the_protocols_rules_leave_out_episodes_and_participants(log):
     slow = ("too slow", "episode", "steps", f"above = {len(log.episodes[0].actions) - 1}")
     lost = ("never got there", "participant", "success", "below = 0.99")
     tables = rows_of(with_rules(session_of(log.episodes[:3]), [slow]))
-    assert tables["episodes"]["left_out"].tolist()[0] == "too slow"
+    assert tables["episodes"]["exclusion_reason"].tolist()[0] == "too slow"
     tables = rows_of(with_rules(session_of(log.episodes[:3]), [slow, lost]))
     for name in ("episodes", "blocks", "participants"):
-        assert set(tables[name]["left_out"]) == {"never got there"}
+        assert set(tables[name]["exclusion_reason"]) == {"never got there"}
 
 
 def test_whom_a_rule_leaves_out_before_their_first_episode_is_in_the_account(log):
     gone = with_rules(
         dataclasses.replace(log, episodes=()), [("went home", "participant", "completed_share", "below = 0.5")]
     )
-    account = Account()
+    account = SelectionSummary()
     account.take(Selection().judge(gone))
-    assert list(account.lines()) == ["0 episodes of 0 sessions count", "left out: 1 participant: went home"]
-    account = Account()
+    assert list(account.lines()) == ["0 episodes of 0 sessions included", "excluded: 1 participant: went home"]
+    account = SelectionSummary()
     account.take(Selection(block=("room",)).judge(gone))
-    assert list(account.lines()) == ["0 episodes of 0 sessions count"]
+    assert list(account.lines()) == ["0 episodes of 0 sessions included"]
 
 
 def test_a_rule_is_judged_by_the_whole_session_whatever_part_is_asked_for(log):
@@ -218,14 +217,37 @@ def test_a_rule_is_judged_by_the_whole_session_whatever_part_is_asked_for(log):
     assert not counted.episodes
 
 
+def test_who_is_exactly_at_a_rules_limit_is_kept(log):
+    steps = len(log.episodes[0].actions)
+    first = session_of(log.episodes[:1])
+    for limit in ("below", "above"):
+        exact, beyond = (
+            rows_of(with_rules(first, [("out of bounds", "episode", "steps", f"{limit} = {number}")]))
+            for number in (steps, steps + 0.5 if limit == "below" else steps - 0.5)
+        )
+        assert exact["episodes"]["exclusion_reason"].tolist() == [""]
+        assert beyond["episodes"]["exclusion_reason"].tolist() == ["out of bounds"]
+
+
+def test_answer_times_count_from_when_the_question_was_shown(log):
+    answer = Answered(1_900_000_000, 0, "all", "age", "number", 1, "30", "30", 1_000_000_000, 1_400_000_000, 2, None)
+    untouched = dataclasses.replace(answer, item="mood", first_ns=0, changes=0)
+    unseen = dataclasses.replace(answer, item="load", shown_ns=0)
+    segment = dataclasses.replace(log.segments[0], part_events=(answer, untouched, unseen))
+    rows = build_activity_rows(dataclasses.replace(log, segments=(segment,)), {})["answers"].columns
+    assert list(rows["item"]) == ["age", "mood", "load"]
+    assert list(rows["first_ms"]) == [400.0, None, None]
+    assert list(rows["answer_ms"]) == [900.0, 900.0, None]
+
+
 def test_a_rule_about_a_column_that_is_not_there_is_refused(log):
     with pytest.raises(ReportError, match=r"\[0\]\.measure is 'yawns', no measure of an episode; there are .*steps"):
-        rules_of(with_rules(log, [("too tired", "episode", "yawns", "above = 3")]).plan)
+        read_exclusion_rules(with_rules(log, [("too tired", "episode", "yawns", "above = 3")]).plan)
 
 
 def test_parquet_csv_pandas_and_duckdb_agree_and_every_column_is_explained(log, tables, tmp_path):
     made = tabled(log)
-    with TableFile(tmp_path / "one.duckdb") as kept:
+    with TableDatabase(tmp_path / "one.duckdb") as kept:
         kept.insert({1: made, 2: made})
         paths = write_tables(kept, tmp_path)
     explained = json.loads((tmp_path / "dictionary.json").read_text())
@@ -249,14 +271,14 @@ def test_several_sessions_rows_together_are_each_ones_in_turn(log):
     without = dataclasses.replace(log, episodes=())
     made = [tabled(one) for one in (log, without, log)]
     for name, columns in TABLES.items():
-        table = together(name, made)
+        table = merge_tables(name, made)
         table.validate(full=True)
         rows = [row for one in made for row in one[name].to_pylist()]
         assert table.to_pylist() == rows
         assert len(rows) == sum(one.count(name) for one in made)
         assert set(table.column_names) == {column.name for column in columns}
-    assert together("episodes", made).column("excess_steps").null_count == 2
-    assert together("steps", []).num_rows == 0
+    assert merge_tables("episodes", made).column("excess_steps").null_count == 2
+    assert merge_tables("steps", []).num_rows == 0
 
 
 def test_a_number_that_does_not_fit_is_no_other_number(log):
@@ -282,7 +304,7 @@ def test_many_sessions_take_no_more_memory_than_a_few(log, tmp_path):
 
     def highest(sessions: int) -> int:
         held = []
-        with TableFile(tmp_path / f"of-{sessions}.duckdb") as kept:
+        with TableDatabase(tmp_path / f"of-{sessions}.duckdb") as kept:
             for number in range(sessions):
                 kept.insert({number: made})
                 held.append(pa.total_allocated_bytes())

@@ -7,13 +7,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from minihuman.data.chosen import Chosen
-from minihuman.recorded.episode import Episode, SessionLog
-from minihuman.worlds.adapt.world import World
+from minihuman.dataset.episode_stream import IncludedEpisode
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.worlds.adapters.world import World
 from tests.builders import made, plan, session_of
 
 
-def played(world_id: str, *, number: int = 0, seed: int = 0, steps: int = 12, rng_seed: int = 5) -> Episode:
+def played(world_id: str, *, number: int = 0, seed: int = 0, steps: int = 12, rng_seed: int = 5) -> EpisodeLog:
     """An episode of random moves, its rewards, flags and hashes the world's own."""
     its_plan = msgspec.structs.replace(plan(number, kind="grid"), world=world_id, options={}, seed=seed)
     world = World(world_id)
@@ -40,7 +40,7 @@ def played(world_id: str, *, number: int = 0, seed: int = 0, steps: int = 12, rn
     )
 
 
-def chosen(episodes: Sequence[Episode], **session: str) -> list[Chosen]:
+def chosen(episodes: Sequence[EpisodeLog], **session: str) -> list[IncludedEpisode]:
     """The episodes as one session's, chosen for export."""
     log: SessionLog = session_of(episodes, path=Path("sub-01_ses-01.mcap"), **session)
-    return [Chosen(log, episode) for episode in log.episodes]
+    return [IncludedEpisode(log, episode) for episode in log.episodes]

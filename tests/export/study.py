@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from minihuman.seats.simulate import simulate
-from minihuman.study.protocol import decode
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.runtime.simulated_session import simulate
 
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
 
 
 def recorded(folder: Path, *, participants: int, player: str = "optimal", toml: bytes | None = None) -> Path:
     """The folder of a study played to its end; the demo's four episodes unless another protocol is given."""
-    protocol = decode(toml or DEMO.read_bytes())
+    protocol = decode_protocol(toml or DEMO.read_bytes())
     list(simulate(protocol, folder, participants=participants, seed=3, player=player))
     return folder / protocol.study.name

@@ -10,11 +10,10 @@ import minari
 import numpy as np
 import pytest
 
-from minihuman.data.selection import Selection
+from minihuman.dataset.selection import Selection
 from minihuman.errors import ExportError
-from minihuman.export.port import exporters
-from minihuman.export.run import export
-from minihuman.worlds.grid.items import door, goal, key
+from minihuman.exporters.exporter import export_study, list_exporters
+from minihuman.worlds.grid.object_kinds import door, goal, key
 from minihuman.worlds.grid.world import GridWorld
 from tests.copied import as_another
 from tests.export.study import recorded
@@ -28,9 +27,9 @@ HIGHEST = """
 import sys
 from pathlib import Path
 import pyarrow
-from minihuman.data.selection import Selection
-from minihuman.export.run import export
-export("imitation", Path(sys.argv[1]), Path(sys.argv[2]), Selection())
+from minihuman.dataset.selection import Selection
+from minihuman.exporters.exporter import export_study
+export_study("imitation", Path(sys.argv[1]), Path(sys.argv[2]), Selection())
 print(pyarrow.default_memory_pool().max_memory())
 """
 PROTOCOL = """
@@ -88,23 +87,24 @@ UNFINISHED_TOO = Selection(with_=("unfinished",))
 
 
 @pytest.mark.parametrize("case", [*CASES, "from-docs", "from-one"])
-@pytest.mark.parametrize("name", sorted(exporters()))
+@pytest.mark.parametrize("name", sorted(list_exporters()))
 def test_a_format_writes_a_session_or_says_why_not(studies, tmp_path, name, case):
     out = tmp_path / "out"
     if case in ("no-episode", "no-step") and name in NEED_STEPS:
         with pytest.raises(
-            ExportError, match=r"was written: .*0 episodes of 0 sessions count|was written: .*has no step"
+            ExportError,
+            match=r"nothing to export: .*0 episodes of 0 sessions included|nothing to export: .*has no step",
         ):
-            export(name, studies / case, out, UNFINISHED_TOO)
+            export_study(name, studies / case, out, UNFINISHED_TOO)
         assert list(tmp_path.iterdir()) == []
         return
-    written, _ = export(name, studies / case, out, UNFINISHED_TOO)
+    written, _ = export_study(name, studies / case, out, UNFINISHED_TOO)
     assert written.episodes > 0 or case == "no-episode"
     assert all(path.exists() for path in written.paths)
 
 
 def test_an_action_is_the_number_that_the_environment_takes(studies, tmp_path, monkeypatch):
-    export("minari", studies / "from-one", tmp_path / "out", Selection())
+    export_study("minari", studies / "from-one", tmp_path / "out", Selection())
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/from-one/endless-v0")
     env = dataset.recover_environment()
@@ -116,7 +116,7 @@ def test_an_action_is_the_number_that_the_environment_takes(studies, tmp_path, m
 
 
 def test_a_world_of_a_class_is_made_again_by_name(studies, tmp_path, monkeypatch):
-    export("minari", studies / "from-docs", tmp_path / "out", Selection())
+    export_study("minari", studies / "from-docs", tmp_path / "out", Selection())
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/from-docs/corridor-v0")
     assert dataset.env_spec.entry_point == "tests.export.test_any_session:Corridor"
@@ -130,7 +130,7 @@ def test_a_world_of_a_class_is_made_again_by_name(studies, tmp_path, monkeypatch
 
 
 def test_two_attempts_of_an_episode_are_told_apart(studies, tmp_path, monkeypatch):
-    export("minari", studies / "resumed", tmp_path / "out", UNFINISHED_TOO)
+    export_study("minari", studies / "resumed", tmp_path / "out", UNFINISHED_TOO)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/resumed/minigrid-empty-5x5-v0")
     facts = list(dataset.storage.get_episode_metadata(range(4)))
@@ -144,7 +144,7 @@ def test_what_a_format_cannot_hold_is_in_the_card(studies, tmp_path):
     folder = tmp_path / "both"
     shutil.copytree(studies / "no-step/sub-01", folder / "sub-02")
     shutil.copytree(studies / "resumed/sub-01", folder / "sub-01")
-    written, _ = export("imitation", folder, tmp_path / "out", UNFINISHED_TOO)
+    written, _ = export_study("imitation", folder, tmp_path / "out", UNFINISHED_TOO)
     assert written.episodes == 4
     assert "sub-01 session 1 episode 1 has no step" in (tmp_path / "out/README.md").read_text()
 

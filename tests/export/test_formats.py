@@ -11,13 +11,13 @@ import pyarrow.parquet as pq
 import pytest
 from rerun.experimental import LeRobotReader
 
-from minihuman.data.chosen import Chosen
+from minihuman.dataset.episode_stream import IncludedEpisode
 from minihuman.errors import ExportError
-from minihuman.export import imitation, lerobot
-from minihuman.export import minari as minari_export
-from minihuman.export.resimulate import Resimulator
-from minihuman.log.read.open_log import open_log
-from minihuman.worlds.adapt.world import World
+from minihuman.exporters import imitation, lerobot
+from minihuman.exporters import minari as minari_export
+from minihuman.exporters.flat_observations import Resimulator
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.adapters.world import World
 from tests.export.played import chosen, played
 
 OLD = Path(__file__).parents[1] / "golden/v1/first-person/sub-01/ses-01/sub-01_ses-01.mcap"
@@ -178,8 +178,8 @@ def test_an_episode_that_does_not_replay_is_refused_by_name():
 
 
 def test_pictures_of_an_earlier_renderer_are_drawn_anew_and_it_is_said(caplog):
-    log = open_log(OLD)
-    first_person = Chosen(log, log.episodes[0])
+    log = read_log(OLD)
+    first_person = IncludedEpisode(log, log.episodes[0])
     again = Resimulator()(first_person)
     assert len(again.observations) == len(first_person.episode.actions) + 1
     assert "its pictures are drawn by this version" in caplog.text

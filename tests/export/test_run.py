@@ -1,16 +1,17 @@
 """Exports of whole studies: filters, cards, bad input and what is left behind."""
 
 import json
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from minihuman.data.columns import NEED_WORLD, TABLES
-from minihuman.data.marks import Mark, add_mark
-from minihuman.data.selection import Selection
+from minihuman.dataset.annotations import Annotation, add_annotation
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TABLES
 from minihuman.errors import ExportError, LogError
-from minihuman.export.run import export
-from minihuman.log.read.open_log import open_log
+from minihuman.exporters.exporter import export_study
+from minihuman.log.read.session_reader import read_log
 from tests.copied import as_another
 from tests.export.study import DEMO, recorded
 
@@ -30,13 +31,13 @@ def log(study):
 
 
 def written(study, out, selection=EVERYTHING, format_name="parquet"):
-    return export(format_name, study, out, selection)[0]
+    return export_study(format_name, study, out, selection)[0]
 
 
 @pytest.mark.parametrize("format_name", ["csv", "parquet", "minari", "lerobot", "imitation"])
 def test_every_format_writes_a_study_and_its_card(study, tmp_path, monkeypatch, format_name):
     monkeypatch.chdir(tmp_path)
-    done, _ = export(format_name, study, type(study)("out"), Selection())
+    done, _ = export_study(format_name, study, type(study)("out"), Selection())
     assert done.episodes == 8
     assert all(path.exists() for path in done.paths)
     card = (tmp_path / "out/README.md").read_text()
@@ -47,7 +48,7 @@ def test_every_format_writes_a_study_and_its_card(study, tmp_path, monkeypatch, 
 def test_filters_take_what_they_say(study, log, tmp_path):
     assert written(study, tmp_path / "a", Selection(participant=("sub-02",))).episodes == 4
     assert written(study, tmp_path / "b", Selection(block=("grid",))).episodes == 4
-    ended_so = sum(episode.outcome == "goal" for path in study.rglob("*.mcap") for episode in open_log(path).episodes)
+    ended_so = sum(episode.outcome == "goal" for path in study.rglob("*.mcap") for episode in read_log(path).episodes)
     assert written(study, tmp_path / "c", Selection(outcome=("goal",))).episodes == ended_so
     assert written(log, tmp_path / "d").episodes == 4
 
@@ -58,15 +59,19 @@ def test_tables_are_made_from_the_log_alone(study, tmp_path):
     described = json.loads((tmp_path / "out/dictionary.json").read_text())
     for name, columns in TABLES.items():
         table = pd.read_parquet(tmp_path / f"out/{name}.parquet")
-        assert list(table.columns) == list(described[name]) == [c.name for c in columns if c.name not in NEED_WORLD]
+        assert (
+            list(table.columns)
+            == list(described[name])
+            == [c.name for c in columns if c.name not in COLUMNS_NEEDING_WORLD]
+        )
 
 
 def test_a_rule_by_what_takes_the_world_leaves_the_same_out_as_in_the_report(tmp_path):
     rule = '[[exclusions]]\nreason = "wandered"\nlevel = "episode"\nmeasure = "excess_steps"\nabove = -1\n'
     study = recorded(tmp_path / "data", participants=1, toml=DEMO.read_bytes() + rule.encode())
     written(study, tmp_path / "out")
-    left_out = pd.read_parquet(tmp_path / "out/episodes.parquet")["left_out"]
-    assert left_out.tolist() == ["wandered"] * 4
+    exclusion_reason = pd.read_parquet(tmp_path / "out/episodes.parquet")["exclusion_reason"]
+    assert exclusion_reason.tolist() == ["wandered"] * 4
 
 
 def test_sessions_read_side_by_side_are_written_in_order_and_alike(study, tmp_path):
@@ -78,8 +83,8 @@ def test_sessions_read_side_by_side_are_written_in_order_and_alike(study, tmp_pa
     damaged = [many / "sub-03" / "foreign.mcap", many / "sub-37" / "foreign.mcap"]
     for path in damaged:
         path.write_bytes(b"not a log")
-    done, card = export("parquet", many, tmp_path / "all", EVERYTHING)
-    assert [one.path for one in card.account.skipped] == damaged
+    done, card = export_study("parquet", many, tmp_path / "all", EVERYTHING)
+    assert [many / one.path for one in card.account.skipped] == damaged
     apart = [written(log, tmp_path / f"one-{number}") for number, log in enumerate(logs)]
     assert done.episodes == 20 * sum(one.episodes for one in apart)
     for name in TABLES:
@@ -94,7 +99,9 @@ def test_sessions_read_side_by_side_are_written_in_order_and_alike(study, tmp_pa
 
 def test_marked_episodes_can_be_left_out_or_taken_alone(tmp_path):
     study = recorded(tmp_path / "data", participants=1)
-    path = add_mark(open_log(next(study.rglob("*.mcap"))), Mark(tag="exclude", at="2026-01-01T00:00:00Z", episode=2))
+    path = add_annotation(
+        read_log(next(study.rglob("*.mcap"))), Annotation(tag="exclude", at="2026-01-01T00:00:00Z", episode=2)
+    )
     assert path.exists()
     assert written(study, tmp_path / "a", Selection()).episodes == 3
     assert written(study, tmp_path / "b", Selection(only=("exclude",), with_=("exclude",))).episodes == 1
@@ -104,9 +111,9 @@ def test_a_damaged_log_is_named_in_the_card_and_the_rest_is_written(tmp_path):
     study = recorded(tmp_path / "data", participants=2)
     damaged = next(study.glob("sub-01/*/*.mcap"))
     damaged.write_bytes(b"not a log")
-    done, card = export("parquet", study, tmp_path / "out", Selection())
+    done, card = export_study("parquet", study, tmp_path / "out", Selection())
     assert done.episodes == 4
-    assert any(one.path == damaged for one in card.account.skipped)
+    assert any(study / one.path == damaged for one in card.account.skipped)
     assert damaged.name in (tmp_path / "out/README.md").read_text()
     assert damaged.read_bytes() == b"not a log"
 
@@ -119,8 +126,19 @@ def test_nothing_is_overwritten(study, tmp_path):
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["mine.txt"]
 
 
+def test_the_folder_one_is_in_is_refused_before_any_work(study, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    read: list[Path] = []
+    with pytest.raises(ExportError, match=r"\. is the current folder; name a new folder"):
+        export_study("parquet", study, Path(), EVERYTHING, progress=read.append)
+    assert not read
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_selection_of_which_nothing_counts_leaves_nothing(study, tmp_path):
-    with pytest.raises(ExportError, match=r"was written: 0 episodes of 0 sessions count \(--outcome failure\)"):
+    with pytest.raises(
+        ExportError, match=r"nothing to export: 0 episodes of 0 sessions included \(--outcome failure\)"
+    ):
         written(study, tmp_path / "out", Selection(outcome=("failure",)))
     assert list(tmp_path.iterdir()) == []
 

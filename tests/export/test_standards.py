@@ -15,20 +15,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.data.selection import Selection
+from minihuman.admin.next_session import plan_next_session
+from minihuman.dataset.selection import Selection
+from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import ExportError
-from minihuman.export.run import export
-from minihuman.lab.next_session import next_session
-from minihuman.log.read.open_log import open_log
+from minihuman.experiment.machine.events import Answered, Sampled, Stepped
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.exporters.exporter import export_study
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.players.choose import make_player
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study.events import Answered, Sampled, Stepped
-from minihuman.study.protocol import decode
-from minihuman.study.session import Session
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.participant import make_participant
+from minihuman.worlds.adapters.world import World
 from tests.golden.make import STARTED_NS, segment, study
 from tests.study.test_about import ABOUT
 
@@ -78,12 +78,12 @@ def asked_study(folder: Path) -> None:
     toml = toml.replace(
         'blocks = ["small", "first-person"]', 'parts = ["about-you", "small", "load", "first-person", "load"]'
     )
-    told = decode((toml + ASKED).encode())
+    told = decode_protocol((toml + ASKED).encode())
     for who in ("sub-01", "sub-02"):
-        plan, clock = next_session(told, folder, participant=who, session=1), VirtualClock()
-        session = Session(plan, World, {"player": "random"}, picture_px=None)
+        plan, clock = plan_next_session(told, folder, participant=who, session=1), VirtualClock()
+        session = SessionMachine(plan, World, {"player": "random"}, picture_px=None)
         recorder = Sampling(folder, plan, started_ns=STARTED_NS)
-        player = make_player("random", np.random.default_rng(5))
+        player = make_participant("random", np.random.default_rng(5))
         run_session(session, SimulatedWindow(player, session, clock), recorder, clock)
 
 
@@ -93,7 +93,7 @@ def studies(tmp_path_factory):
     for name in FROZEN:
         shutil.copytree(GOLDEN / name, folder / name)
     facts = ABOUT.partition("[[devices]]")[0]
-    told = decode(study("mixed").toml.replace(b'name = "mixed"', b'name = "two-sessions"', 1) + facts.encode())
+    told = decode_protocol(study("mixed").toml.replace(b'name = "mixed"', b'name = "two-sessions"', 1) + facts.encode())
     for who in ("sub-01", "sub-02"):
         for session in (1, 2):
             segment(folder, told, "random", participant=who, session=session)
@@ -107,7 +107,7 @@ def exported(studies, tmp_path_factory):
     out = tmp_path_factory.mktemp("exported")
     for name in (*FROZEN, "two-sessions", "asked"):
         for kind in FORMATS:
-            export(kind, studies / name, out / kind / name, Selection())
+            export_study(kind, studies / name, out / kind / name, Selection())
     return out
 
 
@@ -248,7 +248,7 @@ def tsv(path):
 
 def test_bids_has_a_run_for_each_segment_and_its_events_in_seconds_of_it(exported, studies):
     folder = exported / "bids/resumed"
-    [log] = [open_log(path) for path in (studies / "resumed").rglob("*.mcap")]
+    [log] = [read_log(path) for path in (studies / "resumed").rglob("*.mcap")]
     runs = sorted((folder / "sub-01/ses-01/beh").glob("*_events.tsv"))
     scans = tsv(folder / "sub-01/ses-01/sub-01_ses-01_scans.tsv")
     assert [row["acq_time"] for row in scans if row["filename"].startswith("beh/")] == [
@@ -287,7 +287,7 @@ def test_bids_keeps_grid_and_room_apart_with_their_units(exported):
 
 def test_bids_has_a_phenotype_for_each_set_of_questions_with_every_answer(exported, studies):
     folder = exported / "bids/asked/phenotype"
-    log = open_log(next((studies / "asked").rglob("sub-02_ses-01.mcap")))
+    log = read_log(next((studies / "asked").rglob("sub-02_ses-01.mcap")))
     answers = [event for event in log.segments[0].part_events if isinstance(event, Answered)]
     for name, stem in (("about-you", "aboutyou"), ("load", "load")):
         [row] = [row for row in tsv(folder / f"{stem}.tsv") if row["participant_id"] == "sub-02"]
@@ -307,7 +307,7 @@ def test_bids_has_a_phenotype_for_each_set_of_questions_with_every_answer(export
 
 def test_bids_has_a_recording_for_each_device_with_the_moment_of_every_sample(exported, studies):
     folder = exported / "bids/asked/sub-01/ses-01/beh"
-    log = open_log(next((studies / "asked").rglob("sub-01_ses-01.mcap")))
+    log = read_log(next((studies / "asked").rglob("sub-01_ses-01.mcap")))
     stem = "sub-01_ses-01_task-asked_run-1_recording-"
     with gzip.open(folder / f"{stem}gaze_physio.tsv.gz", "rt") as file:
         rows = [[float(cell) for cell in line.split("\t")] for line in file]
@@ -351,10 +351,10 @@ def test_the_logs_and_what_was_made_of_them_are_beside(exported, studies):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ("participant,age,hand\nsub-01,old,left\n", "participants.csv:2: age is 'old', which is not of kind 'whole'"),
+        ("participant,age,hand\nsub-01,old,left\n", "participants.csv:2: age is 'old', not of type 'integer'"),
         ("participant,age,hand\nsub-01,31,both\n", "participants.csv:2: hand is 'both'; use left, right"),
         ("participant,age\nsub-01,31\n", "participants.csv has no column 'hand'"),
-        ("participant,age,hand\nsub-01,,\nsub-01,,\n", "participants.csv:3: 'sub-01' is there twice"),
+        ("participant,age,hand\nsub-01,,\nsub-01,,\n", "participants.csv:3: 'sub-01' appears twice"),
     ],
 )
 def test_what_the_laboratory_says_of_people_is_checked(studies, tmp_path, lines, message):
@@ -362,4 +362,4 @@ def test_what_the_laboratory_says_of_people_is_checked(studies, tmp_path, lines,
     shutil.copytree(studies / "two-sessions", copy)
     (copy / "participants.csv").write_text(lines)
     with pytest.raises(ExportError, match=re.escape(message)):
-        export("bids", copy, tmp_path / "out", Selection(participant=("sub-01",)))
+        export_study("bids", copy, tmp_path / "out", Selection(participant=("sub-01",)))

@@ -5,18 +5,17 @@ import io
 import datasets
 import numpy as np
 import pytest
-import typer
+from click.testing import CliRunner
 from PIL import Image
 from rerun.chunk import RrdReader
-from typer.testing import CliRunner
 
-from minihuman.cli import export as cli
-from minihuman.data.selection import Selection
+from minihuman.cli.command_line import make_command_line
+from minihuman.dataset.selection import Selection
 from minihuman.errors import ExportError, LogError
-from minihuman.export.run import export
-from minihuman.log.read.open_log import open_log, read_events
+from minihuman.experiment.machine.events import find_violations
+from minihuman.exporters.exporter import export_study
+from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.replay.recording import save_recording
-from minihuman.study.well_formed import complaints
 from tests.export import changing
 from tests.export.study import DEMO, recorded
 
@@ -51,7 +50,7 @@ def log_in(study):
 
 
 def exported(source, out, **how):
-    export("imitation", source, out, Selection(), **how)
+    export_study("imitation", source, out, Selection(), **how)
     return {
         str(dataset.parent.relative_to(out)): datasets.load_from_disk(str(dataset.parent)).to_dict()
         for dataset in sorted(out.rglob("dataset_info.json"))
@@ -61,7 +60,7 @@ def exported(source, out, **how):
 def test_stored_observations_are_those_of_the_replay_in_every_world_of_ours(tmp_path):
     toml = DEMO.read_bytes().replace(b"[[blocks]]\n", b"[[blocks]]\nrecord_observations = true\n")
     source = recorded(tmp_path / "data", participants=1, toml=toml)
-    assert complaints(read_events(log_in(source))) == []
+    assert find_violations(read_events(log_in(source))) == []
     again, stored = exported(source, tmp_path / "again"), exported(source, tmp_path / "stored", stored_frames=True)
     assert len(again) == 2
     assert stored == again
@@ -77,9 +76,8 @@ def test_a_changed_world_is_refused_and_then_exported_from_what_the_log_holds(tm
         exported(source, tmp_path / "refused")
     assert not (tmp_path / "refused").exists()
     assert exported(source, tmp_path / "after", stored_frames=True) == before
-    app = typer.Typer()
-    cli.add_to(app)
-    typed = CliRunner().invoke(app, ["parquet", str(source), str(tmp_path / "typed"), "--stored-frames"])
+    words = ["export", "parquet", str(source), str(tmp_path / "typed"), "--stored-frames"]
+    typed = CliRunner().invoke(make_command_line(), words)
     assert (typed.exit_code, typed.output.splitlines()[-1][:20]) == (0, "2 episodes, 20 steps")
     assert "stored in the logs" in (tmp_path / "typed" / "README.md").read_text()
 
@@ -91,12 +89,12 @@ def test_a_log_that_holds_none_cannot_give_them(tmp_path, monkeypatch):
     monkeypatch.setattr(changing, "shade", 90)
     with pytest.raises(ExportError, match=r"export with that version$"):
         exported(source, tmp_path / "out")
-    with pytest.raises(LogError, match="now shows something else"):
-        save_recording([open_log(log_in(source))], tmp_path / "view.rrd", with_view=True)
+    with pytest.raises(LogError, match="no longer shows what the participant saw"):
+        save_recording([read_log(log_in(source))], tmp_path / "view.rrd", with_view=True)
 
 
 def test_the_replay_shows_what_the_log_holds_where_the_world_has_changed(tmp_path, monkeypatch):
-    log = open_log(log_in(study(tmp_path / "data", stored=True)))
+    log = read_log(log_in(study(tmp_path / "data", stored=True)))
     monkeypatch.setattr(changing, "shade", 90)
     saved = save_recording([log], tmp_path / "view.rrd", with_view=True)
     rows = [

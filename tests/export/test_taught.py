@@ -5,15 +5,15 @@ from pathlib import Path
 import datasets
 import pytest
 
-from minihuman.data.selection import Selection
-from minihuman.export.run import export
+from minihuman.dataset.selection import Selection
+from minihuman.exporters.exporter import export_study
 
 STUDY = Path(__file__).parents[1] / "golden/v1/taught"
 
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
-    written, _ = export("imitation", STUDY, tmp_path_factory.mktemp("taught") / "out", Selection())
+    written, _ = export_study("imitation", STUDY, tmp_path_factory.mktemp("taught") / "out", Selection())
     return {path.name: datasets.load_from_disk(str(path)) for path in written.paths}
 
 
@@ -30,5 +30,5 @@ def test_a_comparison_has_the_steps_of_both_sides_and_which_one_is_preferred(exp
 
 
 def test_a_study_without_comparisons_has_no_file_of_them(tmp_path):
-    written, _ = export("imitation", STUDY.parent / "plain", tmp_path / "out", Selection())
+    written, _ = export_study("imitation", STUDY.parent / "plain", tmp_path / "out", Selection())
     assert [path.name for path in written.paths] == ["minigrid-fourrooms-v0"]

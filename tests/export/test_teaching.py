@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from minihuman.data.selection import Selection
-from minihuman.export.run import export
-from minihuman.worlds.adapt.world import World
+from minihuman.dataset.selection import Selection
+from minihuman.exporters.exporter import export_study
+from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.export.study import recorded
 
@@ -19,7 +19,7 @@ name = "teaching"
 version = "1"
 seed = 1
 [keys]
-check = false
+keyboard_check = false
 [[groups]]
 name = "all"
 blocks = ["grid"]
@@ -73,7 +73,7 @@ def successes(weights: np.ndarray, seeds: range) -> int:
 @pytest.mark.long
 def test_a_policy_cloned_from_optimal_demonstrations_finds_the_goal_more_often_than_chance(tmp_path):
     study = recorded(tmp_path / "data", participants=count(3, 10), toml=TOML)
-    (path,) = export("imitation", study, tmp_path / "out", Selection(outcome=("goal",)))[0].paths
+    (path,) = export_study("imitation", study, tmp_path / "out", Selection(outcome=("goal",)))[0].paths
     demonstrations = datasets.load_from_disk(str(path))
     seen = np.concatenate([np.array(row["obs"][:-1]) for row in demonstrations])
     actions = np.concatenate([np.array(row["acts"]) for row in demonstrations])

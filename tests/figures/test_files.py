@@ -1,12 +1,12 @@
 """Figures as files."""
 
-from minihuman.figures.files import save
-from minihuman.figures.paths import paths_figure
+from minihuman.figures.path_figures import paths_figure
+from minihuman.figures.style import save_figure
 from tests.builders import session
 
 
 def draw(stem):
-    return save(paths_figure([("grid", session(blocks=("grid",), episodes=1).episodes)], across=1), stem)
+    return save_figure(paths_figure([("grid", session(blocks=("grid",), episodes=1).episodes)], across=1), stem)
 
 
 def test_the_same_data_give_the_same_files_with_no_date_and_no_program_version(tmp_path):

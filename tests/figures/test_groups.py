@@ -8,12 +8,12 @@ import pytest
 from matplotlib.figure import Figure
 from scipy import stats
 
-from minihuman.figures.drawn_from import learning_curves
-from minihuman.figures.learning import draw_learning, mean_and_band, share_and_band
-from minihuman.figures.occupancy import by_participant, draw_occupancy, occupancy, occupancy_figure
-from minihuman.figures.waiting import waiting_figure
-from minihuman.statistics.shares import wilson
-from minihuman.statistics.survival import Waited
+from minihuman.figures.figure_data import collect_learning_curves
+from minihuman.figures.learning_curves import draw_learning, mean_and_band, share_and_band
+from minihuman.figures.occupancy import compute_occupancy, draw_occupancy, group_by_participant, occupancy_figure
+from minihuman.figures.survival_curves import survival_figure
+from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.survival import SurvivalTimes
 from tests.builders import episode, grid_map, made, plan, session, session_of
 
 
@@ -22,7 +22,7 @@ def standing(place: tuple[float, float], steps: int):
 
 
 def test_every_participant_weighs_the_same_however_long_they_took():
-    share, x_edges, z_edges = occupancy([[standing((3, 4), 1)], [standing((10, 12), 99)]])
+    share, x_edges, z_edges = compute_occupancy([[standing((3, 4), 1)], [standing((10, 12), 99)]])
     assert share[3, 4] == pytest.approx(0.5)
     assert share[10, 12] == pytest.approx(0.5)
     assert share.shape == (len(x_edges) - 1, len(z_edges) - 1) == (19, 19)
@@ -32,21 +32,21 @@ def test_a_participant_of_two_days_weighs_as_much_as_one_of_one_day():
     first = session_of([standing((3, 4), 1)])
     second = session_of([standing((5, 6), 1)])
     other = session_of([standing((10, 12), 9)], participant="sub-02")
-    participants = by_participant([first, second, other], plan().world)
-    share, _, _ = occupancy(participants)
+    participants = group_by_participant([first, second, other], plan().world)
+    share, _, _ = compute_occupancy(participants)
     assert (share[3, 4], share[5, 6], share[10, 12]) == pytest.approx((0.25, 0.25, 0.5))
     assert occupancy_figure("w", participants).axes[0].get_title() == "w, 2 participants"
 
 
 def test_metres_are_counted_in_half_metre_squares():
-    share, x_edges, _ = occupancy([[episode(kind="room")]])
+    share, x_edges, _ = compute_occupancy([[episode(kind="room")]])
     assert np.diff(x_edges) == pytest.approx(0.5)
     assert share.sum() == pytest.approx(1)
 
 
 def test_cells_and_metres_do_not_mix():
     with pytest.raises(ValueError, match="one unit"):
-        occupancy([[episode(), episode(kind="room")]])
+        compute_occupancy([[episode(), episode(kind="room")]])
 
 
 def test_a_place_nobody_went_stays_white_and_every_wall_is_drawn():
@@ -92,23 +92,25 @@ def test_a_share_of_everybody_has_an_interval_too():
     values = np.array([[1.0, 0.0, math.nan], [1.0, 1.0, math.nan]])
     share, low, high = share_and_band(values)
     assert list(share[:2]) == [1.0, 0.5]
-    assert (low[0], high[0]) == wilson(2, 2)
+    assert (low[0], high[0]) == wilson_interval(2, 2)
     assert np.isnan([share[2], low[2], high[2]]).all()
     ax = draw_learning(Figure().subplots(), {"all": values[:, :2]}, measure="success", limits=(0, 1))
-    assert ax.collections[0].get_paths()[0].vertices[:, 1].min() == pytest.approx(wilson(1, 2)[0])
+    assert ax.collections[0].get_paths()[0].vertices[:, 1].min() == pytest.approx(wilson_interval(1, 2)[0])
 
 
 def test_a_measure_that_goes_beyond_1_is_no_share_where_everybody_is_perfect():
     perfect = {"all": np.zeros((10, 2))}
-    for limits, highest in (((0, math.inf), 0.0), ((0, 1), wilson(0, 10)[1])):
-        ax = draw_learning(Figure().subplots(), perfect, measure="log of the steps over the best way", limits=limits)
+    for limits, highest in (((0, math.inf), 0.0), ((0, 1), wilson_interval(0, 10)[1])):
+        ax = draw_learning(
+            Figure().subplots(), perfect, measure="log of the excess steps over the shortest path", limits=limits
+        )
         (band,) = ax.collections
         assert band.get_paths()[0].vertices[:, 1].max() == pytest.approx(highest)
 
 
 def test_how_many_wait_is_told_below_the_axis_numbers_that_it_is_of():
-    waited = Waited(np.array([30.0, 120.0, 250.0]), np.array([True, True, False]))
-    axes, below = waiting_figure({"a": waited}, label="steps").axes
+    waited = SurvivalTimes(np.array([30.0, 120.0, 250.0]), np.array([True, True, False]))
+    axes, below = survival_figure({"a": waited}, label="steps").axes
     told = {float(text.get_position()[0]): text.get_text() for text in below.texts if text.get_text().isdigit()}
     assert set(told) == {float(tick) for tick in axes.get_xticks() if 0 <= tick <= 250}
     assert told[0.0] == "3"
@@ -119,7 +121,7 @@ def session_rewards():
     return np.array([[played.return_ for played in session(seed=seed, episodes=3).episodes] for seed in range(3)])
 
 
-def test_a_participant_of_two_sessions_is_one_and_an_episode_nobody_finished_leaves_a_gap():
+def test_a_participant_of_two_sessions_has_a_curve_in_each_and_an_episode_nobody_finished_leaves_a_gap():
     columns = ["participant", "session", "group", "episode_in_block", "reward"]
     rows = [
         ("sub-01", 1, "a", 1, 0.2),
@@ -127,7 +129,10 @@ def test_a_participant_of_two_sessions_is_one_and_an_episode_nobody_finished_lea
         ("sub-01", 1, "a", 3, 0.9),
         ("sub-02", 1, "b", 2, 1.0),
     ]
-    curves = learning_curves(pd.DataFrame(rows, columns=columns))
-    assert curves["a"].shape == curves["b"].shape == (1, 3)
-    assert curves["a"][0, [0, 2]] == pytest.approx([0.3, 0.9])
-    assert np.isnan([curves["a"][0, 1], curves["b"][0, 0], curves["b"][0, 2]]).all()
+    curves = collect_learning_curves(pd.DataFrame(rows, columns=columns))
+    assert {name: curve.shape for name, curve in curves.items()} == dict.fromkeys(
+        ("a, session 1", "a, session 2", "b, session 1"), (1, 3)
+    )
+    assert curves["a, session 1"][0] == pytest.approx([0.2, np.nan, 0.9], nan_ok=True)
+    assert curves["a, session 2"][0] == pytest.approx([0.4, np.nan, np.nan], nan_ok=True)
+    assert curves["b, session 1"][0] == pytest.approx([np.nan, 1.0, np.nan], nan_ok=True)

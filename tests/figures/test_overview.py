@@ -2,11 +2,13 @@
 
 import dataclasses
 
+import pytest
 from matplotlib.figure import Figure
 
+from minihuman.errors import LogError
+from minihuman.experiment.machine.events import KeyPressed
 from minihuman.figures.overview import draw_different_keys, draw_keys, draw_steps, draw_time, overview_figure
-from minihuman.recorded.columns import EventColumns
-from minihuman.study.events import KeyPressed
+from minihuman.log.model.event_columns import EventColumns
 from tests.builders import session, session_of
 
 
@@ -56,3 +58,8 @@ def test_the_overview_names_the_blocks_and_numbers_a_long_session_sparsely():
 
 def test_a_log_that_was_cut_off_says_so():
     assert overview_figure(session_of(session(episodes=1).episodes, clean=False)).get_suptitle().endswith("cut off")
+
+
+def test_a_session_without_episodes_has_no_overview_and_says_so():
+    with pytest.raises(LogError, match="has no included episode to draw"):
+        overview_figure(session_of([]))

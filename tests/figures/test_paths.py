@@ -2,13 +2,16 @@
 
 import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from minihuman.figures.paths import draw_path, episode_panel, goal_of, paths_figure
+from minihuman.errors import LogError
+from minihuman.figures.occupancy import compute_occupancy, occupancy_figure
+from minihuman.figures.path_figures import draw_path, episode_panel, find_goal, paths_figure, session_paths
 from tests.builders import episode, grid_map, made, plan, pursue, session
 
 
@@ -106,4 +109,35 @@ def test_text_stays_readable_at_column_width():
 
 def test_the_goal_is_the_thing_the_mission_names_where_none_is_called_goal():
     room = episode(kind="room")
-    assert goal_of(room) == (room.start.map.things[0].x, room.start.map.things[0].z)
+    assert find_goal(room) == (room.start.map.things[0].x, room.start.map.things[0].z)
+
+
+@pytest.mark.parametrize("bounds", [(5.0, 0.0, 1.0, 9.0), (0.0, float("nan"), 9.0, 9.0), (0.0, 0.0, float("inf"), 9.0)])
+def test_a_map_whose_bounds_were_changed_is_refused_in_one_sentence(bounds):
+    log = session(episodes=2, blocks=("grid",))
+    changed = tuple(
+        replace(episode, start=replace(episode.start, map=replace(episode.start.map, bounds=bounds)))
+        for episode in log.episodes
+    )
+    for draw in (
+        lambda: session_paths(replace(log, episodes=changed)),
+        lambda: occupancy_figure("world", [list(changed)]),
+    ):
+        with pytest.raises(LogError, match=r"a map's bounds are x .*minihuman verify") as refused:
+            draw()
+        assert "\n" not in str(refused.value)
+
+
+def test_bounds_that_do_not_hold_the_path_keep_every_step_and_those_without_end_are_refused():
+    log = session(episodes=2, blocks=("grid",))
+
+    def moved(*bounds):
+        return [
+            replace(episode, start=replace(episode.start, map=replace(episode.start.map, bounds=bounds)))
+            for episode in log.episodes
+        ]
+
+    share, _, _ = compute_occupancy([moved(100.0, 100.0, 101.0, 101.0)])
+    assert share.sum() == pytest.approx(1)
+    with pytest.raises(LogError, match="too much to draw"):
+        compute_occupancy([moved(0.0, 0.0, 1e9, 1e9)])

@@ -2,8 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from minihuman.figures.paths import draw_map
-from minihuman.figures.things import MOST_NAMED, named, shape_of
+from minihuman.figures.path_figures import MAX_LEGEND_ENTRIES, build_object_legend, draw_map, get_marker
 from minihuman.worlds.pose import Map, Thing
 
 
@@ -17,8 +16,8 @@ def floor(*things: Thing) -> Map:
 
 def test_a_yellow_key_and_a_yellow_door_have_other_shapes() -> None:
     kinds = [thing(f"yellow {kind}") for kind in ("key", "ball", "box", "locked door", "goal", "chair")]
-    assert len({shape_of(one) for one in kinds}) == len(kinds)
-    assert shape_of(thing("red door")) == shape_of(thing("yellow locked door"))
+    assert len({get_marker(one) for one in kinds}) == len(kinds)
+    assert get_marker(thing("red door")) == get_marker(thing("yellow locked door"))
 
 
 def test_each_is_drawn_where_it_is_and_no_larger() -> None:
@@ -33,5 +32,5 @@ def test_each_is_drawn_where_it_is_and_no_larger() -> None:
 
 def test_the_legend_names_every_kind_once_but_the_goal() -> None:
     maps = [floor(thing("red key"), thing("green goal")), None, floor(thing("red key"), thing("blue box"))]
-    assert [str(entry.get_label()) for entry in named(maps)] == ["red key", "blue box"]
-    assert len(named([floor(*(thing(f"thing {number}") for number in range(40)))])) == MOST_NAMED
+    assert [str(entry.get_label()) for entry in build_object_legend(maps)] == ["red key", "blue box"]
+    assert len(build_object_legend([floor(*(thing(f"thing {number}") for number in range(40)))])) == MAX_LEGEND_ENTRIES

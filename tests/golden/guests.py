@@ -6,9 +6,9 @@ from pathlib import Path
 from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
-from minihuman.log.read.chunk import LogMessage
-from minihuman.log.read.scan import Scan
-from minihuman.log.topics import SCHEMA_VERSION, SEGMENT_METADATA
+from minihuman.log.names import SCHEMA_VERSION, SEGMENT_METADATA
+from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.scan import LogScanner
 
 Guest = Callable[[int], int | None]  # the number of one more message after ours of this number; None: none there
 
@@ -17,7 +17,7 @@ def again(
     log: Path, target: Path, guest: Guest, *, version: str = str(SCHEMA_VERSION), leave_out: int | None = None
 ) -> Path:
     """Write a log again with a guest's messages between ours; those that a newer version counts shift ours on."""
-    scan = Scan(log)
+    scan = LogScanner(log)
     with target.open("wb") as file:
         writer = Writer(file, chunk_size=4096)
         writer.start(profile="minihuman")

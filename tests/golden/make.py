@@ -2,31 +2,35 @@
 
 Each version of the log's format has a folder of its own (``v1``), made by the software of that time and never made
 again: what is to be shown is that logs lying on a laboratory's disk for years are still read, proved and exported.
+
+``tests.golden.every`` made those of every world and of every kind of part.
 """
 
 import shutil
 import sys
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
-from minihuman.data.marks import Mark, add_mark
-from minihuman.lab.next_session import next_session
-from minihuman.log.read.open_log import open_log
-from minihuman.log.record.finish import recover
+from minihuman.admin.next_session import plan_next_session
+from minihuman.dataset.annotations import Annotation, add_annotation
+from minihuman.display.windows.window import VirtualClock
+from minihuman.experiment.activities.activity import RequestHandler
+from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, Stop
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.players.choose import make_player
-from minihuman.players.port import Press
-from minihuman.players.teacher import Teacher
-from minihuman.seats.agent_seat import agent_seat
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study.inputs import Input, KeyDown, KeyUp, Stop
-from minihuman.study.protocol import Protocol, decode
-from minihuman.study.session import Session
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.agent_host import make_agent_host
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.participant import KeyPress, SimulatedTeacher, make_participant
+from minihuman.worlds.adapters.world import World
 from tests.golden.guests import again
 
 STARTED_NS = 1_790_000_000_123_456_789  # the first session's wall clock; an hour later the next segment
@@ -113,26 +117,26 @@ BLOCKS = {
 }
 
 
-class Teaching(Teacher):
+class Teaching(SimulatedTeacher):
     """Takes over at an episode's third step, hands back two steps later, rates every state, likes the left."""
 
     def __init__(self) -> None:
-        self._player = make_player("optimal", np.random.default_rng(5))
+        self._player = make_participant("optimal", np.random.default_rng(5))
 
     def begin(self, plan, pool, world) -> None:
         self._player.begin(plan, pool, world)
 
-    def press(self, world) -> Press:
+    def press(self, world) -> KeyPress:
         return self._player.press(world)
 
-    def watch(self, world, watched) -> Press | None:
+    def watch(self, world, watched) -> KeyPress | None:
         if watched.good:
-            return Press(watched.good if watched.step % 3 else watched.bad, 150.0)
+            return KeyPress(watched.good if watched.step % 3 else watched.bad, 150.0)
         if watched.who == "agent":
             return self._press(world) if watched.step == 2 else None
-        return Press(watched.hand_back, 300.0) if watched.step == 4 else self._press(world)
+        return KeyPress(watched.hand_back, 300.0) if watched.step == 4 else self._press(world)
 
-    def _press(self, world) -> Press:
+    def _press(self, world) -> KeyPress:
         self._player._way = []  # an agent has played meanwhile
         return self._player.press(world)
 
@@ -180,7 +184,7 @@ def study(name: str) -> Protocol:
     toml = _STUDY.replace("{name}", name).replace("{blocks}", str(names).replace("'", '"')) + blocks
     if "[[activities]]" in toml:
         toml = toml.replace("blocks = [", "parts = [")
-    return decode(toml.encode())
+    return decode_protocol(toml.encode())
 
 
 def segment(
@@ -189,19 +193,22 @@ def segment(
     player: str = "optimal",
     participant: str = "sub-01",
     session: int = 1,
+    facts: Mapping[str, str] = MappingProxyType({}),
+    seat: Callable[[SessionPlan, Path], RequestHandler] | None = None,
     **hand,
 ) -> Path:
-    """Play the participant's session, or the rest of it, and give its log."""
-    plan = next_session(protocol, data, participant=participant, session=session)
+    """Play the participant's session, or the rest of it, and give its log; an agent may have another seat."""
+    plan = plan_next_session(protocol, data, participant=participant, session=session)
     clock = VirtualClock()
-    facts = {"player": player, "platform": "golden", "refresh_hz": "60.0"}
-    session = Session(plan, World, facts, picture_px=None)
+    station = {"player": player, "platform": "golden", "refresh_hz": "60.0", **facts}
+    session = SessionMachine(plan, World, station, picture_px=None)
     recorder = McapRecorder(data, plan, started_ns=STARTED_NS + HOUR_NS * (plan.segment - 1))
     if "part" in hand:
         hand["kill"] = partial(_keep, recorder, hand.pop("part"))
-    somebody = Teaching() if player == "teaching" else make_player(player, np.random.default_rng(5))
+    somebody = Teaching() if player == "teaching" else make_participant(player, np.random.default_rng(5))
     window = Hand(somebody, session, clock, **hand)
-    log = run_session(session, window, recorder, clock, agent=agent_seat(protocol, plan, data, patient=True))
+    agent = seat(plan, data) if seat else make_agent_host(protocol, plan, data, patient=True)
+    log = run_session(session, window, recorder, clock, agent=agent)
     assert log is not None
     return log
 
@@ -225,7 +232,7 @@ def make(data: Path) -> None:
         part = log.with_name(log.name + ".part")
         shutil.move(data / "as-killed", part)
     part.write_bytes(part.read_bytes()[:-300])  # the last bytes never reached the disk
-    recover(part)
+    recover_log(part)
     for found in part.parent.glob("*.as-found-*"):  # as large again, and never read
         found.unlink()
     segment(data, study("real-time"))
@@ -238,11 +245,11 @@ def make(data: Path) -> None:
     segment(data, study("no-step"), after_steps=0, key="escape")
     segment(data, study("no-episode"), after_steps=AT_ONCE)
     segment(data, study("taught"), "teaching")
-    marked = open_log(segment(data, study("marked")))
-    add_mark(marked, Mark("exclude", "2026-11-22T09:00:00Z", episode=2, note="the phone rang"))
-    add_mark(marked, Mark("slow", "2026-11-22T09:01:00Z", note="all of it"))
-    add_mark(marked, Mark("doubt", "2026-11-22T09:02:00Z", episode=1))
-    add_mark(marked, Mark("doubt", "2026-11-22T09:03:00Z", episode=1, taken_back=True))
+    marked = read_log(segment(data, study("marked")))
+    add_annotation(marked, Annotation("exclude", "2026-11-22T09:00:00Z", episode=2, note="the phone rang"))
+    add_annotation(marked, Annotation("slow", "2026-11-22T09:01:00Z", note="all of it"))
+    add_annotation(marked, Annotation("doubt", "2026-11-22T09:02:00Z", episode=1))
+    add_annotation(marked, Annotation("doubt", "2026-11-22T09:03:00Z", episode=1, taken_back=True))
 
 
 if __name__ == "__main__":

@@ -1,24 +1,42 @@
 """Logs frozen when their version was the newest: every later one reads, proves, reports and exports them."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import pyarrow.parquet as pq
 import pytest
 
-from minihuman.data.marks import read_marks
-from minihuman.data.selection import Selection
-from minihuman.data.study import Sessions
-from minihuman.export.run import export
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log
-from minihuman.report.build import build
+from minihuman.admin.verify.episodes import EpisodeVerification, verify_episodes
+from minihuman.admin.verify.log import verify_session
+from minihuman.dataset.annotations import read_annotations
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import StudySessions
+from minihuman.errors import WorldError
+from minihuman.experiment.activities.agent_blocks import ControlChanged, ControlReason, LearnerAsked, Rated
+from minihuman.experiment.activities.correction import CorrectionEnded
+from minihuman.experiment.activities.preferences import Preferred
+from minihuman.experiment.activities.questions.question import QUESTION_GROUP
+from minihuman.experiment.activities.registry import find_kind, list_built_in_kinds
+from minihuman.experiment.machine.events import Answered
+from minihuman.experiment.plan.session_plan import PacePolicy
+from minihuman.exporters.exporter import export_study
+from minihuman.log.read.session_reader import read_log
+from minihuman.plugins import list_plugin_names
+from minihuman.reporting.build import build_report
+from minihuman.worlds.catalogue import WORLDS
+from tests.golden import renamed
+from tests.golden.cells import cells_of, differences, frozen_cells
 
 HERE = Path(__file__).parent
 LOGS = sorted([*HERE.glob("v*/*/sub-*/ses-*/*.mcap"), *HERE.glob("v*/*/sub-*/ses-*/*.mcap.part")])
 STUDIES = sorted({log.parents[2] for log in LOGS})
 
-# what each held when it was frozen: how its episodes ended, their steps, and how the session ended
+EVERY_WORLD = ("every-grid", "every-level", "every-room")
+
+# what each held when it was frozen: how its episodes ended, their steps, and how the session ended; of others their
+# frozen tables say it
 HELD = {
     "v1/cut-off/sub-01": ("goal cut_off", [5, 4], "cut_off"),
     "v1/first-person/sub-01": ("goal goal", [4, 27], "complete"),
@@ -36,31 +54,87 @@ HELD = {
     "v1/taught/sub-01": ("goal timeout goal goal", [5, 12, 9, 6], "complete"),
     "v1/resumed/sub-01": ("goal abandoned goal goal", [5, 2, 5, 5], "complete"),
 }
+# what a proof has against a log that is as it was recorded; whoever sees to one takes its line away
+KNOWN = {
+    # written when pairs had neither a way to be chosen nor a time to wait: both are in the plan as it is written now
+    "v1/taught/sub-01": ["segment 1: message 1 on /session/plan is not as it is written"],
+}
 
 
 def name_of(path: Path) -> str:
     return "/".join(path.relative_to(HERE).parts[:3])
 
 
+def held(path: Path) -> tuple[list[str], list[int], str]:
+    if name_of(path) in HELD:
+        outcomes, steps, end_reason = HELD[name_of(path)]
+        return outcomes.split(), steps, end_reason
+    tables = frozen_cells(path.parents[2].name)
+    episodes, [end_reason] = tables["episodes"], tables["participants"]["end_reason"]
+    return episodes["outcome"], [int(steps) for steps in episodes["steps"]], end_reason
+
+
+def log_of(study: str):
+    [path] = [path for path in LOGS if path.parents[2].name == study]
+    return read_log(path)
+
+
 @pytest.mark.parametrize("path", LOGS, ids=name_of)
-def test_a_frozen_log_says_what_it_said_and_plays_again_to_the_bit(path):
-    log = open_log(path)
-    outcomes, steps, end_reason = HELD[name_of(path)]
-    assert [episode.outcome_word for episode in log.episodes] == outcomes.split()
+def test_a_frozen_log_says_what_it_said_and_is_proven(path):
+    log = read_log(path)
+    outcomes, steps, end_reason = held(path)
+    assert [episode.outcome_word for episode in log.episodes] == outcomes
     assert [len(episode.actions) for episode in log.episodes] == steps
     assert log.end_reason == end_reason
-    proof = verify(log)
-    assert (proof.episodes, proof.steps, proof.difference) == (len(steps), sum(steps), "")
+    said = list(verify_session(path))
+    against = [line for line, good in said if not good]
+    assert against == KNOWN.get(name_of(path), [])
+    if not against:
+        assert said[-1][0] == f"{len(steps)} episodes, {sum(steps)} steps, all as logged"
 
 
-def test_every_kind_of_log_is_among_them():
-    assert {name_of(path) for path in LOGS} == set(HELD)
-    assert sum(len(path.read_bytes()) for path in LOGS) < 1_000_000
+@pytest.mark.parametrize("study", [*EVERY_WORLD, "every-option"])
+def test_every_world_plays_again_to_the_bit(study):
+    log = log_of(study)
+    against = []  # each by itself, so that all that differ are named
+    for episode in log.episodes:
+        try:
+            proof = verify_episodes(replace(log, episodes=(episode,)))
+        except WorldError as error:
+            against.append(f"{episode.plan.world} {episode.plan.options}: {error}")
+            continue
+        if proof != EpisodeVerification(1, len(episode.actions), ""):
+            against.append(f"{episode.plan.world} {episode.plan.options}: {str(proof)[:200]}")
+    assert not against, "\n".join(against)
+
+
+def test_every_world_is_among_them():
+    frozen = [episode.plan.world for study in EVERY_WORLD for episode in log_of(study).episodes]
+    assert len(set(frozen)) == len(frozen) == 218
+    assert {renamed.WORLDS.get(world, world) for world in frozen} <= {entry.id for entry in WORLDS}
+
+
+def test_every_kind_of_part_is_among_them():
+    logs = [read_log(path) for path in LOGS]
+    happened = [event for log in logs for event in log.part_events]
+    assert {find_kind(part.kind).name for log in logs for part in log.plan.parts} == set(list_built_in_kinds())
+    assert {event.kind for event in happened if isinstance(event, Answered)} == set(
+        list_plugin_names(QUESTION_GROUP, built_in=True)
+    )
+    assert {episode.plan.pace for log in logs for episode in log.episodes} == set(get_args(PacePolicy))
+    assert {event.reason for event in happened if isinstance(event, ControlChanged)} == set(get_args(ControlReason))
+    assert {event.value for event in happened if isinstance(event, Rated)} == {1.0, -1.0}
+    assert {LearnerAsked, CorrectionEnded, Preferred} <= {type(event) for event in happened}
+
+
+def test_they_are_small():
+    assert {name_of(path) for path in LOGS} >= HELD.keys() | KNOWN.keys()
+    assert sum(len(path.read_bytes()) for path in LOGS) < 4_000_000
 
 
 def test_the_frozen_marks_still_choose():
-    [log] = [open_log(path) for path in LOGS if "/marked/" in str(path)]
-    assert [mark.tag for mark in read_marks(log.path)] == ["exclude", "slow", "doubt", "doubt"]
+    [log] = [read_log(path) for path in LOGS if "/marked/" in str(path)]
+    assert [mark.tag for mark in read_annotations(log.path)] == ["exclude", "slow", "doubt", "doubt"]
     assert [played.plan.episode for played in Selection().judge(log).episodes] == [0, 2]
     assert Selection(only=("doubt",)).judge(log).episodes == ()
 
@@ -68,16 +142,41 @@ def test_the_frozen_marks_still_choose():
 @pytest.mark.program
 @pytest.mark.parametrize("study", STUDIES, ids=name_of)
 def test_a_frozen_study_makes_tables(study, tmp_path):
-    steps = [steps for log in LOGS if log.is_relative_to(study) for steps in HELD[name_of(log)][1]]
-    export("parquet", _copy(study, tmp_path), tmp_path / "out", Selection())
+    steps = [steps for log in LOGS if log.is_relative_to(study) for steps in held(log)[1]]
+    export_study("parquet", _copy(study, tmp_path), tmp_path / "out", Selection())
     episodes = pq.read_table(tmp_path / "out" / "episodes.parquet").to_pylist()
     assert [row["steps"] for row in episodes] == steps
 
 
 @pytest.mark.program
-@pytest.mark.parametrize("study", [HERE / "v1/plain", HERE / "v1/resumed"], ids=name_of)
+@pytest.mark.parametrize("study", STUDIES, ids=name_of)
+def test_a_frozen_study_has_the_cells_that_it_had(study, tmp_path):
+    against = list(differences(frozen_cells(study.name), cells_of(_copy(study, tmp_path), tmp_path / "out")))
+    assert not against, "\n".join([*against[:20], f"{len(against)} in all"])
+
+
+def test_what_became_of_frozen_cells_is_said(monkeypatch):
+    frozen = {"steps": {"reward": ["0.1", None], "key": ["a", "b"]}}
+    assert list(differences(frozen, frozen)) == []
+    assert list(differences(frozen, {"steps": {"reward": ["0.1000000000000001", None], "key": ["a", "b"]}})) == []
+    assert list(differences(frozen, {})) == ["steps: there is no table steps"]
+    assert list(differences(frozen, {"steps": {"reward": ["0.2", "0"], "press": ["a"]}})) == [
+        "steps.reward row 1: '0.1' frozen, '0.2' now",
+        "steps.reward row 2: None frozen, '0' now",
+        "steps.key: there is no column key in steps",
+    ]
+    monkeypatch.setitem(renamed.TABLES, "steps", "moves")
+    monkeypatch.setitem(renamed.COLUMNS, "steps.reward", "gain")
+    monkeypatch.setitem(renamed.COLUMNS, "key", "press")
+    assert list(differences(frozen, {"moves": {"gain": ["0.1", None], "press": ["a"], "new": ["1"]}})) == [
+        "steps.key: 2 rows frozen, 1 now"
+    ]
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("study", ["plain", "resumed", "every-part", "every-lesson"])
 def test_a_frozen_study_is_reported(study, tmp_path):
-    written = build(Sessions(_copy(study, tmp_path)), tmp_path / "out")
+    written = build_report(StudySessions(_copy(HERE / "v1" / study, tmp_path)), tmp_path / "out")
     assert any(path.name == "report.html" for path in written)
 
 

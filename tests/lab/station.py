@@ -12,9 +12,9 @@ from multiprocessing.synchronize import Barrier
 from pathlib import Path
 
 from minihuman.errors import LogError
+from minihuman.experiment.machine.events import Event
+from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import Event
-from minihuman.study.plan import SessionPlan
 from tests.log.samples import STARTED_NS
 
 

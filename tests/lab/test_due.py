@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.due import due
-from minihuman.lab.next_session import next_session
-from minihuman.lab.withdraw import replace, withdraw
-from minihuman.seats.simulate import simulate
-from minihuman.study.protocol import decode
+from minihuman.admin.due import list_due_sessions
+from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.withdrawal import replace_participant, withdraw_participant
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.runtime.simulated_session import simulate
 
-TWO_DAYS = decode(b"""
+TWO_DAYS = decode_protocol(b"""
 [study]
 name = "days"
 version = "1"
@@ -18,7 +18,7 @@ seed = 3
 participants = 9
 closing = ""
 [keys]
-check = false
+keyboard_check = false
 [[groups]]
 name = "all"
 [[blocks]]
@@ -33,7 +33,7 @@ parts = ["walk"]
 [[sessions]]
 name = "two"
 parts = ["walk"]
-days_after = [2, 4]
+days_after_previous = [2, 4]
 """)
 
 
@@ -42,18 +42,21 @@ def study(tmp_path: Path) -> Path:
     for log in simulate(TWO_DAYS, tmp_path, participants=3, seed=1, player="random"):
         if "ses-02" in log.name:  # simulated people come on both days at once; these have not come back yet
             shutil.rmtree(log.parent)
-    next_session(TWO_DAYS, tmp_path)  # takes a slot and never comes
+    plan_next_session(TWO_DAYS, tmp_path)  # takes a slot and never comes
     return tmp_path / "days"
 
 
 def test_the_second_day_comes_is_there_and_passes(study: Path) -> None:
-    first = due(study, date.today())[0].earliest
+    first = list_due_sessions(study, date.today())[0].earliest
     assert first is not None
     for days, state in ((-1, "later"), (0, "due"), (2, "due"), (3, "overdue")):
-        told = {one.participant: one for one in due(study, first + timedelta(days=days))}
+        told = {one.participant: one for one in list_due_sessions(study, first + timedelta(days=days))}
         assert [told[f"sub-0{number}"].state for number in (1, 2, 3)] == [state] * 3
         assert told["sub-01"].session == 2
-    assert f"due from {first} until {first + timedelta(days=2)}" in due(study, first - timedelta(days=1))[0].line()
+    assert (
+        f"due from {first} until {first + timedelta(days=2)}"
+        in list_due_sessions(study, first - timedelta(days=1))[0].line()
+    )
 
 
 @pytest.mark.parametrize("damage", ["the time it began at", "its first bytes"])
@@ -62,7 +65,7 @@ def test_whose_log_cannot_be_read_is_not_said_to_have_never_come(study: Path, da
     content = log.read_bytes()
     at = content.index(b"started_at") + 15 if damage == "the time it began at" else 3
     log.write_bytes(content[:at] + b"?" + content[at + 1 :])
-    told = {one.participant: one for one in due(study, date.today())}
+    told = {one.participant: one for one in list_due_sessions(study, date.today())}
     assert (told["sub-02"].state, told["sub-02"].session) == ("unreadable", 1)
     assert "cannot be read" in told["sub-02"].line()
     assert told["sub-01"].state == "later"
@@ -70,7 +73,7 @@ def test_whose_log_cannot_be_read_is_not_said_to_have_never_come(study: Path, da
 
 def test_who_never_came_and_whoever_left_is_told_apart(study: Path) -> None:
     today = date.today()
-    assert [one.state for one in due(study, today)][-1] == "never came"
-    replace(study, "sub-04")
-    withdraw(study, "sub-02", seal=None)
-    assert [one.participant for one in due(study, today)] == ["sub-01", "sub-03"]
+    assert [one.state for one in list_due_sessions(study, today)][-1] == "never came"
+    replace_participant(study, "sub-04")
+    withdraw_participant(study, "sub-02", seal=None)
+    assert [one.participant for one in list_due_sessions(study, today)] == ["sub-01", "sub-03"]

@@ -8,15 +8,21 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from minihuman.data.journal import FileJournal, Journal
-from minihuman.data.journals import REGISTER, URL_FILE_NAME, database_of, journal
-from minihuman.data.opened import worth_reading
-from minihuman.lab.recruits import PlatformId, Recruits, key_of_link
-from minihuman.lab.register import leave, take_slot
-from minihuman.lab.register_lines import Withdrawn, read_register
-from minihuman.seats.simulate import simulate
-from minihuman.study.protocol import decode
-from minihuman.web.arrivals import Arrival, Arrivals, Seated
+from minihuman.admin.enrolment_entries import ParticipantWithdrawn, read_enrolled
+from minihuman.admin.enrolment_log import record_departure, take_slot
+from minihuman.admin.recruitment import PlatformId, Recruitment, hash_link_token
+from minihuman.dataset.journal import (
+    ENROLMENT_FILE_NAME,
+    URL_FILE_NAME,
+    FileJournal,
+    Journal,
+    find_database_url,
+    open_journal,
+)
+from minihuman.dataset.log_files import list_readable_logs
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.runtime.simulated_session import simulate
+from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from tests.counts import count
 from tests.lab.database import database, fresh
 from tests.web.protocols import study
@@ -52,14 +58,14 @@ def data(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 @pytest.fixture
 def two(data: Path) -> Iterator[tuple[Journal[Word], Journal[Word]]]:
     """One journal as two processes have it."""
-    mine = journal(data / "talk", "said.jsonl", words)
+    mine = open_journal(data / "talk", "said.jsonl", words)
     if isinstance(mine, FileJournal):
         yield mine, FileJournal(data / "talk" / "said.jsonl", words)
         return
-    from minihuman.data.journal_postgres import PostgresJournal
+    from minihuman.dataset.journal_postgres import PostgresJournal
 
     assert isinstance(mine, PostgresJournal)
-    with closing(mine), closing(PostgresJournal(database_of(data / "talk"), "talk/said.jsonl", words)) as yours:
+    with closing(mine), closing(PostgresJournal(find_database_url(data / "talk"), "talk/said.jsonl", words)) as yours:
         yield mine, yours
 
 
@@ -148,33 +154,37 @@ def test_what_is_read_once_is_not_decoded_again(tmp_path: Path) -> None:
 def test_a_database_that_is_away_is_said_in_one_line(tmp_path: Path) -> None:
     pytest.importorskip("psycopg")
     (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")
-    with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be asked"):
-        journal(tmp_path / "s", REGISTER, words).read()
+    with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be queried"):
+        open_journal(tmp_path / "s", ENROLMENT_FILE_NAME, words).read()
 
 
 def test_who_withdrew_by_the_register_is_in_nothing_that_is_read(data: Path) -> None:
     protocol = the_protocol(data)
     list(simulate(protocol, data, participants=2, seed=1, player="random"))
     folder = data / protocol.study.name
-    leave(folder, Withdrawn("sub-01", "2026-09-21T12:00:00Z", "erased"))  # on another machine: the log is still here
-    assert [path.parent.parent.name for path in worth_reading(folder)[0]] == ["sub-02"]
+    record_departure(
+        folder, ParticipantWithdrawn("sub-01", "2026-09-21T12:00:00Z", "erased")
+    )  # on another machine: the log is still here
+    assert [path.parent.parent.name for path in list_readable_logs(folder)[0]] == ["sub-02"]
 
 
 def test_a_study_that_has_begun_in_files_goes_on_in_files(tmp_path: Path) -> None:
     protocol = the_protocol(tmp_path)
     begun = tmp_path / protocol.study.name
-    (token,) = Recruits(tmp_path / "offered").issue(1)
+    (token,) = Recruitment(tmp_path / "offered").issue(1)
     take_slot(protocol, begun)
-    leave(begun, Withdrawn("sub-01", "2026-09-21T12:00:00Z", "erased"))
+    record_departure(begun, ParticipantWithdrawn("sub-01", "2026-09-21T12:00:00Z", "erased"))
     (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")  # for another study
     assert take_slot(protocol, begun)[0].id == "sub-100001"
-    assert [line.participant for line in read_register(begun)] == ["sub-100001"]
-    assert key_of_link(token) in Recruits(tmp_path / "offered").standing().issued
-    assert database_of(tmp_path / "another")
+    assert [line.participant for line in read_enrolled(begun)] == ["sub-100001"]
+    assert hash_link_token(token) in Recruitment(tmp_path / "offered").standing().issued
+    assert find_database_url(tmp_path / "another")
 
 
 def the_protocol(folder: Path):
-    return decode(study(folder, web='picture_px = [96, 96]\nplatforms = ["prolific"]').read_bytes())
+    return decode_protocol(
+        study(folder, web='image_size_px = [96, 96]\nrecruitment_platforms = ["prolific"]').read_bytes()
+    )
 
 
 @pytest.mark.program
@@ -190,15 +200,15 @@ def test_no_slot_is_given_twice_by_many_processes(data: Path) -> None:
     for worker in workers:
         worker.join()
     assert [worker.exitcode for worker in workers] == [0] * PROCESSES
-    indices = [line.index for line in read_register(data / "tried")]
+    indices = [line.index for line in read_enrolled(data / "tried")]
     assert sorted(indices) == list(range(PROCESSES * EACH))
-    assert len({line.participant for line in read_register(data / "tried")}) == PROCESSES * EACH
+    assert len({line.participant for line in read_enrolled(data / "tried")}) == PROCESSES * EACH
 
 
 def allocate_in(folder: str, number: int, each: int, many: int) -> None:
     data = Path(folder)
     path = study(data / f"process-{number}")
-    protocol = decode(path.read_bytes().replace(b"participants = 500", f"participants = {many}".encode()))
+    protocol = decode_protocol(path.read_bytes().replace(b"participants = 500", f"participants = {many}".encode()))
     for _ in range(each):
         take_slot(protocol, data / protocol.study.name)
 
@@ -208,18 +218,20 @@ def test_people_come_go_and_are_forgotten_wherever_the_register_is(data: Path) -
     here, there = Arrivals(protocol, data), Arrivals(protocol, data)
     first, second = here.recruits.issue(2)
     by_link, again = here.arrive(Arrival(first)), there.arrive(Arrival(first))
-    assert isinstance(by_link, Seated)
-    assert isinstance(again, Seated)
+    assert isinstance(by_link, Admission)
+    assert isinstance(again, Admission)
     assert by_link.participant == again.participant == "sub-01"
     person = Arrival("", {"PROLIFIC_PID": "5f2a"})
     from_platform = there.arrive(person)
-    assert isinstance(from_platform, Seated)
+    assert isinstance(from_platform, Admission)
     assert here.recruits.ids() == {from_platform.participant: PlatformId(from_platform.participant, "prolific", "5f2a")}
-    assert Recruits(data / "tried").key_of_person("prolific", "x") == here.recruits.key_of_person("prolific", "x")
+    assert Recruitment(data / "tried").hash_platform_id("prolific", "x") == here.recruits.hash_platform_id(
+        "prolific", "x"
+    )
     there.decline(from_platform, "declined")
     assert here.recruits.ids() == {}
     reused = here.arrive(Arrival(second))
-    assert isinstance(reused, Seated)
+    assert isinstance(reused, Admission)
     assert reused.participant == "sub-02"
-    leave(data / "tried", Withdrawn("sub-01", "now", "erased"))
-    assert [line.participant for line in read_register(data / "tried")] == ["sub-02"]
+    record_departure(data / "tried", ParticipantWithdrawn("sub-01", "now", "erased"))
+    assert [line.participant for line in read_enrolled(data / "tried")] == ["sub-02"]

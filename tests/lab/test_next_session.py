@@ -4,28 +4,29 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.admin.manifest import record_log_end
+from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.status import format_status
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import AllocationError
-from minihuman.lab.next_session import next_session
-from minihuman.lab.status import status_lines
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log
+from minihuman.experiment.machine.inputs import Input, KeyDown, Stop
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.seats.run import run_session
-from minihuman.study.inputs import Input, KeyDown, Stop
-from minihuman.study.protocol import decode
-from minihuman.study.session import Session
-from minihuman.windows.scripted import ScriptedWindow, VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import MS, key_of
 
-PROTOCOL = decode(b"""
+PROTOCOL = decode_protocol(b"""
 [study]
 name = "corridor"
 version = "1"
 seed = 11
 closing = ""
 [keys]
-check = false
+keyboard_check = false
 [[groups]]
 name = "one"
 blocks = ["walk"]
@@ -38,7 +39,7 @@ world = "tests.worlds.corridor:tests/Corridor-v0"
 episodes = 3
 actions = ["back", "forward", "dive"]
 max_steps = 9
-hold_ms = 0
+final_frame_ms = 0
 """)
 
 
@@ -49,66 +50,66 @@ def play(plan, data: Path, *, episodes: int, cut: bool = False) -> None:
     clock = VirtualClock()
     recorder = McapRecorder(data, plan, started_ns=1)
     if cut:
-        session = Session(plan, World, {})
+        session = SessionMachine(plan, World, {})
         for happened in script:
             recorder.write(session.receive(happened))
         recorder.drain()
         os.close(recorder._fd)  # what the end of a process does: the lock is gone, the live file stays
         return
     window = ScriptedWindow([*script, Stop(10**9, "window_closed")], clock)
-    run_session(Session(plan, World, {}), window, recorder, clock)
+    run_session(SessionMachine(plan, World, {}), window, recorder, clock, finished=record_log_end)
 
 
 def test_an_unfinished_session_goes_on_at_the_first_episode_not_completed(tmp_path):
-    plan = next_session(PROTOCOL, tmp_path)
+    plan = plan_next_session(PROTOCOL, tmp_path)
     play(plan, tmp_path, episodes=1)
-    rest = next_session(PROTOCOL, tmp_path, participant="sub-01")
+    rest = plan_next_session(PROTOCOL, tmp_path, participant="sub-01")
     assert (rest.first_episode, rest.segment) == (1, 2)
     assert rest.episodes == plan.episodes
     play(rest, tmp_path, episodes=2)
-    log = open_log(tmp_path / "corridor/sub-01/ses-01")
+    log = read_log(tmp_path / "corridor/sub-01/ses-01")
     assert [(played.plan.episode, played.outcome) for played in log.episodes] == [
         (0, "failure"),
         (1, "abandoned"),
         (1, "failure"),
         (2, "failure"),
     ]
-    assert verify(log).difference == ""
+    assert verify_episodes(log).difference == ""
     with pytest.raises(AllocationError, match="sub-01 has completed session 1"):
-        next_session(PROTOCOL, tmp_path, participant="sub-01")
+        plan_next_session(PROTOCOL, tmp_path, participant="sub-01")
 
 
 def test_a_session_that_was_cut_off_is_recovered_and_gone_on_with(tmp_path):
-    play(next_session(PROTOCOL, tmp_path), tmp_path, episodes=2, cut=True)
-    rest = next_session(PROTOCOL, tmp_path, participant="sub-01")
+    play(plan_next_session(PROTOCOL, tmp_path), tmp_path, episodes=2, cut=True)
+    rest = plan_next_session(PROTOCOL, tmp_path, participant="sub-01")
     assert (rest.first_episode, rest.segment) == (2, 2)
-    log = open_log(tmp_path / "corridor/sub-01/ses-01/sub-01_ses-01.mcap")
+    log = read_log(tmp_path / "corridor/sub-01/ses-01/sub-01_ses-01.mcap")
     assert not log.clean
     assert len(log.episodes) == 3
 
 
 def test_a_resumed_session_keeps_the_plan_it_began_with_when_the_protocol_has_changed(tmp_path):
-    plan = next_session(PROTOCOL, tmp_path)
+    plan = plan_next_session(PROTOCOL, tmp_path)
     play(plan, tmp_path, episodes=1)
-    edited = decode(PROTOCOL.toml.replace(b"max_steps = 9", b"max_steps = 5"))
-    rest = next_session(edited, tmp_path, participant="sub-01")
+    edited = decode_protocol(PROTOCOL.toml.replace(b"max_steps = 9", b"max_steps = 5"))
+    rest = plan_next_session(edited, tmp_path, participant="sub-01")
     assert rest.episodes == plan.episodes
     assert rest.protocol_sha256 == plan.protocol_sha256
 
 
 def test_without_a_code_the_next_free_slot_is_taken_and_a_code_by_hand_is_said(tmp_path):
-    first, second = next_session(PROTOCOL, tmp_path), next_session(PROTOCOL, tmp_path)
+    first, second = plan_next_session(PROTOCOL, tmp_path), plan_next_session(PROTOCOL, tmp_path)
     assert [first.participant.id, second.participant.id] == ["sub-01", "sub-02"]
     assert not first.overridden
-    by_hand = next_session(PROTOCOL, tmp_path, participant="sub-07", group="two")
+    by_hand = plan_next_session(PROTOCOL, tmp_path, participant="sub-07", group="two")
     assert (by_hand.participant.group, by_hand.overridden) == ("two", True)
 
 
 def test_the_status_of_a_study_says_who_came_and_how_far(tmp_path):
-    play(next_session(PROTOCOL, tmp_path), tmp_path, episodes=3)
-    play(next_session(PROTOCOL, tmp_path), tmp_path, episodes=1)
-    next_session(PROTOCOL, tmp_path)
-    _, first, second, third = status_lines(tmp_path / "corridor")
+    play(plan_next_session(PROTOCOL, tmp_path), tmp_path, episodes=3)
+    play(plan_next_session(PROTOCOL, tmp_path), tmp_path, episodes=1)
+    plan_next_session(PROTOCOL, tmp_path)
+    _, first, second, third = format_status(tmp_path / "corridor")
     assert "sub-01" in first
     assert "3/3" in first
     assert "complete" in first
@@ -119,7 +120,7 @@ def test_the_status_of_a_study_says_who_came_and_how_far(tmp_path):
 
 
 def _station(data: Path, told) -> None:
-    told.put(next_session(PROTOCOL, data).participant.id)
+    told.put(plan_next_session(PROTOCOL, data).participant.id)
 
 
 @pytest.mark.program

@@ -6,25 +6,25 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from minihuman.data.journals import REGISTER
+from minihuman.admin.enrolment_entries import read_enrolled
+from minihuman.admin.enrolment_log import free_slot, take_slot
+from minihuman.admin.status import format_status
+from minihuman.admin.withdrawal import replace_participant, withdraw_participant
+from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.errors import AllocationError
-from minihuman.lab.register import free, take_slot
-from minihuman.lab.register_lines import read_register
-from minihuman.lab.status import status_lines
-from minihuman.lab.withdraw import replace, withdraw
-from minihuman.study.allocation import allocation
-from minihuman.study.protocol import decode
+from minihuman.experiment.plan.allocation import build_allocation_list
+from minihuman.experiment.protocol.protocol import decode_protocol
 from tests.counts import count
 
 PATH = Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml"
-PROTOCOL = decode(PATH.read_bytes())
+PROTOCOL = decode_protocol(PATH.read_bytes())
 
 STATION = """
 import sys
 from pathlib import Path
-from minihuman.lab.register import take_slot
-from minihuman.study.protocol import decode
-protocol = decode(Path(sys.argv[1]).read_bytes())
+from minihuman.admin.enrolment_log import take_slot
+from minihuman.experiment.protocol.protocol import decode_protocol
+protocol = decode_protocol(Path(sys.argv[1]).read_bytes())
 sys.stdin.readline()
 for _ in range(int(sys.argv[3])):
     print(take_slot(protocol, Path(sys.argv[2]))[0].index, flush=True)
@@ -33,8 +33,10 @@ for _ in range(int(sys.argv[3])):
 
 def test_slots_follow_the_list(tmp_path):
     taken = [take_slot(PROTOCOL, tmp_path)[0] for _ in range(4)]
-    assert [(who.index, who.group) for who in taken] == [(slot.index, slot.group) for slot in allocation(PROTOCOL)[:4]]
-    assert [line.participant for line in read_register(tmp_path)] == ["sub-01", "sub-02", "sub-03", "sub-04"]
+    assert [(who.index, who.group) for who in taken] == [
+        (slot.index, slot.group) for slot in build_allocation_list(PROTOCOL)[:4]
+    ]
+    assert [line.participant for line in read_enrolled(tmp_path)] == ["sub-01", "sub-02", "sub-03", "sub-04"]
 
 
 @pytest.mark.program
@@ -78,7 +80,7 @@ def test_stations_that_are_killed_lose_no_slot_and_share_none(tmp_path):
     with ThreadPoolExecutor(stations) as desks:
         list(desks.map(station, range(stations)))
     acknowledged = sorted(index for indices in told for index in indices)
-    taken = [line.index for line in read_register(tmp_path / "study")]
+    taken = [line.index for line in read_enrolled(tmp_path / "study")]
     print(f"\n{stations} stations, {sum(killed)} kills, {len(acknowledged)} slots told of, {len(taken)} taken")
     assert len(set(acknowledged)) == len(acknowledged)
     assert set(acknowledged) <= set(taken)
@@ -97,13 +99,13 @@ def test_a_known_participant_keeps_the_slot(tmp_path):
     again, line = take_slot(PROTOCOL, tmp_path, participant=first.id)
     assert again == first
     assert not line.overridden
-    assert len(read_register(tmp_path)) == 1
+    assert len(read_enrolled(tmp_path)) == 1
 
 
 def test_a_known_participant_cannot_change_group(tmp_path):
     who, _ = take_slot(PROTOCOL, tmp_path)
     other = next(group.name for group in PROTOCOL.groups if group.name != who.group)
-    with pytest.raises(AllocationError, match="leave --group out"):
+    with pytest.raises(AllocationError, match="remove --group"):
         take_slot(PROTOCOL, tmp_path, participant=who.id, group=other)
 
 
@@ -125,35 +127,35 @@ def test_a_study_may_make_its_list_longer(tmp_path):
 def test_a_line_cut_off_by_a_crash_gives_its_slot_back(tmp_path):
     for _ in range(2):
         take_slot(PROTOCOL, tmp_path)
-    path = tmp_path / REGISTER
+    path = tmp_path / ENROLMENT_FILE_NAME
     path.write_bytes(path.read_bytes()[:-10])
     assert take_slot(PROTOCOL, tmp_path)[0].index == 1
-    assert [line.index for line in read_register(tmp_path)] == [0, 1]
+    assert [line.index for line in read_enrolled(tmp_path)] == [0, 1]
 
 
 def test_a_damaged_line_stops_the_station(tmp_path):
-    (tmp_path / REGISTER).write_bytes(b'{"participant": 3}\n')
+    (tmp_path / ENROLMENT_FILE_NAME).write_bytes(b'{"participant": 3}\n')
     with pytest.raises(AllocationError, match=r"register\.jsonl:1: cannot be read"):
         take_slot(PROTOCOL, tmp_path)
 
 
 def test_the_slot_of_who_was_replaced_came_back_and_declined_is_one_person_s(tmp_path):
     take_slot(PROTOCOL, tmp_path)
-    replace(tmp_path, "sub-01")
-    free(tmp_path, "sub-01", "declined")
+    replace_participant(tmp_path, "sub-01")
+    free_slot(tmp_path, "sub-01", "declined")
     assert [take_slot(PROTOCOL, tmp_path)[0].id for _ in range(2)] == ["sub-01", "sub-02"]
-    assert not any("does not come back" in line for line in status_lines(tmp_path))
-    replace(tmp_path, "sub-01")
-    replace(tmp_path, "sub-01")
+    assert not any("does not come back" in line for line in format_status(tmp_path))
+    replace_participant(tmp_path, "sub-01")
+    replace_participant(tmp_path, "sub-01")
     assert [take_slot(PROTOCOL, tmp_path)[0].id for _ in range(2)] == ["sub-100001", "sub-03"]
 
 
 def test_nobody_gets_the_code_of_who_withdrew_though_another_of_that_slot_left_no_data(tmp_path):
     take_slot(PROTOCOL, tmp_path)
-    replace(tmp_path, "sub-01")
+    replace_participant(tmp_path, "sub-01")
     assert take_slot(PROTOCOL, tmp_path)[0].id == "sub-100001"
-    free(tmp_path, "sub-01", "declined")
-    withdraw(tmp_path, "sub-100001", seal=None)
+    free_slot(tmp_path, "sub-01", "declined")
+    withdraw_participant(tmp_path, "sub-100001", seal=None)
     taken = [take_slot(PROTOCOL, tmp_path)[0] for _ in range(2)]
     assert [who.index for who in taken] == [0, 1]
-    assert [line.participant for line in read_register(tmp_path)] == [who.id for who in taken]
+    assert [line.participant for line in read_enrolled(tmp_path)] == [who.id for who in taken]

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.admin import session_summary
+from minihuman.admin.session_index import SessionSummary, read_session_index
+from minihuman.admin.status import format_status
+from minihuman.dataset.caches import SESSION_CACHE
 from minihuman.errors import LogError
-from minihuman.lab import summarise as summing_up
-from minihuman.lab.session_table import FILE_NAME, sessions
-from minihuman.lab.status import status_lines
-from minihuman.lab.summary import Summary
+from minihuman.experiment.machine.events import SessionEnded
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import SessionEnded
 from tests.counts import count
 from tests.log.played import record
 from tests.log.samples import STARTED_NS, session_events, session_plan
@@ -28,10 +28,10 @@ def _record(data: Path, participant: str, *, episodes: int = 2, steps: int = 5) 
 
 def test_a_row_says_what_a_session_holds(tmp_path: Path) -> None:
     log = _record(tmp_path, "sub-01")
-    (row,) = sessions(tmp_path)
+    (row,) = read_session_index(tmp_path)
     assert row.path == log
     assert row.problem == ""
-    assert row.summary == Summary(
+    assert row.summary == SessionSummary(
         study="fourrooms",
         participant="sub-01",
         group="transfer",
@@ -50,12 +50,12 @@ def test_a_row_says_what_a_session_holds(tmp_path: Path) -> None:
 
 
 def test_rows_come_in_order_and_follow_what_happens_in_the_folder(tmp_path: Path) -> None:
-    assert list(sessions(tmp_path)) == []
+    assert list(read_session_index(tmp_path)) == []
     second = _record(tmp_path, "sub-02")
     first = _record(tmp_path, "sub-01")
-    assert [row.path for row in sessions(tmp_path)] == [first, second]
+    assert [row.path for row in read_session_index(tmp_path)] == [first, second]
     first.unlink()
-    assert [row.path for row in sessions(tmp_path)] == [second]
+    assert [row.path for row in read_session_index(tmp_path)] == [second]
 
 
 def test_a_live_session_has_a_row_that_grows(tmp_path: Path) -> None:
@@ -64,13 +64,13 @@ def test_a_live_session_has_a_row_that_grows(tmp_path: Path) -> None:
     recorder = McapRecorder(tmp_path, plan, started_ns=STARTED_NS)
     recorder.write(events[:20])
     recorder.drain()
-    (row,) = sessions(tmp_path)
+    (row,) = read_session_index(tmp_path)
     assert row.path == recorder.where.part
     assert row.summary is not None
     assert (row.summary.steps, row.summary.clean, row.summary.end_reason) == (4, False, "cut_off")
     recorder.write(events[20:])
     recorder.close()
-    (row,) = sessions(tmp_path)
+    (row,) = read_session_index(tmp_path)
     assert row.path == recorder.where.log
     assert row.summary is not None
     assert (row.summary.steps, row.summary.clean) == (10, True)
@@ -84,7 +84,7 @@ def test_a_resumed_session_is_one_row(tmp_path: Path) -> None:
     recorder.write(session_events(again, steps=5))
     recorder.drain()
     for _ in ("live", "closed"):
-        (row,) = sessions(tmp_path)
+        (row,) = read_session_index(tmp_path)
         assert row.summary is not None
         assert (row.summary.segments, row.summary.episodes_completed) == (2, 2)
         recorder.close()
@@ -95,7 +95,7 @@ def test_a_copy_of_a_log_is_said(tmp_path: Path) -> None:
     study = log.parents[2]
     (study / "backup").mkdir()
     shutil.copy(log, study / "backup")
-    lines = [line for line in status_lines(study) if line.startswith("sub-07")]
+    lines = [line for line in format_status(study) if line.startswith("sub-07")]
     assert len(lines) == 2
     assert all("one of 2 logs of this session, of which one counts: " in line for line in lines)
 
@@ -104,18 +104,18 @@ def test_a_log_is_summed_up_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for number in (1, 2, 3):
         _record(tmp_path, f"sub-{number:02d}")
     read: list[Path] = []
-    really = summing_up.summarise
+    really = session_summary.summarize_session
 
-    def counting(files: list[Path]) -> Summary:
+    def counting(files: list[Path]) -> SessionSummary:
         read.extend(files)
         return really(files)
 
-    monkeypatch.setattr(summing_up, "summarise", counting)
-    assert len(list(sessions(tmp_path))) == 3
-    assert len(list(sessions(tmp_path))) == 3
+    monkeypatch.setattr(session_summary, "summarize_session", counting)
+    assert len(list(read_session_index(tmp_path))) == 3
+    assert len(list(read_session_index(tmp_path))) == 3
     assert len(read) == 3
     new = _record(tmp_path, "sub-04")
-    assert len(list(sessions(tmp_path))) == 4
+    assert len(list(read_session_index(tmp_path))) == 4
     assert read[3:] == [new]
 
 
@@ -125,7 +125,7 @@ def test_unreadable_logs_are_named_with_their_reason_and_the_rest_is_read(tmp_pa
     cut.write_bytes(cut.read_bytes()[:500])
     (tmp_path / "empty.mcap").touch()
     (tmp_path / "foreign.mcap").write_text("dear diary")
-    rows = {row.path: row for row in sessions(tmp_path)}
+    rows = {row.path: row for row in read_session_index(tmp_path)}
     assert rows[good].summary is not None
     assert "is cut off at byte" in rows[cut].problem
     assert "is empty" in rows[tmp_path / "empty.mcap"].problem
@@ -135,47 +135,47 @@ def test_unreadable_logs_are_named_with_their_reason_and_the_rest_is_read(tmp_pa
 
 def test_the_table_may_be_deleted_spoilt_or_unwritable(tmp_path: Path) -> None:
     log = _record(tmp_path, "sub-01")
-    list(sessions(tmp_path))
-    (tmp_path / FILE_NAME).unlink()
-    assert [row.path for row in sessions(tmp_path)] == [log]
-    (tmp_path / FILE_NAME).write_text("not a table" * 1000)
-    assert [row.path for row in sessions(tmp_path)] == [log]
-    (tmp_path / FILE_NAME).unlink()
-    (tmp_path / FILE_NAME).mkdir()
-    assert [row.path for row in sessions(tmp_path)] == [log]
+    list(read_session_index(tmp_path))
+    (tmp_path / SESSION_CACHE).unlink()
+    assert [row.path for row in read_session_index(tmp_path)] == [log]
+    (tmp_path / SESSION_CACHE).write_text("not a table" * 1000)
+    assert [row.path for row in read_session_index(tmp_path)] == [log]
+    (tmp_path / SESSION_CACHE).unlink()
+    (tmp_path / SESSION_CACHE).mkdir()
+    assert [row.path for row in read_session_index(tmp_path)] == [log]
 
 
 def test_a_table_that_another_process_holds_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("minihuman.lab.session_table.BUSY_S", 0.01)
+    monkeypatch.setattr("minihuman.admin.session_index.LOCK_TIMEOUT_S", 0.01)
     log = _record(tmp_path, "sub-01")
-    with closing(sqlite3.connect(tmp_path / FILE_NAME)) as other:
+    with closing(sqlite3.connect(tmp_path / SESSION_CACHE)) as other:
         other.execute("BEGIN EXCLUSIVE")
-        assert [row.path for row in sessions(tmp_path)] == [log]
+        assert [row.path for row in read_session_index(tmp_path)] == [log]
 
 
 def test_a_row_in_hand_keeps_nobody_from_the_table(tmp_path: Path) -> None:
     for number in range(3):
         _record(tmp_path, f"sub-{number:02d}")
-    rows = sessions(tmp_path)
+    rows = read_session_index(tmp_path)
     next(rows)
-    with closing(sqlite3.connect(tmp_path / FILE_NAME, timeout=0)) as other:
+    with closing(sqlite3.connect(tmp_path / SESSION_CACHE, timeout=0)) as other:
         other.execute("BEGIN EXCLUSIVE")
 
 
 def test_the_table_is_read_by_sqlite(tmp_path: Path) -> None:
     _record(tmp_path, "sub-01")
-    list(sessions(tmp_path))
-    with sqlite3.connect(tmp_path / FILE_NAME) as table:
-        assert table.execute("SELECT participant, steps FROM sessions_v2").fetchall() == [("sub-01", 10)]
+    list(read_session_index(tmp_path))
+    with sqlite3.connect(tmp_path / SESSION_CACHE) as table:
+        assert table.execute("SELECT participant, steps FROM sessions_v3").fetchall() == [("sub-01", 10)]
 
 
 READ_ALL = """
 import sys, tracemalloc
 from pathlib import Path
-from minihuman.lab.session_table import sessions
+from minihuman.admin.session_index import read_session_index
 
 tracemalloc.start()
-print(sum(row.summary is not None for row in sessions(Path(sys.argv[1]))), tracemalloc.get_traced_memory()[1])
+print(sum(row.summary is not None for row in read_session_index(Path(sys.argv[1]))), tracemalloc.get_traced_memory()[1])
 """
 
 
@@ -196,7 +196,7 @@ def test_a_study_of_ten_thousand_sessions_takes_no_more_memory_than_a_small_one(
 
 def test_a_folder_that_does_not_exist_is_said(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="none does not exist; name a study's folder"):
-        list(sessions(tmp_path / "none"))
+        list(read_session_index(tmp_path / "none"))
     (tmp_path / "file").touch()
     with pytest.raises(LogError, match="file is not a folder; name a study's folder"):
-        list(sessions(tmp_path / "file"))
+        list(read_session_index(tmp_path / "file"))

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.policies import verify_advice
+from minihuman.admin.verify.episodes import verify_episodes
 from minihuman.errors import LogError
-from minihuman.lab.advised import advice
-from minihuman.lab.next_session import next_session
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log
-from minihuman.recorded.taught import Taught
-from minihuman.study.events import EpisodeStarted, Event, Stepped
-from minihuman.study.plan import SessionPlan
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.machine.events import EpisodeStarted, Event, Stepped
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.model.teaching_events import TeachingRecord
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.pose import Pose
 from tests.lab.test_next_session import PROTOCOL, play
 from tests.log.played import played_events, record
@@ -35,7 +35,7 @@ def events(plan: SessionPlan) -> list[Event]:
 
 
 def test_a_played_log_replays_exactly(tmp_path: Path, plan: SessionPlan, events: list[Event]) -> None:
-    result = verify(open_log(record(tmp_path, plan, events)))
+    result = verify_episodes(read_log(record(tmp_path, plan, events)))
     assert (result.difference, result.episodes, result.steps) == ("", 2, 2 * STEPS)
 
 
@@ -58,7 +58,7 @@ def test_the_first_step_that_differs_is_named(
         change(event) if isinstance(event, Stepped) and (event.episode, event.step) == (1, 7) else event
         for event in events
     ]
-    result = verify(open_log(record(tmp_path, plan, changed)))
+    result = verify_episodes(read_log(record(tmp_path, plan, changed)))
     assert result.difference.startswith("episode 2 step 7: ")
     assert named in result.difference
     assert (result.episodes, result.steps) == (1, STEPS)
@@ -69,7 +69,7 @@ def test_another_start_is_named(tmp_path: Path, plan: SessionPlan, events: list[
         replace(event, state_hash=event.state_hash ^ 1) if isinstance(event, EpisodeStarted) else event
         for event in events
     ]
-    result = verify(open_log(record(tmp_path, plan, changed)))
+    result = verify_episodes(read_log(record(tmp_path, plan, changed)))
     assert result.difference.startswith("episode 1 reset: state hash ")
 
 
@@ -78,18 +78,18 @@ def test_a_seed_that_was_not_played_is_found(tmp_path: Path, plan: SessionPlan, 
         replace(event, plan=session_plan(episodes=3).episodes[2]) if isinstance(event, EpisodeStarted) else event
         for event in events[: 2 + 1]
     ]
-    result = verify(open_log(record(tmp_path, plan, changed)))
+    result = verify_episodes(read_log(record(tmp_path, plan, changed)))
     assert "reset" in result.difference
 
 
 def test_a_policy_is_looked_for_in_the_study_of_a_session_in_several_files_and_from_inside_it(tmp_path, monkeypatch):
-    play(next_session(PROTOCOL, tmp_path), tmp_path, episodes=1)
-    play(next_session(PROTOCOL, tmp_path, participant="sub-01"), tmp_path, episodes=1, cut=True)
+    play(plan_next_session(PROTOCOL, tmp_path), tmp_path, episodes=1)
+    play(plan_next_session(PROTOCOL, tmp_path, participant="sub-01"), tmp_path, episodes=1, cut=True)
     folder = tmp_path / "corridor" / "sub-01" / "ses-01"
     monkeypatch.chdir(folder)
     for given in (folder, Path("sub-01_ses-01.mcap")):
-        log = open_log(given)
-        steered = Taught("ab" * 32, *(np.zeros(0),) * 3, (), ())
+        log = read_log(given)
+        steered = TeachingRecord("ab" * 32, *(np.zeros(0),) * 3, (), ())
         taught = replace(log, episodes=(replace(log.episodes[0], taught=steered),))
         with pytest.raises(LogError, match=re.escape(f"is not in {tmp_path / 'corridor' / 'policies'};")):
-            list(advice(taught, World))
+            list(verify_advice(taught, World))

@@ -1,22 +1,22 @@
+import os
+import shutil
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
+from click.testing import CliRunner, Result
 
-from minihuman.data.caches import caches_in
-from minihuman.data.selection import Selection
-from minihuman.errors import AllocationError
-from minihuman.export.run import export
-from minihuman.figures import drawings
-from minihuman.figures.kept import KeptFigures
-from minihuman.lab.next_session import next_session
-from minihuman.lab.register_lines import Withdrawn, read_lines, read_register
-from minihuman.lab.status import status_lines
-from minihuman.lab.withdraw import replace, withdraw
+from minihuman.admin.enrolment_entries import ParticipantWithdrawn, read_enrolled, read_enrolment_log
+from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.status import format_status
+from minihuman.admin.withdrawal import replace_participant, withdraw_participant
+from minihuman.dataset.caches import list_caches
+from minihuman.dataset.journal import ENROLMENT_FILE_NAME
+from minihuman.dataset.selection import Selection
+from minihuman.errors import AllocationError, LogError
+from minihuman.exporters.exporter import export_study
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.statistics.survival import Waited
+from tests.disks import fill, small_disk
 from tests.lab.test_next_session import PROTOCOL, play
 
 STUDY = "corridor"
@@ -25,7 +25,7 @@ STUDY = "corridor"
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     for _ in range(3):
-        play(next_session(PROTOCOL, tmp_path), tmp_path, episodes=3)
+        play(plan_next_session(PROTOCOL, tmp_path), tmp_path, episodes=3)
     return tmp_path
 
 
@@ -36,14 +36,9 @@ def everything_in(folder: Path) -> str:
 
 
 def typed(*words: object) -> Result:
-    import typer
+    from minihuman.cli.command_line import make_command_line
 
-    from minihuman.cli import desk, export, see, session
-
-    app = typer.Typer()
-    for part in (session, see, desk, export):
-        part.add_to(app)
-    return CliRunner().invoke(app, [str(word) for word in words])
+    return CliRunner().invoke(make_command_line(), [str(word) for word in words])
 
 
 @pytest.mark.program
@@ -59,7 +54,7 @@ def test_who_withdrew_occurs_in_no_output_made_afterwards(data: Path, tmp_path: 
             ("plot", study, "--out", out / "figures"),
             ("export", "csv", study, out / "csv"),
             ("export", "parquet", study, out / "parquet"),
-            ("replay", study, "--save", out / "replay.rrd"),
+            ("replay", study, "--out", out / "replay.rrd"),
         )
     }
     for command, told in outputs.items():
@@ -68,32 +63,35 @@ def test_who_withdrew_occurs_in_no_output_made_afterwards(data: Path, tmp_path: 
     assert not [path for path in out.rglob("*") if "sub-02" in str(path)]
     assert "sub-01" in everything_in(out)
     assert "sub-02" not in everything_in(out)
-    assert "1 withdrew and is left out" in outputs["status"].stdout
+    assert "1 withdrew and is excluded" in outputs["status"].stdout
 
 
 def test_no_cache_remembers_who_withdrew(data: Path, tmp_path: Path) -> None:
-    list(status_lines(data / STUDY))
-    export("parquet", data / STUDY, tmp_path / "out", Selection())
-    groups = {"a": Waited(np.array([1.0, 2.0]), np.array([True, False]))}
-    KeptFigures(data / STUDY).save(tmp_path / "paths_sub-02", drawings.waiting, groups, label="s")
-    assert len(list(caches_in(data / STUDY))) == 4
-    withdraw(data / STUDY, "sub-02", seal=None)
-    assert list(caches_in(data / STUDY)) == []
+    list(format_status(data / STUDY))
+    export_study("parquet", data / STUDY, tmp_path / "out", Selection())
+    for former in ("tables.files", "figures.files"):  # of earlier versions
+        (data / STUDY / former).mkdir()
+        (data / STUDY / former / "paths_sub-02.png").write_bytes(b"of an earlier version")
+    assert len(list(list_caches(data / STUDY))) == 4
+    withdraw_participant(data / STUDY, "sub-02", seal=None)
+    assert list(list_caches(data / STUDY)) == []
 
 
 def test_erased_data_are_gone_and_the_tombstone_stays(data: Path) -> None:
-    gone = withdraw(data / STUDY, "sub-02", seal=None)
+    gone = withdraw_participant(data / STUDY, "sub-02", seal=None)
     assert gone.files == 1
     assert not (data / STUDY / "sub-02").exists()
-    assert [line.withdrawn for line in read_lines(data / STUDY) if isinstance(line, Withdrawn)] == ["sub-02"]
-    assert [line.participant for line in read_register(data / STUDY)] == ["sub-01", "sub-03"]
-    assert not any("sub-02" in line for line in status_lines(data / STUDY))
+    assert [line.withdrawn for line in read_enrolment_log(data / STUDY) if isinstance(line, ParticipantWithdrawn)] == [
+        "sub-02"
+    ]
+    assert [line.participant for line in read_enrolled(data / STUDY)] == ["sub-01", "sub-03"]
+    assert not any("sub-02" in line for line in format_status(data / STUDY))
 
 
 def test_sealed_data_are_in_one_archive_elsewhere(data: Path) -> None:
     log = next((data / STUDY / "sub-02").rglob("*.mcap")).read_bytes()
     archive = data / "sealed.zip"
-    gone = withdraw(data / STUDY, "sub-02", seal=archive)
+    gone = withdraw_participant(data / STUDY, "sub-02", seal=archive)
     import zipfile
 
     with zipfile.ZipFile(archive) as sealed:
@@ -101,49 +99,49 @@ def test_sealed_data_are_in_one_archive_elsewhere(data: Path) -> None:
     assert gone.sha256 in gone.line()
     assert not (data / STUDY / "sub-02").exists()
     with pytest.raises(AllocationError, match="already exists"):
-        withdraw(data / STUDY, "sub-03", seal=archive)
+        withdraw_participant(data / STUDY, "sub-03", seal=archive)
     with pytest.raises(AllocationError, match="inside the study"):
-        withdraw(data / STUDY, "sub-03", seal=data / STUDY / "x.zip")
+        withdraw_participant(data / STUDY, "sub-03", seal=data / STUDY / "x.zip")
 
 
 def test_the_slot_is_offered_again_under_a_code_that_was_nobodys(data: Path) -> None:
-    before = next(line for line in read_register(data / STUDY) if line.participant == "sub-02")
-    withdraw(data / STUDY, "sub-02", seal=None)
-    plan = next_session(PROTOCOL, data)
+    before = next(line for line in read_enrolled(data / STUDY) if line.participant == "sub-02")
+    withdraw_participant(data / STUDY, "sub-02", seal=None)
+    plan = plan_next_session(PROTOCOL, data)
     assert (plan.participant.id, plan.participant.index) == ("sub-100002", before.index)
     assert plan.participant.group == before.group
-    assert next_session(PROTOCOL, data).participant.id == "sub-04"
+    assert plan_next_session(PROTOCOL, data).participant.id == "sub-04"
     with pytest.raises(AllocationError, match="has withdrawn"):
-        next_session(PROTOCOL, data, participant="sub-02")
-    assert next_session(PROTOCOL, data, participant="sub-100002").participant.index == before.index
+        plan_next_session(PROTOCOL, data, participant="sub-02")
+    assert plan_next_session(PROTOCOL, data, participant="sub-100002").participant.index == before.index
 
 
 def test_somebody_who_does_not_come_back_is_replaced_and_still_counts(data: Path) -> None:
-    replace(data / STUDY, "sub-01")
-    assert next_session(PROTOCOL, data).participant.id == "sub-100001"
-    assert any(line.startswith("sub-01 ") and "complete" in line for line in status_lines(data / STUDY))
-    assert any("sub-01" in line and "does not come back" in line for line in status_lines(data / STUDY))
+    replace_participant(data / STUDY, "sub-01")
+    assert plan_next_session(PROTOCOL, data).participant.id == "sub-100001"
+    assert any(line.startswith("sub-01 ") and "complete" in line for line in format_status(data / STUDY))
+    assert any("sub-01" in line and "does not come back" in line for line in format_status(data / STUDY))
 
 
 def test_what_was_cut_short_is_done_the_second_time(data: Path) -> None:
-    withdraw(data / STUDY, "sub-02", seal=None)
+    withdraw_participant(data / STUDY, "sub-02", seal=None)
     (data / STUDY / "sub-02" / "ses-01").mkdir(parents=True)
     (data / STUDY / "sub-02" / "ses-01" / "left").write_text("over")
-    assert withdraw(data / STUDY, "sub-02", seal=None).files == 1
+    assert withdraw_participant(data / STUDY, "sub-02", seal=None).files == 1
     assert not (data / STUDY / "sub-02").exists()
 
 
 def test_a_running_session_is_not_pulled_from_under_anybody(data: Path) -> None:
-    plan = next_session(PROTOCOL, data)
+    plan = plan_next_session(PROTOCOL, data)
     recorder = McapRecorder(data, plan, started_ns=1)
     with pytest.raises(AllocationError, match="is running"):
-        withdraw(data / STUDY, plan.participant.id, seal=None)
+        withdraw_participant(data / STUDY, plan.participant.id, seal=None)
     recorder.close()
 
 
 def test_nobody_of_that_code_and_nothing_said_of_the_data_are_errors(data: Path) -> None:
     with pytest.raises(AllocationError, match=r"'sub-77' has no slot in .*sub-01, sub-02, sub-03"):
-        withdraw(data / STUDY, "sub-77", seal=None)
+        withdraw_participant(data / STUDY, "sub-77", seal=None)
     told = typed("withdraw", "sub-02", "--study", data / STUDY)
     assert isinstance(told.exception, AllocationError)
     assert "--erase" in str(told.exception)
@@ -155,18 +153,57 @@ def test_what_is_no_code_takes_nothing_out(data: Path, code: str) -> None:
     (data / STUDY / "policies" / "kept.pt").write_text("an agent's")
     (data / "another-study").mkdir()
     before = sorted(data.rglob("*"))
-    with pytest.raises(AllocationError, match="is no code"):
-        withdraw(data / STUDY, code, seal=None)
+    with pytest.raises(AllocationError, match="is not a participant code"):
+        withdraw_participant(data / STUDY, code, seal=None)
     assert sorted(data.rglob("*")) == before
 
 
 def test_a_session_is_refused_before_the_one_before_it_is_complete(data: Path) -> None:
-    assert next_session(PROTOCOL, data, participant="sub-01", session=2).session == 2
+    assert plan_next_session(PROTOCOL, data, participant="sub-01", session=2).session == 2
     with pytest.raises(AllocationError, match="has not begun session 2; run it first"):
-        next_session(PROTOCOL, data, participant="sub-01", session=3)
-    plan = next_session(PROTOCOL, data)
+        plan_next_session(PROTOCOL, data, participant="sub-01", session=3)
+    plan = plan_next_session(PROTOCOL, data)
     play(plan, data, episodes=1)
     with pytest.raises(AllocationError, match="sub-04 has 2 episodes of session 1 left"):
-        next_session(PROTOCOL, data, participant="sub-04", session=2)
+        plan_next_session(PROTOCOL, data, participant="sub-04", session=2)
     with pytest.raises(AllocationError, match="--participant"):
-        next_session(PROTOCOL, data, session=2)
+        plan_next_session(PROTOCOL, data, session=2)
+
+
+def test_an_archive_for_which_the_disk_has_no_room_leaves_everything_as_it_was(data: Path, tmp_path: Path) -> None:
+    (data / STUDY / "sub-02" / "scan").write_bytes(os.urandom(1 << 20))
+    (small := tmp_path / "small").mkdir()
+    before = {path: path.read_bytes() for path in (data / STUDY).rglob("*") if path.is_file()}
+    with small_disk(small, 1 << 16):
+        archive = small / "sub-02.zip"
+        with pytest.raises(OSError, match="No space left") as refused:
+            withdraw_participant(data / STUDY, "sub-02", seal=archive)
+        assert refused.value.filename == str(archive)
+        assert list(small.iterdir()) == []
+    assert {path: path.read_bytes() for path in (data / STUDY).rglob("*") if path.is_file()} == before
+    withdraw_participant(data / STUDY, "sub-02", seal=tmp_path / "sub-02.zip")
+    assert not (data / STUDY / "sub-02").exists()
+
+
+def test_an_enrolment_log_that_cannot_be_written_leaves_no_archive(data: Path, tmp_path: Path) -> None:
+    (small := tmp_path / "small").mkdir()
+    with small_disk(small, 1 << 20):
+        study = shutil.copytree(data / STUDY, small / STUDY)
+        register = study / ENROLMENT_FILE_NAME
+        with register.open("ab") as file:  # to the end of a page, so that the next line needs another
+            file.write(b'{"padding":"%s"}\n' % (b"-" * ((-register.stat().st_size - 15) % 4096)))
+        assert register.stat().st_size % 4096 == 0
+        fill(small, but=0)
+        before = {path: path.read_bytes() for path in study.rglob("*") if path.is_file()}
+        with pytest.raises(OSError, match="No space left"):
+            withdraw_participant(study, "sub-01", seal=tmp_path / "sub-01.zip")
+        assert not (tmp_path / "sub-01.zip").exists()
+        assert {path: path.read_bytes() for path in study.rglob("*") if path.is_file()} == before
+
+
+def test_a_damaged_enrolment_log_erases_nothing(data: Path) -> None:
+    register = data / STUDY / ENROLMENT_FILE_NAME
+    register.write_bytes(register.read_bytes().replace(b'"group":"one"', b'"group":"two"', 1))
+    with pytest.raises(LogError, match="it was changed"):
+        withdraw_participant(data / STUDY, "sub-02", seal=None)
+    assert list((data / STUDY / "sub-02").rglob("*.mcap"))

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from minihuman.errors import LearnError
-from minihuman.learn.transfer.folder import open_folder, read_merged
-from minihuman.learn.transfer.job import RESULT
 from tests.learn.test_study import TINY, result_of
+from transfer_study.engines import open_folder, read_merged
+from transfer_study.job import RESULT
 
 pytestmark = pytest.mark.program
 
@@ -25,12 +25,37 @@ def test_runs_of_two_machines_become_one_table_with_a_small_file_a_job(tmp_path)
         for job in study.jobs(first_run=number):
             (folder / job.name).mkdir(parents=True)
             (folder / job.name / RESULT).write_text(json.dumps(asdict(result_of(job, [0.5, 0.8 + number / 10]))))
-        subprocess.run([sys.executable, "analysis/transfer.py", folder, "--into", out], cwd=ROOT, check=True)
+        subprocess.run([sys.executable, "analysis/transfer.py", "table", folder, "--into", out], cwd=ROOT, check=True)
     rows = pd.read_csv(out / "table.csv", index_col="cell")
     assert list(rows.index) == ["source", "baseline", "M", "M-frozen"]
     assert list(rows["runs"]) == [2, 2, 2, 2]
     assert len(list(out.glob("*/run-*/result.json"))) == 8
     assert len(pd.read_csv(out / "curves.csv")) == 16
+
+
+def test_the_transfer_study_runs_from_its_script_and_resumes(tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-W", "ignore", "analysis/transfer.py", "run", out, "--only", "m", "--device", "cpu"]
+    command += ["--runs", "1", "--baselines", "1", "--steps", "1", "--source-steps", "1", "--workers", "1"]
+    first = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+    assert "# Transfer study, as-intended" in first.stdout
+    assert "Command: `python analysis/transfer.py run " in first.stdout
+    jobs = {path: path.stat().st_mtime_ns for path in out.glob("*/run-*/result.json")}
+    assert len(jobs) == 4  # source, baseline, M and M frozen
+    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    assert {path: path.stat().st_mtime_ns for path in out.glob("*/run-*/result.json")} == jobs
+    refused = subprocess.run([*command, "--seed", "2"], cwd=ROOT, capture_output=True, text=True)
+    assert refused.returncode == 1
+    assert "holds another study (seed is 1 there and 2 here)" in refused.stderr
+    assert "Traceback" not in refused.stderr
+
+
+def test_the_shipped_results_are_still_read(tmp_path):
+    shipped = ROOT / "analysis" / "transfer"
+    command = [sys.executable, "analysis/transfer.py", "table", shipped, "--into", tmp_path / "copy"]
+    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    again = pd.read_csv(tmp_path / "copy" / "table.csv", index_col="cell")
+    pd.testing.assert_frame_equal(again, pd.read_csv(shipped / "table.csv", index_col="cell"))
 
 
 def test_runs_of_different_studies_do_not_go_together(tmp_path):

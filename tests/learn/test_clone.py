@@ -5,20 +5,26 @@ import numpy as np
 import pytest
 import torch
 
-from minihuman.data.selection import Selection
+from cloning_curve import run_cloning_curve
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.learn.agent.evaluate import at_random, evaluate, held_out_seed, sampling
-from minihuman.learn.agent.observe import Eyesight, whole_grid
-from minihuman.learn.agent.policy_file import load_policy
-from minihuman.learn.agent.training import History
-from minihuman.learn.clone.clone import Cloning, clone, split
-from minihuman.learn.clone.curve import clone_curve
-from minihuman.learn.clone.demonstrations import read_demonstrations
-from minihuman.learn.clone.finetune import Start
-from minihuman.learn.clone.study import CloneStudy, clone_study, fine_tuning
-from minihuman.log.read.open_log import open_log
-from minihuman.seats.simulate import simulate
+from minihuman.learn.behaviour_cloning import (
+    CloneStudy,
+    CloningSettings,
+    TrainingStart,
+    clone_policy,
+    clone_study,
+    describe_fine_tuning,
+    split_by_participant,
+)
+from minihuman.learn.demonstrations import read_demonstrations
+from minihuman.learn.policy.evaluation import evaluate_policy, held_out_seed, make_random_policy, make_sampling_policy
+from minihuman.learn.policy.file import load_policy
+from minihuman.learn.policy.observation import ObservationEncoder, encode_whole_grid
+from minihuman.learn.ppo import TrainingHistory
+from minihuman.log.read.session_reader import read_log
+from minihuman.runtime.simulated_session import simulate
 
 pytestmark = pytest.mark.program
 
@@ -46,8 +52,8 @@ max_steps = 100
 key_map = "shown"
 view = "full"
 """
-WHOLE = Eyesight(missions=False, sight="whole")
-QUICK = Cloning(most_epochs=12, mirrored=True)
+WHOLE = ObservationEncoder(missions=False, sight="whole")
+QUICK = CloningSettings(most_epochs=12, mirrored=True)
 STUDY = CloneStudy(FOUR_ROOMS, sight="whole", evaluation_episodes=15, cloning=QUICK)
 
 
@@ -78,7 +84,7 @@ def cloned(logs, tmp_path_factory):
 
 
 def test_demonstrations_hold_what_was_done_and_seen(logs, demonstrations):
-    played = [episode for log in sorted(logs.rglob("*.mcap")) for episode in open_log(log).episodes]
+    played = [episode for log in sorted(logs.rglob("*.mcap")) for episode in read_log(log).episodes]
     assert len(demonstrations.episodes) == len(played) == 16
     assert sorted(map(len, (e.actions for e in played))) == sorted(len(d.observations) for d in demonstrations.episodes)
     assert demonstrations.action_names == ("left", "right", "forward")
@@ -89,7 +95,7 @@ def test_demonstrations_hold_what_was_done_and_seen(logs, demonstrations):
 
 
 def test_nobody_is_in_both_halves_of_the_split(demonstrations):
-    training, validation = split(demonstrations, share=0.2, seed=1)
+    training, validation = split_by_participant(demonstrations, share=0.2, seed=1)
     assert not set(training.participants) & set(validation.participants)
     assert len(training.participants) == 3
     assert len(training.episodes) + len(validation.episodes) == 16
@@ -103,20 +109,20 @@ def test_the_first_demonstrations_take_turns_between_participants(demonstrations
 
 
 def test_a_clone_agrees_with_people_it_has_not_seen_and_beats_chance(demonstrations):
-    training, validation = split(demonstrations, share=0.2, seed=1)
-    policy, found = clone(training, validation, eyes="map", settings=QUICK)
+    training, validation = split_by_participant(demonstrations, share=0.2, seed=1)
+    policy, found = clone_policy(training, validation, eyes="map", settings=QUICK)
     assert found.validation_loss < np.log(3)
     plays = [
-        evaluate(choose, FOUR_ROOMS, {}, WHOLE, episodes=15, seed=1)
-        for choose in (sampling(policy, 1), at_random(3, 1))
+        evaluate_policy(choose, FOUR_ROOMS, {}, WHOLE, episodes=15, seed=1)
+        for choose in (make_sampling_policy(policy, 1), make_random_policy(3, 1))
     ]
     assert plays[0].rate > plays[1].rate
 
 
 def test_the_same_seed_gives_the_same_clone(demonstrations):
-    training, validation = split(demonstrations, share=0.2, seed=1)
-    settings = Cloning(most_epochs=2)
-    weights = [clone(training, validation, eyes="map", settings=settings)[0].state_dict() for _ in range(2)]
+    training, validation = split_by_participant(demonstrations, share=0.2, seed=1)
+    settings = CloningSettings(most_epochs=2)
+    weights = [clone_policy(training, validation, eyes="map", settings=settings)[0].state_dict() for _ in range(2)]
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
 
 
@@ -128,13 +134,13 @@ def test_what_is_ahead_is_above_the_middle():
     import gymnasium
 
     from minihuman.worlds.grid.core.cells import kind_of
-    from minihuman.worlds.grid.core.tasks import front
+    from minihuman.worlds.grid.core.rewards import cell_in_front
 
     world = gymnasium.make(FOUR_ROOMS, disable_env_checker=True).unwrapped
     for seed in range(12):
         world.reset(seed=seed)
-        x, y = front(world.state.row)
-        assert whole_grid(world)[18, 17, 0] == kind_of(world.state.cells)[x, y]
+        x, y = cell_in_front(world.state.row)
+        assert encode_whole_grid(world)[18, 17, 0] == kind_of(world.state.cells)[x, y]
 
 
 def test_the_card_says_how_well_it_does_and_from_what(cloned):
@@ -151,7 +157,7 @@ def test_the_card_says_how_well_it_does_and_from_what(cloned):
 def test_a_clone_plays_a_session_and_its_log_says_so(cloned, protocol, tmp_path):
     out, _ = cloned
     (path,) = simulate(read_protocol(protocol), tmp_path, participants=1, seed=2, player=f"policy:{out}")
-    log = open_log(path)
+    log = read_log(path)
     assert log.player == f"policy:{out}"
     assert len(log.episodes) == 4
     assert all(len(episode.actions) for episode in log.episodes)
@@ -170,7 +176,7 @@ def test_a_policy_for_another_world_is_refused_in_one_line(cloned, protocol, tmp
     out, _ = cloned
     other = tmp_path / "other.toml"
     other.write_text(PROTOCOL.replace("FourRooms", "GoToObj-Transfer"))
-    with pytest.raises(LearnError, match="was trained for minihuman/MiniGrid-FourRooms-v0; block 'grid' plays"):
+    with pytest.raises(LearnError, match="was trained in minihuman/MiniGrid-FourRooms-v0, and block 'grid' plays"):
         list(simulate(read_protocol(other), tmp_path / "data", participants=1, seed=2, player=f"policy:{out}"))
 
 
@@ -187,7 +193,7 @@ def test_a_file_that_is_no_policy_is_refused(tmp_path, name, content):
 def test_a_dataset_without_matching_episodes_is_refused_and_writes_nothing(logs, tmp_path):
     out = tmp_path / "clone.pt"
     study = CloneStudy("minihuman/MiniWorld-FourRooms-v0")
-    with pytest.raises(LearnError, match="has no episode of minihuman/MiniWorld-FourRooms-v0"):
+    with pytest.raises(LearnError, match="has no included episode of minihuman/MiniWorld-FourRooms-v0"):
         clone_study(logs, out, study, command="test")
     assert not list(tmp_path.iterdir())
 
@@ -195,32 +201,35 @@ def test_a_dataset_without_matching_episodes_is_refused_and_writes_nothing(logs,
 def test_a_file_that_is_there_is_not_overwritten(cloned, logs):
     out, _ = cloned
     before = out.read_bytes()
-    with pytest.raises(LearnError, match="is there already"):
+    with pytest.raises(LearnError, match="already exists"):
         clone_study(logs, out, STUDY, command="test")
     assert out.read_bytes() == before
 
 
 def test_one_participant_cannot_be_split(demonstrations):
-    with pytest.raises(LearnError, match="needs two or more"):
-        split(demonstrations.by(demonstrations.participants[:1]), share=0.2, seed=1)
+    with pytest.raises(LearnError, match="needs two or more participants"):
+        split_by_participant(demonstrations.by(demonstrations.participants[:1]), share=0.2, seed=1)
 
 
 @pytest.mark.parametrize("size", [0, -5])
 def test_no_demonstrations_are_no_size_to_try(size, logs, tmp_path):
     study = replace(STUDY, sizes=(size, 5))
-    with pytest.raises(LearnError, match=f"demonstrations is {size}; it is 1 or more"):
+    with pytest.raises(LearnError, match=f"demonstrations is {size}; use 1 or more"):
         clone_study(logs, tmp_path / "clone.pt", study, command="test")
 
 
 def test_a_fine_tuning_in_which_no_episode_ended_is_told_as_such():
-    runs = [Start(start, 3, History()) for start in ("nothing", "clone")]
-    assert fine_tuning(replace(STUDY, finetune_steps=2048), runs)[-2:] == ["| clone | 3 | not reached | - |", ""]
+    runs = [TrainingStart(start, 3, TrainingHistory()) for start in ("nothing", "clone")]
+    assert describe_fine_tuning(replace(STUDY, finetune_steps=2048), runs)[-2:] == [
+        "| clone | 3 | not reached | - |",
+        "",
+    ]
 
 
 def test_a_curve_that_goes_on_has_no_clone_twice(demonstrations, tmp_path):
-    settings = {"seeds": [1], "eyes": "map", "episodes": 2, "settings": Cloning(most_epochs=1)}
+    settings = {"seeds": [1], "eyes": "map", "episodes": 2, "settings": CloningSettings(most_epochs=1)}
     made = [
-        clone_curve({"people": demonstrations}, sizes=[4, 500, 900], kept=tmp_path / "points.json", **settings)
+        run_cloning_curve({"people": demonstrations}, sizes=[4, 500, 900], kept=tmp_path / "points.json", **settings)
         for _ in range(2)
     ]
     assert made[0] == made[1]

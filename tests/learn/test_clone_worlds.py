@@ -6,9 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from minihuman.data.selection import Selection
-from minihuman.learn.clone.clone import Cloning
-from minihuman.learn.clone.study import CloneStudy, clone_study
+from minihuman.dataset.selection import Selection
+from minihuman.learn.behaviour_cloning import CloneStudy, CloningSettings, clone_study
 from tests.export.study import recorded
 
 pytestmark = pytest.mark.program
@@ -19,7 +18,7 @@ name = "clones"
 version = "1"
 seed = 3
 [keys]
-check = false
+keyboard_check = false
 [[groups]]
 name = "all"
 blocks = ["only"]
@@ -73,7 +72,7 @@ gymnasium.register("Unlimited-v0", Endless)
         (
             "minihuman/MiniGrid-Empty-5x5-v0",
             ["left", "right", "forward"],
-            'pace = "real_time"\nstep_period_ms = 400.0\nnoop = "done"',
+            'pace = "real_time"\nstep_period_ms = 400.0\nnoop_action = "done"',
             30,
             ("left", "right", "forward", "pickup", "drop", "toggle", "done"),
         ),
@@ -84,7 +83,7 @@ gymnasium.register("Unlimited-v0", Endless)
 def test_a_clone_comes_to_its_end(tmp_path, world, actions, more, max_steps, classes):
     toml = PROTOCOL.format(world=world, actions=actions, more=more, max_steps=max_steps).replace("'", '"')
     study = recorded(tmp_path, participants=3, player="random", toml=toml.encode())
-    how = CloneStudy(world, evaluation_episodes=3, selection=Selection(), cloning=Cloning(most_epochs=2))
+    how = CloneStudy(world, evaluation_episodes=3, selection=Selection(), cloning=CloningSettings(most_epochs=2))
     card = clone_study(study, tmp_path / "clone.pt", how, command="test")
     assert "| chance |" in card
     assert f"Actions: {', '.join(classes)}." in card

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from minihuman.learn.transfer.curves import area_under, improvement, interquartile_mean
-from minihuman.statistics.compare import holm
+from minihuman.statistics.comparison import holm_correction
 from tests.counts import count
+from transfer_study.job import area_under, improvement, interquartile_mean
 
 
 def test_the_area_under_a_straight_rise_is_half():
@@ -79,7 +79,7 @@ def test_of_studies_without_any_effect_few_find_one():
     found = 0
     for _ in range(n):
         base = rng.normal(1.0, 0.08, 6)
-        ps = holm([improvement(rng.normal(1.0, 0.08, 3), base).p for _ in range(12)])
+        ps = holm_correction([improvement(rng.normal(1.0, 0.08, 3), base).p for _ in range(12)])
         found += min(ps) < 0.05
     print(f"{found / n:.3f} of {n} studies without any effect find one")
     assert found <= n - fewest(n, 0.95)

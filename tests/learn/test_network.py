@@ -4,7 +4,7 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 
-from minihuman.learn.agent.network import Policy, policy_settings
+from minihuman.learn.policy.network import Policy, get_policy_settings
 
 
 @pytest.fixture(params=[("grid", (3, 7, 7), 7), ("atari", (3, 60, 80), 3)], ids=["grid", "atari"])
@@ -13,7 +13,7 @@ def pair(request):
     eyes, shape, actions = request.param
     space = spaces.Dict({"image": spaces.Box(0, 255, shape, np.uint8), "mission": spaces.Box(0, 1, (9,), np.float32)})
     made = [
-        kind(space, spaces.Discrete(actions), lambda _: 3e-4, **policy_settings(eyes))
+        kind(space, spaces.Discrete(actions), lambda _: 3e-4, **get_policy_settings(eyes))
         for kind in (Policy, MultiInputActorCriticPolicy)
     ]
     made[1].load_state_dict(made[0].state_dict())

@@ -4,39 +4,37 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from minihuman.learn.agent.acting import thinker
-from minihuman.learn.agent.network import Policy, bare_policy, policy_settings
-from minihuman.learn.agent.observe import Eyesight
-from minihuman.learn.agent.ppo import LeanPpo
-from minihuman.learn.agent.training_world import TrainingWorld
-from minihuman.learn.transfer.plan import FIRST_PERSON_WORLD, GRID_WORLD
+from minihuman.learn.policy.network import Policy, build_policy, get_policy_settings, make_forward
+from minihuman.learn.policy.observation import ObservationEncoder
+from minihuman.learn.ppo import LeanPpo, TrainingEnv
+from transfer_study.plan import FIRST_PERSON_WORLD, GRID_WORLD
 
 
 @pytest.mark.parametrize(
     ("eyes", "world_id"), [("grid", GRID_WORLD), ("map", GRID_WORLD), ("atari", FIRST_PERSON_WORLD)]
 )
 def test_acting_written_out_thinks_what_the_policy_thinks(eyes, world_id):
-    eyesight = Eyesight(missions=True, sight="whole" if eyes == "map" else "view")
-    world = TrainingWorld(world_id, {}, seed=1, eyesight=eyesight)
+    eyesight = ObservationEncoder(missions=True, sight="whole" if eyes == "map" else "view")
+    world = TrainingEnv(world_id, {}, seed=1, eyesight=eyesight)
     torch.manual_seed(2)
-    policy = bare_policy(world.observation_space, 3, eyes).to(memory_format=torch.channels_last)
+    policy = build_policy(world.observation_space, 3, eyes).to(memory_format=torch.channels_last)
     seen, _ = world.reset()
     for action in (0, 2, 1):
         log_probs, value = policy.think_of(seen)
-        logits, written_out = thinker(policy)(seen)
+        logits, written_out = make_forward(policy)(seen)
         torch.testing.assert_close(torch.log_softmax(logits, dim=0), log_probs, atol=1e-6, rtol=0)
         torch.testing.assert_close(written_out, value, atol=1e-6, rtol=0)
         seen, *_ = world.step(action)
 
 
 def test_acting_asked_for_again_knows_the_weights_after_an_update():
-    world = TrainingWorld(GRID_WORLD, {}, seed=1, eyesight=Eyesight(missions=True))
-    policy = bare_policy(world.observation_space, 3, "grid")
+    world = TrainingEnv(GRID_WORLD, {}, seed=1, eyesight=ObservationEncoder(missions=True))
+    policy = build_policy(world.observation_space, 3, "grid")
     seen, _ = world.reset()
-    before = thinker(policy)(seen)[1].clone()
+    before = make_forward(policy)(seen)[1].clone()
     policy.think({name: torch.as_tensor(part)[None] for name, part in seen.items()})[1].sum().backward()
     policy.optimizer.step()
-    after = thinker(policy)(seen)[1]
+    after = make_forward(policy)(seen)[1]
     torch.testing.assert_close(after, policy.think_of(seen)[1], atol=1e-6, rtol=0)
     assert not torch.equal(before, after)
 
@@ -47,10 +45,10 @@ def two(request):
     eyes, world_id = request.param
     made = []
     for kind in (PPO, LeanPpo):
-        world = TrainingWorld(world_id, {"max_steps": 11}, seed=5, eyesight=Eyesight(missions=True), actions=3)
+        world = TrainingEnv(world_id, {"max_steps": 11}, seed=5, eyesight=ObservationEncoder(missions=True), actions=3)
         ppo = kind(
             Policy, DummyVecEnv([lambda world=world: world]), n_steps=96, batch_size=32, n_epochs=3, seed=7,
-            policy_kwargs=policy_settings(eyes), device="cpu", ent_coef=0.01,
+            policy_kwargs=get_policy_settings(eyes), device="cpu", ent_coef=0.01,
         )  # fmt: skip
         made.append(ppo)
     return made

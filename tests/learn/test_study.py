@@ -7,26 +7,44 @@ import pytest
 from rich.console import Console
 
 from minihuman.errors import LearnError
-from minihuman.learn.agent.training import Point
-from minihuman.learn.transfer.engines import LocalPool, RayCluster, open_engine
-from minihuman.learn.transfer.figure import curves_figure
-from minihuman.learn.transfer.folder import open_folder, read_results
-from minihuman.learn.transfer.job import Result
-from minihuman.learn.transfer.plan import BASELINE, SOURCE, Cell, Job, Ppo, Study
-from minihuman.learn.transfer.published import beside_of, read_published, shipped
-from minihuman.learn.transfer.run import run_study
-from minihuman.learn.transfer.summary import Run, core_hours, speed, table, write_report
+from minihuman.learn.ppo import PpoSettings, TrainingPoint
+from transfer_study.engines import (
+    LocalPool,
+    RayCluster,
+    open_engine,
+    open_folder,
+    read_results,
+    run_study,
+)
+from transfer_study.job import Result
+from transfer_study.plan import BASELINE, SOURCE, TransferCell, TransferJob, TransferStudy
+from transfer_study.summary import (
+    RunInfo,
+    count_core_hours,
+    curves_figure,
+    get_published,
+    improvement_table,
+    read_published,
+    read_shipped,
+    speed_table,
+    write_report,
+)
 
 pytestmark = pytest.mark.program
 
-TINY = Study(
-    runs=1, baselines=1, steps=128, source_steps=128, transfers=("M",), ppo=Ppo(n_steps=64, batch_size=32, n_epochs=1)
+TINY = TransferStudy(
+    runs=1,
+    baselines=1,
+    steps=128,
+    source_steps=128,
+    transfers=("M",),
+    ppo=PpoSettings(64, 32, n_epochs=1),
 )
 QUIET = Console(quiet=True)
 
 
 def result_of(job, rewards):
-    points = tuple(Point(100 * (n + 1), reward, 10.0, reward) for n, reward in enumerate(rewards))
+    points = tuple(TrainingPoint(100 * (n + 1), reward, 10.0, reward) for n, reward in enumerate(rewards))
     seconds = {"world": 1.0, "acting": 2.0, "learning": 5.0, "last_sitting": 9.0}
     return Result(job.name, job.config, job.config_hash, points, seconds, "cpu", {})
 
@@ -46,7 +64,7 @@ def results():
 
 def test_the_table_holds_improvements_over_the_baseline(results):
     study, made = results
-    rows = table(study, made)
+    rows = improvement_table(study, made)
     assert list(rows.index) == [SOURCE, BASELINE, "M"]
     assert rows.loc["M", "improvement"] == pytest.approx((0.6 * 0.8 / 0.4 / 0.6) ** 0.5 - 1)
     assert rows.loc["M", "low"] < 0.4 < rows.loc["M", "high"]
@@ -61,32 +79,32 @@ def test_published_numbers_stand_beside_ours(results, tmp_path):
     study, made = results
     path = tmp_path / "published.csv"
     path.write_text("cell,improvement\nM,0.07\n")
-    rows = table(study, made, beside=read_published(path))
+    rows = improvement_table(study, made, beside=read_published(path))
     assert rows.loc["M", "published"] == 0.07
     assert pd.isna(rows.loc[BASELINE, "published"])
     assert rows.loc["M", "beside"] == "within our interval"
     assert rows.loc[BASELINE, "beside"] == ""
     path.write_text("cell,improvement,sd\nM,70,0.1\n")
-    rows = table(study, made, beside=read_published(path))
+    rows = improvement_table(study, made, beside=read_published(path))
     assert rows.loc["M", "published_sd"] == 0.1
     assert rows.loc["M", "beside"] == "outside our interval"
 
 
 def test_the_papers_numbers_stand_beside_studies_of_as_many_steps(results):
     study, _ = results
-    assert beside_of(study, None) is None
-    assert beside_of(replace(study, steps=200_000), None).equals(shipped())
-    assert beside_of(replace(study, steps=200_000, quick=True), None) is None
-    labels = {cell.label for cell in Study().cells}
-    assert set(shipped().index) <= labels
-    assert shipped().loc["ACM-frozen", "improvement"] == -0.31
+    assert get_published(study, None) is None
+    assert get_published(replace(study, steps=200_000), None).equals(read_shipped())
+    assert get_published(replace(study, steps=200_000, quick=True), None) is None
+    labels = {cell.label for cell in TransferStudy().cells}
+    assert set(read_shipped().index) <= labels
+    assert read_shipped().loc["ACM-frozen", "improvement"] == -0.31
 
 
 def test_core_hours_are_the_processors_not_the_walls(results):
     _, made = results
-    assert core_hours(made) == pytest.approx(len(made) * 8 / 3600)  # results of before have the wall's alone
+    assert count_core_hours(made) == pytest.approx(len(made) * 8 / 3600)  # results of before have the wall's alone
     job, result = next(iter(made.items()))
-    assert core_hours({job: replace(result, seconds=result.seconds | {"cpu": 3.6})}) == pytest.approx(0.001)
+    assert count_core_hours({job: replace(result, seconds=result.seconds | {"cpu": 3.6})}) == pytest.approx(0.001)
 
 
 @pytest.mark.parametrize("content", [None, "row,gain\nM,0.1\n", ""])
@@ -100,11 +118,11 @@ def test_a_table_that_cannot_be_set_beside_is_refused(tmp_path, content):
 
 def test_the_report_is_written_and_says_where_the_time_goes(results, tmp_path):
     study, made = results
-    text = write_report(study, made, tmp_path, Run("minihuman learn transfer", "local", 60.0))
+    text = write_report(study, made, tmp_path, RunInfo("python analysis/transfer.py run OUT", "local", 60.0))
     assert {path.name for path in tmp_path.iterdir()} == {
         *("table.csv", "curves.csv", "speed.csv", "run.json", "report.md", "curves.png")
     }
-    assert speed(made).loc["grid (source)", "learning"] == pytest.approx(5 / 8)
+    assert speed_table(made).loc["grid (source)", "learning"] == pytest.approx(5 / 8)
     assert len(pd.read_csv(tmp_path / "curves.csv")) == 3 * len(made)
     assert json.loads((tmp_path / "run.json").read_text())["jobs_done"] == len(made)
     assert "QUICK" not in text
@@ -123,14 +141,14 @@ def test_a_panel_says_how_many_runs_it_has_and_one_without_a_cell_is_not_drawn()
 def test_a_quick_study_says_so_everywhere(results, tmp_path):
     study, made = results
     study = replace(study, quick=True)
-    assert "QUICK" in write_report(study, made, tmp_path, Run("minihuman", "local", 1.0))
+    assert "QUICK" in write_report(study, made, tmp_path, RunInfo("minihuman", "local", 1.0))
     assert json.loads((tmp_path / "run.json").read_text())["quick"] is True
 
 
 def test_as_published_names_its_defects(results, tmp_path):
     study, made = results
     study = replace(study, protocol="as-published")
-    assert "misspells" in write_report(study, made, tmp_path, Run("minihuman", "local", 1.0))
+    assert "misspells" in write_report(study, made, tmp_path, RunInfo("minihuman", "local", 1.0))
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +209,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
 )
 def test_a_study_that_cannot_be_run_is_refused(changes):
     with pytest.raises(LearnError):
-        Study(**changes)
+        TransferStudy(**changes)
 
 
 def test_an_engine_there_is_not_is_refused():
@@ -202,6 +220,6 @@ def test_an_engine_there_is_not_is_refused():
 
 
 def test_a_transfer_waits_for_the_source_of_its_own_run():
-    job = Job(Study(runs=3), Cell("ACM", frozen=True), 2)
-    assert job.source == Job(Study(runs=3), Cell(SOURCE), 2)
+    job = TransferJob(TransferStudy(runs=3), TransferCell("ACM", frozen=True), 2)
+    assert job.source == TransferJob(TransferStudy(runs=3), TransferCell(SOURCE), 2)
     assert job.name == "ACM-frozen/run-02"

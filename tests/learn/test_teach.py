@@ -1,17 +1,20 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 
 from minihuman.errors import LearnError  # noqa: E402
-from minihuman.learn.agent.network import bare_policy  # noqa: E402
-from minihuman.learn.agent.observe import REACH, Eyesight, whole_grid  # noqa: E402
-from minihuman.learn.agent.policy_file import load_policy  # noqa: E402
-from minihuman.learn.teach import fitting, made  # noqa: E402
-from minihuman.learn.teach.dataset import Comparison, Rating, Stretch  # noqa: E402
-from minihuman.learn.teach.judging import judge  # noqa: E402
-from minihuman.learn.teach.made import make_again, make_policy  # noqa: E402
-from minihuman.learn.teach.port import make_learner  # noqa: E402
+from minihuman.learn.policy.file import load_policy  # noqa: E402
+from minihuman.learn.policy.network import build_policy  # noqa: E402
+from minihuman.learn.policy.observation import REACH, ObservationEncoder, encode_whole_grid  # noqa: E402
+from minihuman.learn.teaching import learner, provenance  # noqa: E402
+from minihuman.learn.teaching.dataset import Comparison, LessonFragment, LessonRating  # noqa: E402
+from minihuman.learn.teaching.learner import LearningRequest, make_learner  # noqa: E402
+from minihuman.learn.teaching.provenance import make_policy, reproduce_policy  # noqa: E402
+from minihuman.testing.learner_contract import build_teaching_dataset  # noqa: E402
+from teaching_study.simulation import evaluate_taught_policy  # noqa: E402
 from tests.learn.taught import sitting, taught  # noqa: E402
 
 UNLIMITED = float("inf")
@@ -27,12 +30,12 @@ def watched(demonstrated):
     """The same demonstrations, and what happened when a fresh policy played and the supervisor watched."""
     with torch.random.fork_rng():
         torch.manual_seed(1)
-        fresh = bare_policy(demonstrated.space, 6, "codes")
+        fresh = build_policy(demonstrated.space, 6, "codes")
     return taught(policy=fresh, watched=3)
 
 
 def learn(name, dataset, *, seed=1, budget_s=UNLIMITED, checkpoint=None):
-    return make_learner(name).learn(dataset, None, np.random.default_rng(seed), budget_s, checkpoint=checkpoint)
+    return make_learner(name).learn(LearningRequest(dataset, np.random.default_rng(seed), None, budget_s, checkpoint))
 
 
 def weights(policy):
@@ -72,8 +75,8 @@ def test_learners_differ_in_the_steps_they_take(watched):
 
 def test_enough_of_what_was_shown_makes_a_policy_that_gets_there():
     shown = taught(40)
-    fresh = judge(learn("cloning:updates=1", shown).policy, shown, episodes=40, seed=1)
-    cloned = judge(learn("cloning:updates=400", shown).policy, shown, episodes=40, seed=1)
+    fresh = evaluate_taught_policy(learn("cloning:updates=1", shown).policy, shown, episodes=40, seed=1)
+    cloned = evaluate_taught_policy(learn("cloning:updates=400", shown).policy, shown, episodes=40, seed=1)
     assert cloned.rate > 0.7 > fresh.rate + 0.2
 
 
@@ -82,7 +85,7 @@ def test_the_first_updates_are_shorter_while_it_warms_up():
     for warm_up in (0, 4):
         network = torch.nn.Linear(1, 1, bias=False)
         before = float(network.weight.detach())
-        fitting.fit(
+        learner.minimise_loss(
             network,
             lambda _, network=network: network(torch.ones(1)).sum(),
             np.random.default_rng(1),
@@ -95,19 +98,19 @@ def test_the_first_updates_are_shorter_while_it_warms_up():
 
 
 def test_a_learner_that_was_stopped_goes_on_to_the_same_weights(watched, tmp_path, monkeypatch):
-    monkeypatch.setattr(fitting, "SAVE_EVERY", 10)
+    monkeypatch.setattr(learner, "SAVE_EVERY", 10)
     whole = learn("hg-dagger:updates=30,warm_up=15", watched)
     checkpoint = tmp_path / "checkpoint"
-    saved = fitting.save_atomically
+    saved = learner.save_atomically
 
     def save_and_stop(content, path):
         saved(content, path)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(fitting, "save_atomically", save_and_stop)
+    monkeypatch.setattr(learner, "save_atomically", save_and_stop)
     with pytest.raises(KeyboardInterrupt):
         learn("hg-dagger:updates=30,warm_up=15", watched, checkpoint=checkpoint)
-    monkeypatch.setattr(fitting, "save_atomically", saved)
+    monkeypatch.setattr(learner, "save_atomically", saved)
     resumed = learn("hg-dagger:updates=30,warm_up=15", watched, checkpoint=checkpoint)
     assert torch.equal(weights(whole.policy), weights(resumed.policy))
     assert not checkpoint.exists()
@@ -118,27 +121,29 @@ def test_a_policy_says_what_it_was_made_from_and_is_made_again(watched, tmp_path
     card = load_policy(policy.path)[1]
     assert card.notes["made"]["data_sha256"] == watched.sha256()
     assert card.notes["made"]["settings"]["updates"] == 30
-    assert make_again(policy.path, watched) == []
-    assert "data_sha256" in make_again(policy.path, taught(3))[0]
+    assert reproduce_policy(policy.path, watched) == []
+    assert "data_sha256" in reproduce_policy(policy.path, taught(3))[0]
 
 
 def test_a_policy_that_ran_out_of_time_is_made_again_without_a_limit(watched, tmp_path):
     policy = make_policy(watched, "cloning:updates=100000", tmp_path / "policy.pt", seed=5, budget_s=0.2)
     assert 1 <= policy.card.notes["made"]["settings"]["updates"] < 100_000
-    assert make_again(policy.path, watched) == []
+    assert reproduce_policy(policy.path, watched) == []
 
 
 def test_a_policy_that_other_code_made_says_so_where_its_weights_differ(watched, tmp_path, monkeypatch):
     one = make_policy(watched, "hg-dagger:updates=30", tmp_path / "policy.pt", seed=5)
     assert one.card.notes["made"]["code"]["minihuman"]
-    monkeypatch.setattr(made, "code", lambda: one.card.notes["made"]["code"] | {"sources_sha256": "other"})
-    assert make_again(one.path, watched) == []  # other code, equal weights
-    monkeypatch.setattr(made, "_differences", lambda policy, again: ["weights differ"])
-    assert "it was made by sources_sha256" in make_again(one.path, watched)[0]
+    monkeypatch.setattr(
+        provenance, "get_code_versions", lambda: one.card.notes["made"]["code"] | {"sources_sha256": "other"}
+    )
+    assert reproduce_policy(one.path, watched) == []  # other code, equal weights
+    monkeypatch.setattr(provenance, "_differences", lambda policy, again: ["weights differ"])
+    assert "it was made by sources_sha256" in reproduce_policy(one.path, watched)[0]
 
 
 def test_what_cannot_be_learned_from_is_said(watched):
-    with pytest.raises(LearnError, match="cloning has nothing to learn from"):
+    with pytest.raises(LearnError, match="cloning: no lesson it learns from has a step by a person"):
         learn("cloning", sitting()[1].with_more([watched.lessons[-1]]))
     with pytest.raises(LearnError, match="learner 'clonning' is unknown; it is one of"):
         make_learner("clonning")
@@ -149,10 +154,10 @@ def test_what_cannot_be_learned_from_is_said(watched):
 
 
 def test_data_that_do_not_belong_together_are_refused(demonstrated):
-    with pytest.raises(LearnError, match="not there"):
-        demonstrated.with_more(ratings=[Rating(1, 1.0, "nobody")])
+    with pytest.raises(LearnError, match="the dataset lacks"):
+        demonstrated.with_more(ratings=[LessonRating(1, 1.0, "nobody")])
     name = demonstrated.lessons[0].name
-    far = Stretch(name, 0, 10_000)
+    far = LessonFragment(name, 0, 10_000)
     with pytest.raises(LearnError, match=r"has \d+ steps"):
         demonstrated.with_more(comparisons=[Comparison(far, far, "left")])
 
@@ -160,8 +165,10 @@ def test_data_that_do_not_belong_together_are_refused(demonstrated):
 def test_a_fingerprint_changes_with_every_part(demonstrated):
     name = demonstrated.lessons[0].name
     others = [
-        demonstrated.with_more(ratings=[Rating(1, 1.0, name)]),
-        demonstrated.with_more(comparisons=[Comparison(Stretch(name, 0, 1), Stretch(name, 1, 2), "left")]),
+        demonstrated.with_more(ratings=[LessonRating(1, 1.0, name)]),
+        demonstrated.with_more(
+            comparisons=[Comparison(LessonFragment(name, 0, 1), LessonFragment(name, 1, 2), "left")]
+        ),
         demonstrated.with_more([demonstrated.lessons[0].part(0, 2)]),
         taught(seed=1).with_more(),
     ]
@@ -170,23 +177,32 @@ def test_a_fingerprint_changes_with_every_part(demonstrated):
     assert len({*fingerprints}) == len(others)
 
 
+def test_the_fingerprint_of_known_data_stays_as_policy_files_carry_it():
+    dataset = build_teaching_dataset()
+    assert dataset.sha256() == "9ef2a4f24d51bf0a1db3166ef4908df383a1b419f4684acf224c0aaea5ef8b5f"
+    one = replace(dataset, ratings=dataset.ratings[:1], comparisons=dataset.comparisons[:1])
+    assert one.sha256() == "874266633cd5624de1504c5cebc83f3abf9dbd404a98accc1fda6f6fc82a5899"
+
+
 def test_a_world_that_is_remembered_shows_what_was_in_view_and_nothing_else():
-    taking, dataset = sitting("minihuman/MiniGrid-FourRooms-v0", eyesight=Eyesight(missions=False, sight="remembered"))
+    taking, dataset = sitting(
+        "minihuman/MiniGrid-FourRooms-v0", eyesight=ObservationEncoder(missions=False, sight="remembered")
+    )
     world = taking.world
-    looker = dataset.eyesight.looker()
+    encoder = dataset.eyesight.episode_encoder()
     world.reset(3)
-    first = looker.see(world.unwrapped, world.observation)["image"]
+    first = encoder.encode(world.unwrapped, world.observation)["image"]
     assert first.shape == dataset.space["image"].shape
     shown = (first[0] > 0).sum()
     assert 1 < shown <= 49
     for action in (0, 0, 0):  # once round
         world.step(action)
-        last = looker.see(world.unwrapped, world.observation)["image"]
+        last = encoder.encode(world.unwrapped, world.observation)["image"]
     assert (last[0] > 0).sum() > shown
     near = slice(18 - REACH, 19 + REACH)
-    whole = np.moveaxis(whole_grid(world.unwrapped), -1, 0)[:, near, near]
+    whole = np.moveaxis(encode_whole_grid(world.unwrapped), -1, 0)[:, near, near]
     known = last[0] > 0
     known[REACH, REACH] = False  # the agent's own cell shows what it carries
     assert np.array_equal(last[0][known], (whole * 25)[0][known])
     world.reset(3)
-    assert np.array_equal(looker.see(world.unwrapped, world.observation)["image"], first)
+    assert np.array_equal(encoder.encode(world.unwrapped, world.observation)["image"], first)

@@ -5,15 +5,15 @@ import pytest
 
 pytest.importorskip("torch")
 
+from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import LearnError
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.learn.teach.dataset import Stretch
-from minihuman.learn.teach.from_logs import of_session, of_study
-from minihuman.learn.teach.made import make_again, make_policy
-from minihuman.learn.teach.pairing import most_disputed
-from minihuman.learn.teach.port import make_learner
-from minihuman.log.read.open_log import open_log
-from minihuman.seats.simulate import simulate
+from minihuman.learn.teaching.dataset import LessonFragment
+from minihuman.learn.teaching.learner import LearningRequest, make_learner
+from minihuman.learn.teaching.log_dataset import read_session_dataset, read_study_dataset
+from minihuman.learn.teaching.preference_learner import choose_disputed_pair
+from minihuman.learn.teaching.provenance import make_policy, reproduce_policy
+from minihuman.log.read.session_reader import read_log
+from minihuman.runtime.simulated_session import simulate
 
 pytestmark = pytest.mark.program
 
@@ -72,7 +72,7 @@ policy = "random"
 [[activities]]
 name = "correct"
 kind = "correction"
-plan = { source = "teach", episodes = 2, steps = 6 }
+settings = { source = "teach", episodes = 2, steps = 6 }
 """
 
 
@@ -85,62 +85,62 @@ def logs(tmp_path_factory):
 
 
 def test_what_a_session_showed_is_read_as_the_person_played_it(logs):
-    shown = of_session(logs, "doors", 2)
+    shown = read_session_dataset(logs, "doors", 2)
     assert [lesson.is_demonstration for lesson in shown.lessons] == [True, True]
     assert all(lesson.rewards[-1] > 0 for lesson in shown.lessons)
     assert all(np.all(np.diff(lesson.shown_ns) > 0) for lesson in shown.lessons)
     assert shown.action_names[-1] == "toggle"
     assert [source.sha256 != "" for source in shown.sources] == [True]
-    assert len(of_session(logs, "doors", 3).lessons) == 3
+    assert len(read_session_dataset(logs, "doors", 3).lessons) == 3
     with pytest.raises(LearnError, match="no step of block 'windows'"):
-        of_session(logs, "windows", 3)
+        read_session_dataset(logs, "windows", 3)
 
 
 def test_a_policy_is_made_again_from_the_logs_that_it_names(logs, tmp_path):
-    made = make_policy(of_session(logs, "doors", 2), "cloning:updates=10", tmp_path / "policy.pt", seed=1)
+    made = make_policy(read_session_dataset(logs, "doors", 2), "cloning:updates=10", tmp_path / "policy.pt", seed=1)
     (source,) = made.card.notes["made"]["sources"]
     assert source["name"] == logs[0].name
-    assert make_again(made.path, of_session(logs, "doors", 2)) == []
-    assert "data_sha256" in make_again(made.path, of_session(logs, "doors", 3))[0]
+    assert reproduce_policy(made.path, read_session_dataset(logs, "doors", 2)) == []
+    assert "data_sha256" in reproduce_policy(made.path, read_session_dataset(logs, "doors", 3))[0]
 
 
 def test_a_study_is_read_whole(logs):
-    study = of_study(logs[0].parents[2], WORLD)
+    study = read_study_dataset(logs[0].parents[2], WORLD)
     assert [len(lesson.actions) for lesson in study.lessons] == [
-        len(lesson.actions) for lesson in of_session(logs, "doors", 3).lessons
+        len(lesson.actions) for lesson in read_session_dataset(logs, "doors", 3).lessons
     ]
 
 
 def test_what_was_compared_reaches_the_learner(tmp_path):
-    taught = of_session(list(TAUGHT.glob("*.mcap")), "takeover", 4)
+    taught = read_session_dataset(list(TAUGHT.glob("*.mcap")), "takeover", 4)
     assert [each.answer for each in taught.comparisons] == ["left", "left"]
-    assert taught.comparisons[1].left == Stretch("sub-01_ses-01:2", 0, 2)
-    assert taught.comparisons[1].right == Stretch("sub-01_ses-01:1", 2, 4)
+    assert taught.comparisons[1].left == LessonFragment("sub-01_ses-01:2", 0, 2)
+    assert taught.comparisons[1].right == LessonFragment("sub-01_ses-01:1", 2, 4)
     made = make_policy(taught, "preferences:reward_updates=2,steps=64,n_steps=64,n_epochs=1", tmp_path / "p.pt", seed=1)
     assert made.card.notes["made"]["comparisons"] == 2
-    assert make_again(made.path, taught) == []
+    assert reproduce_policy(made.path, taught) == []
 
 
 def test_what_was_compared_is_learnt_from_in_another_block_of_the_same_world():
-    rating = of_session(list(TAUGHT.glob("*.mcap")), "rating", 4)
+    rating = read_session_dataset(list(TAUGHT.glob("*.mcap")), "rating", 4)
     assert [lesson.name for lesson in rating.lessons] == [f"sub-01_ses-01:{number}" for number in (1, 2, 3, 4)]
     assert (len(rating.comparisons), len(rating.ratings)) == (2, 6)
 
 
 def test_a_session_is_asked_about_the_pair_on_which_its_answers_leave_most_doubt():
     logs = list(TAUGHT.glob("*.mcap"))
-    compared = open_log(TAUGHT).comparisons
+    compared = read_log(TAUGHT).comparisons
     same = (compared[0].left, compared[0].left)  # no model can doubt which of two equal sides is better
     pairs = [same, (compared[0].left, compared[1].right), same]
-    assert most_disputed(logs, "takeover", pairs, seed=1) == 1
+    assert choose_disputed_pair(logs, "takeover", pairs, seed=1) == 1
 
 
 def test_what_should_have_been_done_is_read_as_a_lesson_of_its_own(tmp_path):
     (tmp_path / "corrected.toml").write_text(CORRECTED)
     protocol = read_protocol(tmp_path / "corrected.toml")
     logs = list(simulate(protocol, tmp_path, participants=1, player="supervisor", seed=1))
-    shown = of_session(logs, "teach", 2)
-    said = open_log(logs[0].parent).corrections
+    shown = read_session_dataset(logs, "teach", 2)
+    said = read_log(logs[0].parent).corrections
     better = [lesson for lesson in shown.lessons if lesson.corrects is not None]
     assert [lesson.corrects for lesson in better] == [(f"sub-01_ses-01:{each.episode + 1}", each.step) for each in said]
     for lesson, each in zip(better, said, strict=True):
@@ -149,6 +149,6 @@ def test_what_should_have_been_done_is_read_as_a_lesson_of_its_own(tmp_path):
         assert np.array_equal(lesson.observations["image"][0], of.observations["image"][each.step])
         assert lesson.by_person.all()
         assert not of.by_person.any()
-    assert make_learner("hg-dagger:updates=1").learn(shown, None, np.random.default_rng(1), 9e9).notes[
+    assert make_learner("hg-dagger:updates=1").learn(LearningRequest(shown, np.random.default_rng(1))).notes[
         "labelled_steps"
     ] == sum(len(each.actions) for each in said)

@@ -10,17 +10,28 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from minihuman.errors import LearnError  # noqa: E402
-from minihuman.learn.teach import fitting  # noqa: E402
-from minihuman.learn.teach.compared import ComparedTrial, Progress, run_compared, wander  # noqa: E402
-from minihuman.learn.teach.credit import find_delay, presses_of  # noqa: E402
-from minihuman.learn.teach.dataset import Comparison, Rating, Stretch  # noqa: E402
-from minihuman.learn.teach.made import make_again, make_policy  # noqa: E402
-from minihuman.learn.teach.pairing import disputed, doubt, draw_pairs  # noqa: E402
-from minihuman.learn.teach.port import make_learner, new_policy  # noqa: E402
-from minihuman.learn.teach.preferences import JudgedWorld, PreferenceSettings  # noqa: E402
-from minihuman.learn.teach.ratings import rated_episode  # noqa: E402
-from minihuman.learn.teach.reward_model import RewardFitting, fit_reward  # noqa: E402
-from minihuman.players.critic import Critic, Criticising  # noqa: E402
+from minihuman.learn.teaching import learner as fitting  # noqa: E402
+from minihuman.learn.teaching.credit_assignment import collect_presses, find_delay  # noqa: E402
+from minihuman.learn.teaching.dataset import Comparison, LessonFragment, LessonRating  # noqa: E402
+from minihuman.learn.teaching.learner import LearningRequest, make_fresh_policy, make_learner  # noqa: E402
+from minihuman.learn.teaching.preference_learner import (  # noqa: E402
+    PreferenceSettings,
+    RewardFitting,
+    RewardModelEnv,
+    compute_disagreement,
+    fit_reward,
+)
+from minihuman.learn.teaching.provenance import make_policy, reproduce_policy  # noqa: E402
+from minihuman.simulation.supervisor import Critic, CriticParameters  # noqa: E402
+from teaching_study.feedback import (  # noqa: E402
+    ComparedTrial,
+    Progress,
+    draw_pairs,
+    play_wandering,
+    rated_episode,
+    run_compared,
+    select_disputed_pairs,
+)
 from tests.learn.taught import sitting  # noqa: E402
 
 EMPTY = "minihuman/MiniGrid-Empty-8x8-v0"
@@ -28,8 +39,8 @@ EMPTY = "minihuman/MiniGrid-Empty-8x8-v0"
 
 def rated(mu_ms, *, episodes=8, seed=1):
     taking, dataset = sitting(EMPTY, actions=3, most_steps=60, seed=seed)
-    fresh = new_policy(dataset, np.random.default_rng(seed))
-    critic = Critic(Criticising(mu_ms=mu_ms), np.random.default_rng(seed))
+    fresh = make_fresh_policy(dataset, np.random.default_rng(seed))
+    critic = Critic(CriticParameters(mu_ms=mu_ms), np.random.default_rng(seed))
     for layout in range(episodes):
         shown, ratings = rated_episode(taking, critic, fresh, layout)
         dataset = dataset.with_more([shown], ratings)
@@ -44,18 +55,20 @@ def once():
 @pytest.mark.parametrize("mu_ms", [300, 700, 1100])
 def test_the_delay_of_a_critic_is_found_from_its_presses(mu_ms):
     dataset = rated(mu_ms, episodes=12)
-    assert find_delay(*presses_of(dataset)) == pytest.approx(mu_ms + 100, abs=50)
+    assert find_delay(*collect_presses(dataset)) == pytest.approx(mu_ms + 100, abs=50)
 
 
 def test_of_a_few_presses_no_delay_is_told(once):
     few = sitting(EMPTY, actions=3)[1].with_more(once.lessons, once.ratings[:5])
-    assert find_delay(*presses_of(few)) is None
-    assert make_learner("tamer:updates=2").learn(few, None, np.random.default_rng(1), 9e9).notes["delay_ms"] is None
+    assert find_delay(*collect_presses(few)) is None
+    assert (
+        make_learner("tamer:updates=2").learn(LearningRequest(few, np.random.default_rng(1))).notes["delay_ms"] is None
+    )
 
 
 @pytest.mark.parametrize("name", ["tamer:updates=15", "deep-coach:updates=15"])
 def test_the_same_ratings_and_seed_give_the_same_policy(once, name):
-    one, same = (make_learner(name).learn(once, None, np.random.default_rng(1), 9e9).policy for _ in range(2))
+    one, same = (make_learner(name).learn(LearningRequest(once, np.random.default_rng(1))).policy for _ in range(2))
     assert all(torch.equal(values, same.state_dict()[key]) for key, values in one.state_dict().items())
 
 
@@ -64,19 +77,19 @@ def test_what_was_rated_well_becomes_likelier(once, name):
     values = {True: 1.0, False: -1.0}
     lesson = once.lessons[0]
     forward = [
-        Rating(int(lesson.shown_ns[step + 1] + 600e6), values[bool(lesson.actions[step] == 2)], lesson.name)
+        LessonRating(int(lesson.shown_ns[step + 1] + 600e6), values[bool(lesson.actions[step] == 2)], lesson.name)
         for step in range(len(lesson.actions) - 1)
     ]
     taught = sitting(EMPTY, actions=3)[1].with_more([lesson], forward)
-    policy = make_learner(name).learn(taught, None, np.random.default_rng(1), 9e9).policy
+    policy = make_learner(name).learn(LearningRequest(taught, np.random.default_rng(1))).policy
     chances = policy.log_probabilities({"image": torch.as_tensor(lesson.observations["image"])}).exp()
     assert chances[:, 2].mean() > 0.6
 
 
 def test_a_press_is_about_what_its_own_session_showed(once):
     others = [replace(lesson, name=f"other-{lesson.name}", participant="other") for lesson in once.lessons]
-    alone, _ = presses_of(once)
-    together, _ = presses_of(replace(once, lessons=(*once.lessons, *others)))  # every session's clock begins at 0
+    alone, _ = collect_presses(once)
+    together, _ = collect_presses(replace(once, lessons=(*once.lessons, *others)))  # every session's clock begins at 0
     np.testing.assert_array_equal(together.steps, alone.steps)
     np.testing.assert_array_equal(together.after_ms, alone.after_ms)
 
@@ -85,7 +98,7 @@ def test_ratings_of_nothing_are_refused(once):
     silent = sitting(EMPTY, actions=3)[1].with_more(once.lessons)
     for name in ("tamer", "deep-coach", "preferences"):
         with pytest.raises(LearnError, match="none of 0"):
-            make_learner(name).learn(silent, None, np.random.default_rng(1), 9e9)
+            make_learner(name).learn(LearningRequest(silent, np.random.default_rng(1)))
 
 
 SMALL = ComparedTrial(
@@ -102,9 +115,9 @@ SMALL = ComparedTrial(
 
 def compared(answer="left"):
     """A little that was played, and one comparison of it."""
-    dataset, _ = wander(SMALL, np.random.default_rng(1), steps=100)
+    dataset, _ = play_wandering(SMALL, np.random.default_rng(1), steps=100)
     name = dataset.lessons[0].name
-    return dataset.with_more(comparisons=[Comparison(Stretch(name, 0, 5), Stretch(name, 4, 9), answer)])
+    return dataset.with_more(comparisons=[Comparison(LessonFragment(name, 0, 5), LessonFragment(name, 4, 9), answer)])
 
 
 @pytest.mark.parametrize("pairing", ["random", "disputed"])
@@ -116,7 +129,7 @@ def test_answers_order_what_was_never_compared(pairing):
 
 def test_the_same_answers_and_seed_give_the_same_policy():
     learner = make_learner("preferences:reward_updates=3,steps=64,n_steps=64,n_epochs=1")
-    one, same = (learner.learn(compared(), None, np.random.default_rng(1), 9e9).policy for _ in range(2))
+    one, same = (learner.learn(LearningRequest(compared(), np.random.default_rng(1))).policy for _ in range(2))
     assert all(torch.equal(values, same.state_dict()[key]) for key, values in one.state_dict().items())
 
 
@@ -126,14 +139,14 @@ def test_preferences_that_ran_out_of_time_are_made_again_without_a_limit(tmp_pat
     dataset, settings = compared(), "reward_updates=1000,steps=128,n_steps=64,n_epochs=1"
     made = make_policy(dataset, f"preferences:{settings}", tmp_path / "policy.pt", seed=5, budget_s=300)
     assert 1 < made.card.notes["made"]["settings"]["reward_updates"] < 1000
-    assert make_again(made.path, dataset) == []
+    assert reproduce_policy(made.path, dataset) == []
 
 
 def test_preferences_go_on_from_the_policy_so_far():
     dataset = compared()
-    start = new_policy(dataset, np.random.default_rng(5))
+    start = make_fresh_policy(dataset, np.random.default_rng(5))
     learner = make_learner("preferences:reward_updates=1,steps=64,n_steps=64,n_epochs=1,learning_rate=1e-9")
-    learnt = learner.learn(dataset, start, np.random.default_rng(1), 9e9).policy
+    learnt = learner.learn(LearningRequest(dataset, np.random.default_rng(1), start)).policy
     assert all(
         torch.allclose(values, learnt.state_dict()[key], atol=1e-4) for key, values in start.state_dict().items()
     )
@@ -142,9 +155,11 @@ def test_preferences_go_on_from_the_policy_so_far():
 def test_the_pairs_that_are_asked_about_are_those_whose_order_is_least_certain():
     dataset = compared()
     model, _ = fit_reward(dataset, RewardFitting(members=3, updates=20), np.random.default_rng(1))
-    chosen = disputed(model, dataset, 4, steps=6, among=len(dataset.lessons), rng=np.random.default_rng(2))
+    chosen = select_disputed_pairs(model, dataset, 4, steps=6, among=len(dataset.lessons), rng=np.random.default_rng(2))
     any_pairs = draw_pairs(dataset.lessons, 40, steps=6, rng=np.random.default_rng(2))
-    assert sorted(doubt(model, dataset, chosen)) == pytest.approx(sorted(doubt(model, dataset, any_pairs))[-4:])
+    assert sorted(compute_disagreement(model, dataset, chosen)) == pytest.approx(
+        sorted(compute_disagreement(model, dataset, any_pairs))[-4:]
+    )
     with pytest.raises(LearnError, match="no two stretches of 99 steps"):
         draw_pairs(dataset.lessons, 1, steps=99, rng=np.random.default_rng(2))
 
@@ -163,7 +178,7 @@ def test_what_is_added_to_every_reward_changes_nothing_that_is_learnt_from():
 
 
 def test_reaching_the_goal_is_no_end_for_who_learns_from_judgements():
-    world = JudgedWorld(compared(), Progress(), seed=1)
+    world = RewardModelEnv(compared(), Progress(), seed=1)
     begin, _ = world.reset()
     for action in (2, 2, 2, 2, 2, 1, 2, 2, 2, 2):
         world.step(action)
@@ -176,7 +191,7 @@ def test_reaching_the_goal_is_no_end_for_who_learns_from_judgements():
 
 
 def test_progress_is_what_a_step_shortens_the_way_by():
-    world = JudgedWorld(compared(), Progress(), seed=1)
+    world = RewardModelEnv(compared(), Progress(), seed=1)
     world.reset()
     world.step(2)
     assert [world.step(action)[1] for action in (2, 0, 1)] == [1.0, -1.0, 1.0]

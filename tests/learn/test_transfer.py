@@ -4,8 +4,8 @@ import torch
 from gymnasium import spaces
 
 from minihuman.errors import LearnError
-from minihuman.learn.agent.network import PARTS, bare_policy, part_parameters
-from minihuman.learn.transfer.weights import transfer_as_published, transfer_in_place
+from minihuman.learn.policy.network import build_policy
+from transfer_study.job import PARTS, get_part_parameters, transfer_as_published, transfer_in_place
 
 
 def space(height, width):
@@ -17,7 +17,7 @@ def space(height, width):
 @pytest.fixture(scope="module")
 def source():
     torch.manual_seed(1)
-    policy = bare_policy(space(7, 7), 7, "grid")
+    policy = build_policy(space(7, 7), 7, "grid")
     with torch.no_grad():
         for parameter in policy.parameters():
             parameter.normal_()  # biases start at zero, which would hide a copy
@@ -27,7 +27,7 @@ def source():
 @pytest.fixture
 def target():
     torch.manual_seed(2)
-    return bare_policy(space(60, 80), 3, "atari")
+    return build_policy(space(60, 80), 3, "atari")
 
 
 def weights_of(policy):
@@ -53,7 +53,7 @@ def moved(before, policy):
 
 
 def names_of(policy, parts):
-    return {name for part in parts for name in part_parameters(policy, part)}
+    return {name for part in parts for name in get_part_parameters(policy, part)}
 
 
 def test_the_parts_and_the_eyes_are_the_whole_network(target):

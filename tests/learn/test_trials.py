@@ -6,11 +6,10 @@ import pytest
 
 pytest.importorskip("torch")
 
-from minihuman.learn.teach import compared, ratings, takeovers
-from minihuman.learn.teach.preferences import PreferenceSettings
-from minihuman.learn.teach.reward_model import RewardFitting
-from minihuman.learn.teach.said_report import run_comparisons, run_ratings
-from minihuman.learn.teach.takeover_report import run_takeovers
+from minihuman.learn.teaching.preference_learner import PreferenceSettings, RewardFitting
+from teaching_study import feedback, takeovers
+from teaching_study.feedback import run_comparisons, run_ratings
+from teaching_study.takeovers import run_takeovers
 
 EMPTY = "minihuman/MiniGrid-Empty-5x5-v0"
 
@@ -27,8 +26,8 @@ def twice(run, folder):
 
 def test_takeovers_are_tabled_by_way_and_budget(tmp_path, monkeypatch):
     ways = ("cloning", "hg-dagger", "corrections", "intervention-weighted")
-    trial = takeovers.Trial("Small", EMPTY, 3, (8, 24), ways, "remembered", most_steps=20, fitting="updates=2")
-    monkeypatch.setitem(takeovers.TRIALS, "Small", trial)
+    trial = takeovers.TakeoverTrial("Small", EMPTY, 3, (8, 24), ways, "remembered", most_steps=20, fitting="updates=2")
+    monkeypatch.setitem(takeovers.TAKEOVER_TRIALS, "Small", trial)
     table = twice(lambda out: run_takeovers(out, ["Small"], 1, workers=1, command="it", episodes=3), tmp_path)
     rows = json.loads((tmp_path / "takeovers.json").read_text())["rows"]
     assert [(row["arm"], row["budget"]) for row in rows] == [(way, budget) for way in ways for budget in (8, 24)]
@@ -38,15 +37,15 @@ def test_takeovers_are_tabled_by_way_and_budget(tmp_path, monkeypatch):
 
 
 def test_ratings_are_tabled_with_the_delay_that_was_found(tmp_path, monkeypatch):
-    trial = ratings.RatedTrial("Small", EMPTY, most_steps=20, marks=(0.4,))
-    monkeypatch.setitem(ratings.RATED, "Small", trial)
+    trial = feedback.RatedTrial("Small", EMPTY, most_steps=20, marks=(0.4,))
+    monkeypatch.setitem(feedback.RATED, "Small", trial)
     table = twice(lambda out: run_ratings(out, ["Small"], 1, workers=1, command="it", episodes=3), tmp_path)
     assert "| Small | tamer | 0.4 |" in table
     assert "of 600 ms" in table
 
 
 def test_comparisons_are_tabled_beside_the_true_reward(tmp_path, monkeypatch):
-    trial = compared.ComparedTrial(
+    trial = feedback.ComparedTrial(
         "Small",
         EMPTY,
         3,
@@ -58,7 +57,7 @@ def test_comparisons_are_tabled_beside_the_true_reward(tmp_path, monkeypatch):
         settings=PreferenceSettings(steps=64, n_steps=64, n_epochs=1),
         fitting=RewardFitting(members=2, updates=2),
     )
-    monkeypatch.setitem(compared.COMPARED, "Small", trial)
+    monkeypatch.setitem(feedback.COMPARED, "Small", trial)
     table = twice(
         lambda out: run_comparisons(out, ["Small"], ["disputed"], 1, workers=1, command="it", episodes=3), tmp_path
     )

@@ -5,18 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from minihuman.experiment.machine.events import Event, FrameShown, KeyMapDrawn, KeyPressed, SessionEnded, SessionStarted
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import (
-    Event,
-    FrameShown,
-    KeyMapDrawn,
-    KeyPressed,
-    SessionEnded,
-    SessionStarted,
-)
-from minihuman.study.plan import SessionPlan
-from minihuman.study.play import Play
-from minihuman.worlds.adapt.world import World
+from minihuman.worlds.adapters.world import World
 from tests.log.samples import STARTED_NS
 
 KEYS = ("3", "1", "7")
@@ -29,9 +22,13 @@ def played_events(plan: SessionPlan, *, steps: int, seed: int = 0) -> list[Event
     events: list[Event] = [SessionStarted(0, plan, {"player": "random"})]
     t_ns = 0
     for episode in plan.episodes[plan.first_episode :]:
-        play = Play(episode, world, picture_px=None)
+        play = RunningEpisode(episode, world, picture_px=None)
         t_ns += 1_000_000_000
-        events += [KeyMapDrawn(t_ns, episode.episode, episode.key_map), play.start(t_ns), *play.stored(t_ns)]
+        events += [
+            KeyMapDrawn(t_ns, episode.episode, episode.key_map),
+            play.start(t_ns),
+            *play.stored_observations(t_ns),
+        ]
         while play.outcome is None and play.steps < steps:
             t_ns += 250_000_000
             key = KEYS[rng.integers(len(KEYS))]
@@ -39,7 +36,7 @@ def played_events(plan: SessionPlan, *, steps: int, seed: int = 0) -> list[Event
             assert action is not None
             events.append(KeyPressed(t_ns, key, key, True, action, "accepted", "playing"))
             stepped = play.step(t_ns, action, key=key, key_t_ns=t_ns)
-            events += [*play.stored(t_ns), stepped]
+            events += [*play.stored_observations(t_ns), stepped]
             events.append(
                 FrameShown(t_ns + 16_000_000, episode.episode, play.steps, t_ns + 1_000_000, t_ns + 16_000_000)
             )

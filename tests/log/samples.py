@@ -3,14 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.study import events as ev
-from minihuman.study.plan import (
-    BlockText,
-    EpisodePlan,
-    KeyMap,
-    Participant,
-    SessionPlan,
-)
+from minihuman.experiment.machine import events as ev
+from minihuman.experiment.plan.session_plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
 from minihuman.worlds.pose import Map, Pose, Thing
 
 STARTED_NS = 1_790_000_000_000_000_000

@@ -7,24 +7,22 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from minihuman.study import events as ev
-from minihuman.study.activities import agent_events as agent
-from minihuman.study.activities import correction_events as corrections
-from minihuman.study.activities import pair_events as pairs
-from minihuman.study.activities.drafts import Question
-from minihuman.study.activities.keyboard import KeyboardPlan
-from minihuman.study.activities.pages import PagePlan
-from minihuman.study.activities.play_plan import Criterion, PlayPlan
-from minihuman.study.activities.questions import QuestionsPlan
-from minihuman.study.plan import (
+from minihuman.experiment.activities import agent_blocks, correction, preferences
+from minihuman.experiment.activities.block_plans import CriterionSpec, PlayPlan
+from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
+from minihuman.experiment.activities.pages import PagePlan
+from minihuman.experiment.activities.questions.question import QuestionItemSpec
+from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
+from minihuman.experiment.machine import events
+from minihuman.experiment.plan.session_plan import (
     BlockText,
-    Bonus,
+    BonusSpec,
     EpisodePlan,
     KeyMap,
-    Part,
     Participant,
+    PlannedPart,
+    ResumeState,
     SessionPlan,
-    Standing,
 )
 from minihuman.worlds.pose import Map, Pose, Thing
 
@@ -79,20 +77,20 @@ EPISODE_PLANS = st.builds(
     record_observations=st.booleans(),
 )
 PARTS = st.one_of(
-    st.builds(Part, st.just("page"), TEXTS, st.builds(PagePlan, TEXTS, st.lists(TEXTS, max_size=2).map(tuple))),
-    st.builds(Part, st.just("keyboard_check"), TEXTS, st.builds(KeyboardPlan, st.just(("1", "2")))),
-    st.builds(Part, st.just("of-nobody-here"), TEXTS, st.dictionaries(TEXTS, TEXTS, max_size=2)),
+    st.builds(PlannedPart, st.just("page"), TEXTS, st.builds(PagePlan, TEXTS, st.lists(TEXTS, max_size=2).map(tuple))),
+    st.builds(PlannedPart, st.just("keyboard_check"), TEXTS, st.builds(KeyboardCheckPlan, st.just(("1", "2")))),
+    st.builds(PlannedPart, st.just("of-nobody-here"), TEXTS, st.dictionaries(TEXTS, TEXTS, max_size=2)),
     st.builds(
-        Part,
+        PlannedPart,
         st.just("questions"),
         TEXTS,
-        st.builds(QuestionsPlan, TEXTS, st.just((Question("q", "choice", "?", ("a", "b"), right=2),)), COUNTS),
+        st.builds(QuestionsPlan, TEXTS, st.just((QuestionItemSpec("q", "choice", "?", ("a", "b"), right=2),)), COUNTS),
     ),
     st.builds(
-        Part,
+        PlannedPart,
         st.just("play"),
         TEXTS,
-        st.builds(PlayPlan, COUNTS, COUNTS, COUNTS, COUNTS, until=st.none() | st.just(Criterion(3, 4))),
+        st.builds(PlayPlan, COUNTS, COUNTS, COUNTS, COUNTS, until=st.none() | st.just(CriterionSpec(3, 4))),
     ),
 )
 PLANS = st.builds(
@@ -118,8 +116,8 @@ PLANS = st.builds(
     parts=st.lists(PARTS, max_size=3).map(tuple),
     words=st.dictionaries(TEXTS, TEXTS, max_size=2),
     language=st.sampled_from(["en", "zh"]),
-    standing=st.builds(Standing, COUNTS, FLOATS.filter(math.isfinite), st.just(("goal",)), st.just({"quiz": 1})),
-    bonus=st.none() | st.just(Bonus(0.1, "EUR", 2.0, 5.0)),
+    standing=st.builds(ResumeState, COUNTS, FLOATS.filter(math.isfinite), st.just(("goal",)), st.just({"quiz": 1})),
+    bonus=st.none() | st.just(BonusSpec(0.1, "EUR", 2.0, 5.0)),
     fonts=st.just(()) | st.just(("NotoSerif-Regular.ttf",)),
 )
 ARRAYS = npst.arrays(
@@ -134,13 +132,13 @@ OBSERVATIONS = st.recursive(
     lambda inner: st.dictionaries(TEXTS, inner, max_size=3) | st.lists(inner, max_size=3).map(tuple),
     max_leaves=4,
 )
-STARTS = st.builds(ev.SessionStarted, TIMES, PLANS, st.dictionaries(TEXTS, TEXTS, max_size=3))
+STARTS = st.builds(events.SessionStarted, TIMES, PLANS, st.dictionaries(TEXTS, TEXTS, max_size=3))
 FLOATS_32 = st.lists(st.floats(width=32, allow_nan=False), max_size=4).map(tuple)
-EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
-    ev.SessionStarted: STARTS,
-    ev.KeyMapDrawn: st.builds(ev.KeyMapDrawn, TIMES, COUNTS, KEY_MAPS),
-    ev.EpisodeStarted: st.builds(
-        ev.EpisodeStarted,
+EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
+    events.SessionStarted: STARTS,
+    events.KeyMapDrawn: st.builds(events.KeyMapDrawn, TIMES, COUNTS, KEY_MAPS),
+    events.EpisodeStarted: st.builds(
+        events.EpisodeStarted,
         t_ns=TIMES,
         plan=EPISODE_PLANS,
         action_names=st.lists(TEXTS, max_size=3).map(tuple),
@@ -150,18 +148,18 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
         state_hash=SEEDS,
         observation_hash=SEEDS,
     ),
-    ev.KeyPressed: st.builds(
-        ev.KeyPressed,
+    events.KeyPressed: st.builds(
+        events.KeyPressed,
         TIMES,
         TEXTS,
         TEXTS,
         st.booleans(),
         st.none() | COUNTS,
-        st.sampled_from(get_args(ev.Verdict)),
+        st.sampled_from(get_args(events.KeyVerdict)),
         TEXTS,
     ),
-    ev.Stepped: st.builds(
-        ev.Stepped,
+    events.Stepped: st.builds(
+        events.Stepped,
         t_ns=TIMES,
         episode=COUNTS,
         step=COUNTS,
@@ -177,31 +175,33 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
         state_hash=SEEDS,
         observation_hash=SEEDS,
     ),
-    ev.ObservationStored: st.builds(ev.ObservationStored, TIMES, COUNTS, COUNTS, OBSERVATIONS),
-    ev.FrameShown: st.builds(ev.FrameShown, TIMES, COUNTS, COUNTS, TIMES, TIMES),
-    ev.EpisodeEnded: st.builds(
-        ev.EpisodeEnded,
+    events.ObservationStored: st.builds(events.ObservationStored, TIMES, COUNTS, COUNTS, OBSERVATIONS),
+    events.FrameShown: st.builds(events.FrameShown, TIMES, COUNTS, COUNTS, TIMES, TIMES),
+    events.EpisodeEnded: st.builds(
+        events.EpisodeEnded,
         TIMES,
         COUNTS,
-        st.sampled_from(get_args(ev.Outcome)),
+        st.sampled_from(get_args(events.Outcome)),
         COUNTS,
         FLOATS,
         SEEDS,
-        st.sampled_from(get_args(ev.EndCause)),
+        st.sampled_from(get_args(events.EndCause)),
     ),
-    ev.EpisodesSkipped: st.builds(ev.EpisodesSkipped, TIMES, COUNTS, COUNTS, st.sampled_from(get_args(ev.SkipReason))),
-    ev.Scored: st.builds(ev.Scored, TIMES, COUNTS, FLOATS, FLOATS),
-    ev.ClauseDone: st.builds(ev.ClauseDone, TIMES, COUNTS, COUNTS, COUNTS, TEXTS),
-    ev.PartStarted: st.builds(ev.PartStarted, TIMES, COUNTS, TEXTS, TEXTS),
-    ev.PartEnded: st.builds(ev.PartEnded, TIMES, COUNTS, st.sampled_from(get_args(ev.PartEnd)), COUNTS),
-    ev.PageShown: st.builds(ev.PageShown, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
-    ev.TextTyped: st.builds(ev.TextTyped, TIMES, TEXTS),
-    ev.PointerUsed: st.builds(
-        ev.PointerUsed, TIMES, st.sampled_from(["pressed", "moved", "released"]), FLOATS, FLOATS, TEXTS, FLOATS
+    events.EpisodesSkipped: st.builds(
+        events.EpisodesSkipped, TIMES, COUNTS, COUNTS, st.sampled_from(get_args(events.SkipReason))
     ),
-    ev.AnswerChanged: st.builds(ev.AnswerChanged, TIMES, COUNTS, TEXTS, TEXTS),
-    ev.Answered: st.builds(
-        ev.Answered,
+    events.Scored: st.builds(events.Scored, TIMES, COUNTS, FLOATS, FLOATS),
+    events.ClauseDone: st.builds(events.ClauseDone, TIMES, COUNTS, COUNTS, COUNTS, TEXTS),
+    events.PartStarted: st.builds(events.PartStarted, TIMES, COUNTS, TEXTS, TEXTS),
+    events.PartEnded: st.builds(events.PartEnded, TIMES, COUNTS, st.sampled_from(get_args(events.PartEnd)), COUNTS),
+    events.PageShown: st.builds(events.PageShown, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
+    events.TextTyped: st.builds(events.TextTyped, TIMES, TEXTS),
+    events.PointerUsed: st.builds(
+        events.PointerUsed, TIMES, st.sampled_from(["pressed", "moved", "released"]), FLOATS, FLOATS, TEXTS, FLOATS
+    ),
+    events.AnswerChanged: st.builds(events.AnswerChanged, TIMES, COUNTS, TEXTS, TEXTS),
+    events.Answered: st.builds(
+        events.Answered,
         TIMES,
         COUNTS,
         TEXTS,
@@ -215,30 +215,30 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
         COUNTS,
         st.none() | st.booleans(),
     ),
-    ev.Paused: st.builds(ev.Paused, TIMES, st.sampled_from(get_args(ev.PauseReason))),
-    ev.Resumed: st.builds(ev.Resumed, TIMES),
-    ev.Noted: st.builds(ev.Noted, TIMES, TEXTS, TEXTS),
-    ev.Sampled: st.builds(ev.Sampled, TIMES, TEXTS, st.lists(FLOATS, max_size=3).map(tuple), TEXTS),
-    ev.Linked: st.builds(ev.Linked, TIMES, TIMES, TIMES, TIMES, TIMES, st.none() | FLOATS),
-    agent.PolicyGiven: st.builds(agent.PolicyGiven, TIMES, COUNTS, COUNTS, TEXTS, TEXTS),
-    agent.LearnerAsked: st.builds(agent.LearnerAsked, TIMES, COUNTS, COUNTS),
-    agent.Advised: st.builds(agent.Advised, TIMES, COUNTS, COUNTS, COUNTS, FLOATS_32),
-    agent.ControlChanged: st.builds(
-        agent.ControlChanged,
+    events.Paused: st.builds(events.Paused, TIMES, st.sampled_from(get_args(events.PauseReason))),
+    events.Resumed: st.builds(events.Resumed, TIMES),
+    events.Noted: st.builds(events.Noted, TIMES, TEXTS, TEXTS),
+    events.Sampled: st.builds(events.Sampled, TIMES, TEXTS, st.lists(FLOATS, max_size=3).map(tuple), TEXTS),
+    events.Linked: st.builds(events.Linked, TIMES, TIMES, TIMES, TIMES, TIMES, st.none() | FLOATS),
+    agent_blocks.PolicyGiven: st.builds(agent_blocks.PolicyGiven, TIMES, COUNTS, COUNTS, TEXTS, TEXTS),
+    agent_blocks.LearnerAsked: st.builds(agent_blocks.LearnerAsked, TIMES, COUNTS, COUNTS),
+    agent_blocks.Advised: st.builds(agent_blocks.Advised, TIMES, COUNTS, COUNTS, COUNTS, FLOATS_32),
+    agent_blocks.ControlChanged: st.builds(
+        agent_blocks.ControlChanged,
         TIMES,
         COUNTS,
         COUNTS,
-        st.sampled_from(get_args(agent.Who)),
-        st.sampled_from(get_args(agent.ControlReason)),
+        st.sampled_from(get_args(agent_blocks.Controller)),
+        st.sampled_from(get_args(agent_blocks.ControlReason)),
         TIMES,
     ),
-    agent.Rated: st.builds(agent.Rated, TIMES, COUNTS, COUNTS, st.sampled_from((1.0, -1.0)), TIMES),
-    pairs.StretchShown: st.builds(
-        pairs.StretchShown,
+    agent_blocks.Rated: st.builds(agent_blocks.Rated, TIMES, COUNTS, COUNTS, st.sampled_from((1.0, -1.0)), TIMES),
+    preferences.StretchShown: st.builds(
+        preferences.StretchShown,
         TIMES,
         COUNTS,
         COUNTS,
-        st.sampled_from(get_args(pairs.Side)),
+        st.sampled_from(get_args(preferences.Side)),
         COUNTS,
         COUNTS,
         COUNTS,
@@ -249,13 +249,20 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
         SEEDS,
         SEEDS,
     ),
-    pairs.PairSeen: st.builds(pairs.PairSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
-    pairs.NothingToCompare: st.builds(pairs.NothingToCompare, TIMES, COUNTS, COUNTS),
-    pairs.Preferred: st.builds(
-        pairs.Preferred, TIMES, COUNTS, COUNTS, st.sampled_from(get_args(pairs.Verdict)), TIMES, COUNTS, TIMES
+    preferences.PairSeen: st.builds(preferences.PairSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
+    preferences.NothingToCompare: st.builds(preferences.NothingToCompare, TIMES, COUNTS, COUNTS),
+    preferences.Preferred: st.builds(
+        preferences.Preferred,
+        TIMES,
+        COUNTS,
+        COUNTS,
+        st.sampled_from(get_args(preferences.PairAnswer)),
+        TIMES,
+        COUNTS,
+        TIMES,
     ),
-    corrections.EpisodeLookedAt: st.builds(
-        corrections.EpisodeLookedAt,
+    correction.EpisodeLookedAt: st.builds(
+        correction.EpisodeLookedAt,
         TIMES,
         *[COUNTS] * 4,
         TEXTS,
@@ -264,11 +271,11 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
         st.lists(COUNTS, max_size=4).map(tuple),
         SEEDS,
     ),
-    corrections.NothingToCorrect: st.builds(corrections.NothingToCorrect, TIMES, COUNTS, COUNTS),
-    corrections.CorrectionSeen: st.builds(corrections.CorrectionSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
-    corrections.CorrectionBegun: st.builds(corrections.CorrectionBegun, TIMES, *[COUNTS] * 5, SEEDS, TIMES),
-    corrections.CorrectionStepped: st.builds(
-        corrections.CorrectionStepped,
+    correction.NothingToCorrect: st.builds(correction.NothingToCorrect, TIMES, COUNTS, COUNTS),
+    correction.CorrectionSeen: st.builds(correction.CorrectionSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
+    correction.CorrectionBegun: st.builds(correction.CorrectionBegun, TIMES, *[COUNTS] * 5, SEEDS, TIMES),
+    correction.CorrectionStepped: st.builds(
+        correction.CorrectionStepped,
         TIMES,
         *[COUNTS] * 5,
         TEXTS,
@@ -278,14 +285,16 @@ EVENTS_BY_TYPE: dict[type[ev.Event], st.SearchStrategy[ev.Event]] = {
         st.booleans(),
         SEEDS,
     ),
-    corrections.CorrectionEnded: st.builds(
-        corrections.CorrectionEnded,
+    correction.CorrectionEnded: st.builds(
+        correction.CorrectionEnded,
         TIMES,
         COUNTS,
         COUNTS,
         COUNTS,
-        st.sampled_from(get_args(corrections.CorrectionOutcome)),
+        st.sampled_from(get_args(correction.CorrectionOutcome)),
     ),
-    ev.SessionEnded: st.builds(ev.SessionEnded, TIMES, st.sampled_from(get_args(ev.EndReason)), TEXTS, COUNTS),
+    events.SessionEnded: st.builds(
+        events.SessionEnded, TIMES, st.sampled_from(get_args(events.EndReason)), TEXTS, COUNTS
+    ),
 }
 EVENTS = st.one_of(*EVENTS_BY_TYPE.values())

@@ -6,25 +6,25 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import msgspec
 import pytest
-import typer
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
-from minihuman.cli import logs
-from minihuman.data.caches import FILES, TABLES
-from minihuman.data.selection import Selection
+from minihuman.admin.manifest import StudyManifest, record_log_end, write_manifest
+from minihuman.admin.status import format_status
+from minihuman.admin.verify import log as proofs
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.cli.command_line import make_command_line
+from minihuman.dataset.caches import TABLE_CACHE
+from minihuman.dataset.selection import Selection
 from minihuman.errors import LogError
-from minihuman.export.run import export
-from minihuman.lab import proofs
-from minihuman.lab.prove import prove
-from minihuman.lab.seal import Seal, seal
-from minihuman.lab.status import status_lines
-from minihuman.log.read.open_log import read_events
+from minihuman.experiment.machine.events import Stepped
+from minihuman.exporters.exporter import export_study
+from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.seats.simulate import simulate
-from minihuman.study.events import Stepped
-from minihuman.worlds.sources import rules_digest
+from minihuman.runtime.simulated_session import simulate
+from minihuman.worlds.source_digest import rules_digest
 from tests.golden.make import segment
 from tests.golden.make import study as golden
 from tests.log.played import played_events, record
@@ -35,13 +35,11 @@ PLAN = session_plan(episodes=2)
 
 
 @pytest.fixture
-def app() -> typer.Typer:
-    app = typer.Typer()
-    logs.add_to(app)
-    return app
+def app() -> click.Group:
+    return make_command_line()
 
 
-def test_info_tells_a_session_in_lines(app: typer.Typer, tmp_path: Path) -> None:
+def test_info_tells_a_session_in_lines(app: click.Group, tmp_path: Path) -> None:
     log = record(tmp_path, PLAN, session_events(PLAN))
     result = CliRunner().invoke(app, ["info", str(log)])
     assert result.exit_code == 0
@@ -50,21 +48,21 @@ def test_info_tells_a_session_in_lines(app: typer.Typer, tmp_path: Path) -> None
     assert len([line for line in result.stdout.splitlines() if " goal " in line]) == 2
 
 
-def test_info_tells_a_session_as_json(app: typer.Typer, tmp_path: Path) -> None:
+def test_info_tells_a_session_as_json(app: click.Group, tmp_path: Path) -> None:
     log = record(tmp_path, PLAN, session_events(PLAN))
     told = json.loads(CliRunner().invoke(app, ["info", "--json", str(log)]).stdout)
     assert (told["participant"], told["end_reason"], told["clean"]) == ("sub-07", "complete", True)
     assert [(episode["steps"], episode["median_rt_ms"]) for episode in told["episodes"]] == [(20, 290.5)] * 2
 
 
-def test_verify_says_that_a_log_replays_and_exits_0(app: typer.Typer, tmp_path: Path) -> None:
+def test_verify_says_that_a_log_replays_and_exits_0(app: click.Group, tmp_path: Path) -> None:
     log = play(tmp_path, study(episodes=2))
     result = CliRunner().invoke(app, ["verify", str(log)])
     assert result.exit_code == 0, result.stdout
     assert re.fullmatch(rf"{log}: 2 episodes, \d+ steps, all as logged\n", result.stdout)
 
 
-def test_verify_says_first_that_other_rules_recorded_a_log(app: typer.Typer, tmp_path: Path) -> None:
+def test_verify_says_first_that_other_rules_recorded_a_log(app: click.Group, tmp_path: Path) -> None:
     log = play(tmp_path, study(episodes=2), facts={"rules": "0123456789abcdef"})
     result = CliRunner().invoke(app, ["verify", str(log)])
     assert result.exit_code == 0, result.stdout
@@ -73,59 +71,61 @@ def test_verify_says_first_that_other_rules_recorded_a_log(app: typer.Typer, tmp
     assert proven.endswith("all as logged")
 
 
-def test_a_sealed_study_says_what_was_changed_since(app: typer.Typer, tmp_path: Path) -> None:
+def test_a_sealed_study_says_what_was_changed_since(app: click.Group, tmp_path: Path) -> None:
     log = play(tmp_path, study(episodes=1))
     folder = log.parents[2]
     digest = CliRunner().invoke(app, ["seal", str(folder)]).stdout.strip()
     for given in (digest, str(folder / "seal.json")):
-        whole = CliRunner().invoke(app, ["verify", str(folder), "--seal", given])
+        whole = CliRunner().invoke(app, ["verify", str(folder), "--manifest", given])
         assert (whole.exit_code, whole.stdout) == (0, f"{folder}: every file is as it was sealed\n")
     log.write_bytes(log.read_bytes() + b"x")
     (folder / "note.txt").write_text("hello")
     for given in (digest, str(folder / "seal.json")):
-        changed = CliRunner().invoke(app, ["verify", str(folder), "--seal", given])
+        changed = CliRunner().invoke(app, ["verify", str(folder), "--manifest", given])
         assert changed.exit_code == 1
         assert f"{log.relative_to(folder)} was changed" in changed.stdout
         assert "note.txt was not there" in changed.stdout
     sealed_anew = CliRunner().invoke(app, ["seal", str(folder)]).stdout.strip()
     assert sealed_anew != digest
-    assert CliRunner().invoke(app, ["verify", str(folder), "--seal", digest]).exit_code == 1
+    assert CliRunner().invoke(app, ["verify", str(folder), "--manifest", digest]).exit_code == 1
 
 
-def test_what_looking_at_a_sealed_study_leaves_there_breaks_no_seal(app: typer.Typer, tmp_path: Path) -> None:
+def test_what_looking_at_a_sealed_study_leaves_there_breaks_no_seal(app: click.Group, tmp_path: Path) -> None:
     log = play(tmp_path / "data", study(episodes=1))
     folder = log.parents[2]
     digest = CliRunner().invoke(app, ["seal", str(folder)]).stdout.strip()
-    list(status_lines(folder))
-    export("parquet", folder, tmp_path / "out", Selection())
-    assert (folder / TABLES).exists()
-    assert (folder / FILES).exists()
-    assert CliRunner().invoke(app, ["verify", str(folder), "--seal", digest]).exit_code == 0
+    list(format_status(folder))
+    export_study("parquet", folder, tmp_path / "out", Selection())
+    assert (folder / TABLE_CACHE).exists()
+    for former in ("tables.files", "figures.files"):  # of earlier versions
+        (folder / former).mkdir()
+        (folder / former / "episodes.parquet").write_bytes(b"of an earlier version")
+    assert CliRunner().invoke(app, ["verify", str(folder), "--manifest", digest]).exit_code == 0
 
 
 @pytest.mark.parametrize("name", ["seal.json.txt", "sub-01/seal.json", "sub-01/tables.duckdb", "sessions.sqlite.mcap"])
-def test_only_the_caches_themselves_are_outside_of_a_seal(app: typer.Typer, tmp_path: Path, name: str) -> None:
+def test_only_the_caches_themselves_are_outside_of_a_seal(app: click.Group, tmp_path: Path, name: str) -> None:
     log = play(tmp_path, study(episodes=1))
     folder = log.parents[2]
     digest = CliRunner().invoke(app, ["seal", str(folder)]).stdout.strip()
     (folder / name).parent.mkdir(exist_ok=True)
     (folder / name).write_text("smuggled in")
-    result = CliRunner().invoke(app, ["verify", str(folder), "--seal", digest])
+    result = CliRunner().invoke(app, ["verify", str(folder), "--manifest", digest])
     assert result.exit_code == 1
     assert f"{name} was not there" in result.stdout
 
 
-def test_a_seal_that_holds_a_cache_is_believed_without_it(app: typer.Typer, tmp_path: Path) -> None:
+def test_a_seal_that_holds_a_cache_is_believed_without_it(app: click.Group, tmp_path: Path) -> None:
     folder = play(tmp_path, study(episodes=1)).parents[2]
-    files = seal(folder).files | {TABLES: "0" * 64}
+    files = write_manifest(folder).files | {TABLE_CACHE: "0" * 64}
     lines = "".join(f"{of_file}  {name}\n" for name, of_file in sorted(files.items()))
     digest = hashlib.sha256(lines.encode()).hexdigest()
-    (folder / "seal.json").write_bytes(msgspec.json.encode(Seal(digest, files)))
+    (folder / "seal.json").write_bytes(msgspec.json.encode(StudyManifest(digest, files)))
     for given in (digest, str(folder / "seal.json")):
-        assert CliRunner().invoke(app, ["verify", str(folder), "--seal", given]).exit_code == 0
+        assert CliRunner().invoke(app, ["verify", str(folder), "--manifest", given]).exit_code == 0
 
 
-def test_a_log_that_was_made_anew_is_not_the_one_in_the_register(app: typer.Typer, tmp_path: Path) -> None:
+def test_a_log_that_was_made_anew_is_not_the_one_in_the_register(app: click.Group, tmp_path: Path) -> None:
     (log,) = simulate(study(episodes=1), tmp_path, participants=1, seed=1, player="random")
     assert "sealed" in (log.parents[2] / "register.jsonl").read_text()
     assert CliRunner().invoke(app, ["verify", str(log)]).exit_code == 0
@@ -134,12 +134,13 @@ def test_a_log_that_was_made_anew_is_not_the_one_in_the_register(app: typer.Type
     for given in (log, log.parent, log.parents[2]):  # a session's folder and a study's are proven as whole as the log
         result = CliRunner().invoke(app, ["verify", str(given)])
         assert result.exit_code == 1
-        assert f"{log}: the register says that the log ended with chain" in result.stdout
+        assert f"{log}: segment 1 ended with chain" in result.stdout
+        assert "the enrolment log says" in result.stdout
 
 
 @pytest.mark.parametrize(("inside", "given"), [(1, "{log.name}"), (2, "ses-01"), (2, "."), (1, ".")])
 def test_the_register_is_asked_of_a_log_that_is_named_from_inside_its_study(
-    app: typer.Typer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inside: int, given: str
+    app: click.Group, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inside: int, given: str
 ) -> None:
     (log,) = simulate(study(episodes=1), tmp_path, participants=1, seed=1, player="random")
     (other,) = simulate(study(episodes=1), tmp_path / "other", participants=1, seed=2, player="random")
@@ -147,10 +148,10 @@ def test_the_register_is_asked_of_a_log_that_is_named_from_inside_its_study(
     monkeypatch.chdir(log.parents[inside - 1])
     result = CliRunner().invoke(app, ["verify", given.format(log=log)])
     assert result.exit_code == 1
-    assert "the register says that the log ended with chain" in result.stdout
+    assert "the enrolment log says" in result.stdout
 
 
-def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_path: Path) -> None:
+def test_verify_names_the_first_difference_and_exits_1(app: click.Group, tmp_path: Path) -> None:
     events = [
         replace(event, state_hash=0) if isinstance(event, Stepped) and event.step == 3 else event
         for event in played_events(PLAN, steps=5)
@@ -165,7 +166,7 @@ def test_verify_names_the_first_difference_and_exits_1(app: typer.Typer, tmp_pat
     assert [f"{one['log']}: {one['said']}" for one in told] == result.stdout.splitlines()
 
 
-def test_recover_says_how_many_steps_it_kept(app: typer.Typer, tmp_path: Path) -> None:
+def test_recover_says_how_many_steps_it_kept(app: click.Group, tmp_path: Path) -> None:
     part = _cut_off(tmp_path)
     result = CliRunner().invoke(app, ["recover", str(part)])
     log = part.with_suffix("")
@@ -173,13 +174,13 @@ def test_recover_says_how_many_steps_it_kept(app: typer.Typer, tmp_path: Path) -
     assert len(list(read_events(log))) == 30
 
 
-def test_recover_looks_through_a_folder(app: typer.Typer, tmp_path: Path) -> None:
+def test_recover_looks_through_a_folder(app: click.Group, tmp_path: Path) -> None:
     _cut_off(tmp_path)
     assert "kept 7 steps" in CliRunner().invoke(app, ["recover", str(tmp_path)]).stdout
     assert CliRunner().invoke(app, ["recover", str(tmp_path)]).stdout == "no cut-off logs\n"
 
 
-def test_a_file_that_is_no_log_is_an_error_for_one_line(app: typer.Typer, tmp_path: Path) -> None:
+def test_a_file_that_is_no_log_is_an_error_for_one_line(app: click.Group, tmp_path: Path) -> None:
     text = tmp_path / "notes.mcap"
     text.write_text("dear diary")
     error = CliRunner().invoke(app, ["info", str(text)]).exception
@@ -188,9 +189,10 @@ def test_a_file_that_is_no_log_is_an_error_for_one_line(app: typer.Typer, tmp_pa
 
 
 def test_verify_goes_through_a_study_and_a_log_that_cannot_be_read_holds_up_none_behind_it(
-    app: typer.Typer, tmp_path: Path
+    app: click.Group, tmp_path: Path
 ) -> None:
     log = play(tmp_path, study(episodes=1))
+    record_log_end(log)
     bad = log.parents[2] / "sub-00" / "ses-01" / "sub-00_ses-01.mcap"
     bad.parent.mkdir(parents=True)
     bad.write_text("dear diary")
@@ -207,15 +209,20 @@ def test_verify_goes_through_a_study_and_a_log_that_cannot_be_read_holds_up_none
 
 
 def test_verify_proves_every_file_of_a_session_that_was_cut_off_again(
-    app: typer.Typer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    app: click.Group, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = segment(tmp_path, golden("resumed"), after_steps=6, key="escape")
     first, part = log.read_bytes(), log.with_name(f"{log.stem}_seg-02.mcap.part")
     segment(tmp_path, golden("resumed"), after_steps=3, part=tmp_path / "kept")
     log.write_bytes(first)
     (tmp_path / "kept").rename(part)
+    record_log_end(log)
     proven = []
-    monkeypatch.setattr(proofs, "prove", lambda file, make_world: (proven.append(file), prove(file, make_world))[1])
+    monkeypatch.setattr(
+        proofs,
+        "find_log_differences",
+        lambda file, make_world: (proven.append(file), find_log_differences(file, make_world))[1],
+    )
     result = CliRunner().invoke(app, ["verify", str(tmp_path)])
     assert (result.exit_code, proven) == (0, [log, part]), result.stdout
     assert re.fullmatch(rf"{log.parent}: \d+ episodes, \d+ steps, all as logged\n", result.stdout)

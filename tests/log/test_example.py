@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from minihuman.lab.verify import Verified, verify
-from minihuman.log.read.open_log import open_log
+from minihuman.admin.verify.episodes import EpisodeVerification, verify_episodes
+from minihuman.log.read.session_reader import read_log
 
 EXAMPLE = Path(__file__).parents[2] / "sessions/example/demo/sub-01/ses-01/sub-01_ses-01.mcap"
 
 
 def test_the_first_versions_log_is_read_and_plays_again_to_the_bit() -> None:
-    session = open_log(EXAMPLE)
+    session = read_log(EXAMPLE)
     assert session.facts["version_minihuman"] == "0.1.0"
     assert [episode.outcome_word for episode in session.episodes] == ["goal"] * 4
     # the two first-person episodes were drawn by an earlier renderer: their pictures are not compared
-    assert verify(session) == Verified(episodes=4, steps=231, difference="", drawn_otherwise=2)
+    assert verify_episodes(session) == EpisodeVerification(episodes=4, steps=231, difference="", n_other_renderer=2)

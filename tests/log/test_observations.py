@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from minihuman.admin.verify.episodes import verify_episodes
 from minihuman.errors import LogError
-from minihuman.lab.verify import verify
-from minihuman.log.observations import checked, pack, unpack
+from minihuman.experiment.machine.events import ObservationStored
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.model.session_log import EpisodeLog
+from minihuman.log.observations import decode_observation, encode_observation, verify_observations
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.record.finish import recover
-from minihuman.recorded.episode import Episode
-from minihuman.study.events import ObservationStored
-from minihuman.study.plan import SessionPlan
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.finalization import recover_log
 from minihuman.worlds.hashing import hash64
 from tests.log.played import played_events, record
 from tests.log.samples import session_plan
@@ -51,14 +51,16 @@ def log(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     return record(tmp_path_factory.mktemp("data"), its, played_events(its, steps=8))
 
 
-def all_checked(episode: Episode) -> list[Any]:
+def all_checked(episode: EpisodeLog) -> list[Any]:
     assert episode.observations is not None
-    return list(checked(episode.observations, episode.observation_hashes, episode.plan.episode))
+    return list(verify_observations(episode.observations, episode.observation_hashes, episode.plan.episode))
 
 
 @given(OBSERVATIONS)
 def test_what_comes_out_is_what_went_in_type_and_all(observation: Any) -> None:
-    again = unpack(v1.Observation.FromString(v1.Observation(**pack(observation)).SerializeToString()))
+    again = decode_observation(
+        v1.Observation.FromString(v1.Observation(**encode_observation(observation)).SerializeToString())
+    )
     assert hash64(again) == hash64(observation)
     assert_alike(again, observation)
 
@@ -77,27 +79,27 @@ def assert_alike(again: Any, given: Any) -> None:
 
 
 def test_every_observation_of_a_session_is_in_its_log_and_is_the_one_that_was_hashed(log: Path) -> None:
-    session = open_log(log)
+    session = read_log(log)
     for episode in session.episodes:
         assert len(all_checked(episode)) == len(episode.actions) + 1 > 1
-    assert verify(session).difference == ""
+    assert verify_episodes(session).difference == ""
 
 
 def test_another_observation_than_was_made_is_named(log: Path) -> None:
-    episode = open_log(log).episodes[1]
+    episode = read_log(log).episodes[1]
     episode.observation_hashes[3] += 1
-    with pytest.raises(LogError, match="episode 2 step 3: the stored observation is not the one that was made"):
+    with pytest.raises(LogError, match="episode 2 step 3: the stored observation does not match its recorded hash"):
         all_checked(episode)
 
 
 def test_a_message_that_is_no_observation_is_named(log: Path) -> None:
-    episode = open_log(log).episodes[0]
+    episode = read_log(log).episodes[0]
     assert episode.observations is not None
     messages = episode.observations._messages
     broken = type(episode.observations)(0, [messages[0], b"\x22\x03abc", messages[1]])
-    with pytest.raises(LogError, match="episode 1 step 1: its stored observation cannot be read"):
+    with pytest.raises(LogError, match="episode 1 step 1: the stored observation cannot be read"):
         broken[1]
-    with pytest.raises(LogError, match="episode 1 step 2: in its place is the observation of episode 1 step 1"):
+    with pytest.raises(LogError, match="episode 1 step 2: the log has the observation of episode 1 step 1"):
         broken[2]
 
 
@@ -109,9 +111,9 @@ def test_a_log_cut_off_anywhere_keeps_the_observation_of_every_step_it_keeps(tmp
         (tmp_path / f"cut-{cut}").mkdir()
         again = tmp_path / f"cut-{cut}" / f"{part.name}.part"
         again.write_bytes(data[:cut])
-        for episode in open_log(again).episodes:
+        for episode in read_log(again).episodes:
             assert len(all_checked(episode)) == len(episode.actions) + 1
-    for episode in open_log(recover(again).path).episodes:
+    for episode in read_log(recover_log(again).path).episodes:
         assert len(all_checked(episode)) == len(episode.actions) + 1
 
 
@@ -119,4 +121,4 @@ def test_without_being_asked_a_log_holds_none(tmp_path: Path) -> None:
     its = session_plan(episodes=1)
     log = record(tmp_path, its, played_events(its, steps=3))
     assert not any(isinstance(event, ObservationStored) for event in read_events(log))
-    assert [episode.observations for episode in open_log(log).episodes] == [None]
+    assert [episode.observations for episode in read_log(log).episodes] == [None]

@@ -11,17 +11,17 @@ from pathlib import Path
 import pytest
 from mcap.records import Attachment, Metadata
 
-from minihuman.log.read.chunk import LogMessage
-from minihuman.log.read.scan import Scan
+from minihuman.experiment.machine.events import SessionStarted
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.seats.machine import machine_facts
-from minihuman.study.events import SessionStarted
+from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.scan import LogScanner
+from minihuman.runtime.machine import collect_machine_facts
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
 
 def _all_bytes(path: Path) -> bytes:
     found = []
-    for record in Scan(path):
+    for record in LogScanner(path):
         match record:
             case LogMessage():
                 found.append(record.data)
@@ -45,7 +45,7 @@ def test_a_log_says_nothing_of_the_person_or_machine_that_wrote_it(
     recorder = McapRecorder(tmp_path, plan, started_ns=STARTED_NS)
     start, *rest = session_events(plan)
     assert isinstance(start, SessionStarted)
-    recorder.write([replace(start, facts={"player": "human", **machine_facts()}), *rest])
+    recorder.write([replace(start, facts={"player": "human", **collect_machine_facts()}), *rest])
     recorder.drain()
     live = recorder.where.part.read_bytes()
     log = recorder.close()

@@ -8,8 +8,8 @@ import pytest
 from mcap.reader import make_reader
 from rerun.chunk import McapReader
 
+from minihuman.experiment.machine.events import SessionEnded
 from minihuman.log.topics import TOPICS
-from minihuman.study.events import SessionEnded
 from tests.log.played import record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from minihuman.log.decode import decode
-from minihuman.log.encode import for_viewers, truth
-from minihuman.log.kinds import rows_of
-from minihuman.log.read.open_log import read_events
+from minihuman.experiment.activities.registry import find_kind, list_built_in_kinds
+from minihuman.experiment.machine import events as ev
+from minihuman.log.codec import decode_event, encode_event, load_activity_rows
+from minihuman.log.preview import encode_previews
+from minihuman.log.read.session_reader import read_events
+from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study import events as ev
-from minihuman.study.activities.registry import OURS, kind_of
 from tests.counts import count
 from tests.log.samples import STARTED_NS, session_events, session_plan
 from tests.log.strategies import EVENTS, EVENTS_BY_TYPE, STARTS
@@ -22,11 +22,11 @@ from tests.log.strategies import EVENTS, EVENTS_BY_TYPE, STARTS
 
 def of_kinds() -> set[type[ev.Event]]:
     """The events that kinds of activity add."""
-    return {row.event for kind in OURS for row in rows_of(kind_of(kind))}
+    return {row.event for kind in list_built_in_kinds() for row in load_activity_rows(find_kind(kind))}
 
 
 def test_every_kind_of_event_has_a_strategy() -> None:
-    assert set(EVENTS_BY_TYPE) == {*get_args(ev.Event), *of_kinds()} - {ev.KindEvent}
+    assert set(EVENTS_BY_TYPE) == {*get_args(ev.Event), *of_kinds()} - {ev.ActivityEvent}
 
 
 @pytest.mark.long
@@ -35,8 +35,8 @@ def test_an_event_becomes_one_message_and_comes_back_equal(kind: type[ev.Event])
     @settings(max_examples=count(10, 500), deadline=None, suppress_health_check=[HealthCheck.too_slow])
     @given(EVENTS_BY_TYPE[kind])
     def comes_back(event: ev.Event) -> None:
-        topic, message = truth(event)
-        assert decode(topic, message.SerializeToString(deterministic=True)) == event
+        topic, message = encode_event(event)
+        assert decode_event(topic, message.SerializeToString(deterministic=True)) == event
 
     comes_back()
 
@@ -47,7 +47,9 @@ def test_an_event_becomes_one_message_and_comes_back_equal(kind: type[ev.Event])
 def test_any_events_written_are_read_in_the_same_order(start: ev.SessionStarted, rest: list[ev.Event]) -> None:
     events = [start, *rest]
     with tempfile.TemporaryDirectory() as folder:
-        recorder = McapRecorder(Path(folder), start.plan, started_ns=STARTED_NS, sync=lambda _fd: None)
+        recorder = McapRecorder(
+            Path(folder), start.plan, started_ns=STARTED_NS, settings=RecorderSettings(sync=lambda _fd: None)
+        )
         for event in events:
             recorder.write([event])
         recorder.drain()
@@ -59,6 +61,6 @@ def test_any_events_written_are_read_in_the_same_order(start: ev.SessionStarted,
 
 def test_what_viewers_get_is_no_event_of_its_own() -> None:
     for event in session_events(session_plan(episodes=1)):
-        topic, message = truth(event)
-        for drawn_on, drawn in for_viewers(topic, message.SerializeToString(), started_ns=STARTED_NS):
-            assert decode(drawn_on, drawn.SerializeToString()) is None
+        topic, message = encode_event(event)
+        for drawn_on, drawn in encode_previews(topic, message.SerializeToString(), started_ns=STARTED_NS):
+            assert decode_event(drawn_on, drawn.SerializeToString()) is None

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
 
+from minihuman.experiment.activities.registry import list_built_in_kinds
 from minihuman.log import proto
-from minihuman.log.kinds import topics_of
+from minihuman.log.codec import list_activity_topics
 from minihuman.log.topics import TOPICS, schema_bytes
-from minihuman.study.activities.registry import OURS
 
 FOLDER = Path(proto.__file__).parent
-ALL = (*TOPICS, *topics_of(OURS))
+ALL = (*TOPICS, *list_activity_topics(list_built_in_kinds()))
 FILES = ("minihuman_v1", "minihuman_agent_v1")
 DOCS = Path(__file__).parents[2] / "docs" / "log-format.md"
 

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from minihuman.measures.effort import excess_steps, log_excess_steps, log_steps_ratio, spl
+from minihuman.dataset.measures import excess_steps, log_excess_steps, log_steps_ratio, spl
 
 
 def test_who_took_the_best_way_has_no_excess_and_full_spl():

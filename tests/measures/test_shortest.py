@@ -5,9 +5,9 @@ from collections import deque
 import msgspec
 import pytest
 
-from minihuman.measures.shortest import shortest
-from minihuman.worlds.adapt.world import World
-from minihuman.worlds.contract import UNKNOWN
+from minihuman.dataset.measures import shortest_path_bounds
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import UNKNOWN_BOUNDS
 from tests.builders import plan
 
 
@@ -32,15 +32,15 @@ def fewest_by_trying_everything(world_id, seed):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_in_the_grid_it_is_exact_turns_included(seed):
     world = "minihuman/MiniGrid-FourRooms-v0"
-    found = shortest(msgspec.structs.replace(plan(), world=world, seed=seed))
+    found = shortest_path_bounds(msgspec.structs.replace(plan(), world=world, seed=seed))
     assert found.at_least == found.feasible == fewest_by_trying_everything(world, seed)
 
 
 def test_in_first_person_a_way_is_known_and_none_can_be_shorter_than_said():
     for seed in (0, 1):
-        found = shortest(msgspec.structs.replace(plan(kind="room"), seed=seed))
+        found = shortest_path_bounds(msgspec.structs.replace(plan(kind="room"), seed=seed))
         assert 0 < found.at_least <= found.feasible <= 250
 
 
 def test_where_no_planner_knows_the_goal_nothing_is_claimed():
-    assert shortest(msgspec.structs.replace(plan(), world="CartPole-v1")) == UNKNOWN
+    assert shortest_path_bounds(msgspec.structs.replace(plan(), world="CartPole-v1")) == UNKNOWN_BOUNDS

@@ -2,14 +2,14 @@
 
 import pytest
 
-from minihuman.worlds.adapt.world import World
-from minihuman.worlds.catalogue import ENTRIES
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.catalogue import WORLDS
 from tests.counts import count
 
 NO_WAY = ("Playground", "RoomObjects", "ThreeRooms", "CollectHealth")  # they have no goal
 PLAYED = [
     (entry.id, view)
-    for entry in ENTRIES
+    for entry in WORLDS
     if "BabyAI" not in entry.id and not any(name in entry.id for name in NO_WAY)
     for view in (("grid", "first_person") if "MiniGrid" in entry.id else ("first_person",))
 ]
@@ -21,7 +21,7 @@ def test_a_worlds_own_way_leads_to_its_goal(name, view):
     world = World(name, {"view": view} if "MiniGrid" in name else {})
     for seed in range(count(1, 5)):
         world.reset(seed)
-        bounds, way = world.bounds(), world.way()
+        bounds, way = world.path_length_bounds(), world.shortest_path()
         assert way, "no way was found"
         assert bounds.feasible is not None
         assert (bounds.at_least or 0) <= bounds.feasible

@@ -4,20 +4,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from minihuman.errors import PlayerError
+from minihuman.display.windows.window import VirtualClock
+from minihuman.errors import SimulationError
+from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped, find_violations
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.players.choose import make_player
-from minihuman.players.human_like import HumanLikePlayer
-from minihuman.players.person import Person, Population
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped
-from minihuman.study.expand import enrol, expand
-from minihuman.study.protocol import decode
-from minihuman.study.session import Session
-from minihuman.study.well_formed import complaints
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.human_like import HumanLikeParticipant, ParticipantParameters, ParticipantPopulation
+from minihuman.simulation.participant import make_participant
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.grid.core.cells import EMPTY, GOAL
 
 GRID = "minihuman/MiniGrid-FourRooms-v0"
@@ -44,14 +42,16 @@ max_steps = 250
 key_map = {key_map!r}
 view = {view!r}
 """
-NO_ERRORS = "lapse=0,astray=0,misjudge=0,forget=0,forget_keys=0"
-PLAIN_TIMES = "practice=0,repeat=1,orient_ms=0,post_error_ms=0,fatigue=0"
+NO_ERRORS = "lapse=0,wrong_turn=0,judgement_sd_steps=0,forgetting_rate_per_s=0,key_forgetting=0"
+PLAIN_TIMES = "practice=0,repeat_factor=1,orientation_ms=0,post_error_slowing_ms=0,fatigue=0"
 
 
 def a_plan(*blocks: dict[str, object]):
     toml = STUDY.format(blocks=[block["name"] for block in blocks])
-    protocol = decode((toml + "".join(BLOCK.format(**{"view": "partial"} | block) for block in blocks)).encode())
-    return expand(protocol, enrol(protocol, 0))
+    protocol = decode_protocol(
+        (toml + "".join(BLOCK.format(**{"view": "partial"} | block) for block in blocks)).encode()
+    )
+    return expand_protocol(protocol, enrol_participant(protocol, 0))
 
 
 def one_block(world: str, episodes: int, *, key_map: str = "fresh", view: str = "partial"):
@@ -73,10 +73,10 @@ def second_block(events) -> list[KeyPressed]:
 
 def played(player: str, plan, seed: int = 0):
     clock, recorder = VirtualClock(), MemoryRecorder()
-    session = Session(plan, World, {}, picture_px=None)
-    window = SimulatedWindow(make_player(player, np.random.default_rng(seed)), session, clock)
+    session = SessionMachine(plan, World, {}, picture_px=None)
+    window = SimulatedWindow(make_participant(player, np.random.default_rng(seed)), session, clock)
     run_session(session, window, recorder, clock)
-    assert complaints(recorder.events) == []
+    assert find_violations(recorder.events) == []
     return recorder.events
 
 
@@ -96,7 +96,7 @@ def test_the_optimal_player_takes_the_shortest_way(world, episodes):
     for episode, steps in zip(plan.episodes, steps_an_episode(events), strict=True):
         fresh = World(episode.world)
         fresh.reset(episode.seed)
-        assert steps == len(fresh.way())
+        assert steps == len(fresh.shortest_path())
 
 
 @pytest.mark.parametrize("player", ["optimal", "random", "human-like"])
@@ -148,7 +148,7 @@ def reaction_times(events) -> dict[int, list[float]]:
 
 def test_a_person_gets_faster_with_practice():
     plan = one_block(GRID, 20, key_map="shown")
-    rts = reaction_times(played("human-like:repeat=1,orient_ms=0", plan))
+    rts = reaction_times(played("human-like:repeat_factor=1,orientation_ms=0", plan))
     early, late = (np.mean(np.concatenate([rts[episode] for episode in which])) for which in (range(2), range(17, 20)))
     assert late < 0.85 * early
 
@@ -176,11 +176,11 @@ def test_reaction_times_have_the_mean_that_was_asked_for():
 
 
 def test_people_differ_and_without_a_spread_they_do_not():
-    def people(argument: str) -> set[Person]:
-        return {HumanLikePlayer(argument, np.random.default_rng(seed)).person for seed in range(5)}
+    def people(argument: str) -> set[ParticipantParameters]:
+        return {HumanLikeParticipant(argument, np.random.default_rng(seed)).person for seed in range(5)}
 
     assert len(people("")) == 5
-    assert people("spread=0") == {Person()}
+    assert people("spread=0") == {ParticipantParameters()}
     assert {person.lapse for person in people("lapse=0.1")} == {0.1}
 
 
@@ -191,7 +191,7 @@ def keys_until_it_is_seen(world_id: str, move_goal, seed: int) -> tuple[list[str
         world.reset(seed)
     move_goal(other.unwrapped)
     plan = one_block(world_id, 1).episodes[0]
-    players = [HumanLikePlayer("", np.random.default_rng(seed)) for _ in range(2)]
+    players = [HumanLikeParticipant("", np.random.default_rng(seed)) for _ in range(2)]
     keys: tuple[list[str], list[str]] = [], []
     for player, world in zip(players, (one, other), strict=True):
         player.begin(plan, tuple("123456789"), world)
@@ -243,23 +243,32 @@ def test_a_person_searches_for_keys_again_only_where_they_are_new(key_map, searc
     ("name", "said"),
     [
         ("clairvoyant", "player 'clairvoyant' is unknown; it is one of"),
-        ("human-like:speed=9", "no parameter 'speed'; it has mu_ms"),
-        ("human-like:lapse=often", "lapse is 'often'; give a number"),
-        ("human-like:lapse=2", "a chance is 0 to 1"),
+        ("human-like:speed=9", "no setting 'speed'; use mu_ms"),
+        ("human-like:lapse=often", "setting lapse is 'often'; use a number"),
+        ("human-like:lapse=2", "use a probability from 0 to 1"),
         ("human-like:tau_ms=-1", "use 0 or more"),
         ("human-like:tau_ms=inf", "use 0 or more"),
-        ("human-like:detour_steps=0", "1 step or more"),
+        ("human-like:wrong_turn_steps=0", "use 1 or more"),
     ],
 )
 def test_a_player_that_cannot_be_says_why(name, said):
-    with pytest.raises(PlayerError, match=said):
-        make_player(name, np.random.default_rng(0))
+    with pytest.raises(SimulationError, match=said):
+        make_participant(name, np.random.default_rng(0))
 
 
 def test_a_persons_parameters_are_read_from_its_name():
-    assert Population.parse("lapse=0.1,tau_ms=300").middle == Person(lapse=0.1, tau_ms=300.0)
+    assert ParticipantPopulation.parse("lapse=0.1,tau_ms=300").median == ParticipantParameters(lapse=0.1, tau_ms=300.0)
 
 
 def test_the_optimal_player_refuses_a_world_that_has_no_planner():
-    with pytest.raises(PlayerError, match="no planner knows its goal"):
+    with pytest.raises(SimulationError, match="has no planner"):
         played("optimal", one_block("CartPole-v1", 1))
+
+
+def test_earlier_names_of_parameters_are_read():
+    old = "astray=0.1,detour_steps=2,misjudge=3,forget=0.01,forget_keys=0.2,repeat=0.7,post_error_ms=5,orient_ms=6"
+    new = (
+        "wrong_turn=0.1,wrong_turn_steps=2,judgement_sd_steps=3,forgetting_rate_per_s=0.01,key_forgetting=0.2,"
+        "repeat_factor=0.7,post_error_slowing_ms=5,orientation_ms=6"
+    )
+    assert ParticipantPopulation.parse(old) == ParticipantPopulation.parse(new) != ParticipantPopulation()

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from minihuman.errors import PlayerError
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.log.read.open_log import open_log
-from minihuman.players.supervising import SupervisingPlayer
-from minihuman.seats.simulate import simulate
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.errors import SimulationError
+from minihuman.log.read.session_reader import read_log
+from minihuman.runtime.simulated_session import simulate
+from minihuman.simulation.supervisor import SupervisorParameters, SupervisorParticipant, _parse_settings
+from minihuman.worlds.adapters.world import World
 
 WORLD = "minihuman/MiniGrid-Empty-5x5-v0"
 PROTOCOL = f"""
@@ -32,19 +32,19 @@ world = "{WORLD}"
 episodes = 4
 actions = ["left", "right", "forward"]
 max_steps = 30
-hold_ms = 2000
+final_frame_ms = 2000
 [blocks.agent]
 step_ms = 700
 
 [[activities]]
 name = "compare"
 kind = "preferences"
-[activities.plan]
+[activities.settings]
 source = "rate"
 pairs = 6
 steps = 5
 """
-SURE = "supervisor:critic_rate=1,critic_mistakes=0,rater_lapse=0,rater_beta=50"
+SURE = "supervisor:critic_response_rate=1,critic_error_rate=0,rater_lapse=0,rater_beta=50"
 
 
 @pytest.fixture(scope="module")
@@ -52,16 +52,16 @@ def log(tmp_path_factory):
     folder = tmp_path_factory.mktemp("said")
     (folder / "said.toml").write_text(PROTOCOL)
     (path,) = simulate(read_protocol(folder / "said.toml"), folder, participants=1, player=SURE, seed=1)
-    return open_log(path)
+    return read_log(path)
 
 
 def left_after(seed, actions):
     """How many steps the way is after each of an episode's steps, the reset first."""
     world = World(WORLD)
     world.reset(seed)
-    left = [len(world.way())]
+    left = [len(world.shortest_path())]
     for action in actions:
-        left.append(0 if world.step(int(action)).terminated else len(world.way()))
+        left.append(0 if world.step(int(action)).terminated else len(world.shortest_path()))
     return left
 
 
@@ -91,14 +91,21 @@ def test_a_simulated_rater_prefers_the_stretch_that_shortens_the_way_more(log):
             left = left_after(side.seed, side.actions)
             gained.append(left[side.first] - left[-1])
         better = "equal" if gained[0] == gained[1] else "left" if gained[0] > gained[1] else "right"
-        assert each.said.answer == better
+        assert each.preference.answer == better
         answers.add(better)
     assert len(log.comparisons) == 6
     assert len(answers) > 1
 
 
 def test_a_teacher_is_told_which_settings_it_has():
-    with pytest.raises(PlayerError, match=r"no parameter 'critic_rat'.*critic_rate"):
-        SupervisingPlayer("critic_rat=1", np.random.default_rng(1))
-    with pytest.raises(PlayerError, match=r"lapse is 2\.0"):
-        SupervisingPlayer("rater_lapse=2", np.random.default_rng(1))
+    with pytest.raises(SimulationError, match=r"no setting 'critic_rat'.*critic_response_rate"):
+        SupervisorParticipant("critic_rat=1", np.random.default_rng(1))
+    with pytest.raises(SimulationError, match=r"lapse is 2\.0"):
+        SupervisorParticipant("rater_lapse=2", np.random.default_rng(1))
+
+
+def test_earlier_names_of_the_supervisors_settings_are_read():
+    old = "least_steps=1,knows_all=1,critic_rate=0.7,critic_mistakes=0.2,rater_equal_within=0.4"
+    new = "min_control_steps=1,full_knowledge=1,critic_response_rate=0.7,critic_error_rate=0.2,rater_indifference=0.4"
+    assert _parse_settings(old) == _parse_settings(new)
+    assert SupervisorParameters(**_parse_settings(old)[""]) == SupervisorParameters(4, 1, full_knowledge=True)

@@ -1,9 +1,9 @@
 import csv
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
-from minihuman.cli.power import add_to
+from minihuman.cli.command_line import make_command_line
 
 pytestmark = pytest.mark.program
 
@@ -31,10 +31,7 @@ max_steps = 60
 
 
 def test_a_protocols_power_is_told_written_and_drawn(tmp_path):
-    import typer
-
-    app = typer.Typer()
-    add_to(app)
+    app = make_command_line()
     protocol = tmp_path / "small.toml"
     protocol.write_text(PROTOCOL)
     options = ["--effect", "excess=0.5", "--groups", "3,6", "--studies", "20", "--people", "4"]

@@ -4,9 +4,9 @@ import pytest
 
 import minihuman
 from minihuman.errors import ReportError
-from minihuman.power.preregistration import preregistration, write
-from minihuman.study.expand import enrol, expand
-from minihuman.study.protocol import decode
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.planning.preregistration import build_preregistration, write_preregistration
 from tests.seats.test_drawn_group import STUDY
 
 TOML = (Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml").read_bytes()
@@ -14,21 +14,23 @@ NAMED = (
     TOML
     + b"""
 [analysis]
-primary = "log_excess_steps_mean"
-secondary = ["success"]
-equivalence = 0.1
+primary_measure = "log_excess_steps_mean"
+secondary_measures = ["success"]
+equivalence_margin = 0.1
 """
 )
 
 
 def of(toml: bytes) -> str:
-    protocol = decode(toml)
-    return preregistration(protocol, expand(protocol, enrol(protocol, 0)), power="0.85 at 20")
+    protocol = decode_protocol(toml)
+    return build_preregistration(
+        protocol, expand_protocol(protocol, enrol_participant(protocol, 0)), power="0.85 at 20"
+    )
 
 
 def test_what_the_protocol_fixes_is_in_it():
-    protocol = decode(NAMED)
-    plan = expand(protocol, enrol(protocol, 0))
+    protocol = decode_protocol(NAMED)
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0))
     said = of(NAMED)
     for part in (
         plan.protocol_sha256,
@@ -49,7 +51,7 @@ def test_what_the_protocol_fixes_is_in_it():
         "Group grid-first goes through grid, then first-person.",
         f"minihuman {minihuman.__version__}",
         "Holm's correction",
-        "ln(1 + steps - best)",
+        "ln(1 + steps - shortest)",
     ):
         assert part in said
 
@@ -58,7 +60,7 @@ def test_the_ratio_of_steps_is_a_measure_where_it_is_named_alone():
     assert "- `log_steps_ratio_mean`: log of steps" not in of(TOML)
     said = of(NAMED.replace(b"log_excess_steps_mean", b"log_steps_ratio_mean"))
     assert "Primary: log_steps_ratio_mean" in said
-    assert "ln(steps / best)" in said
+    assert "ln(steps / shortest)" in said
 
 
 def test_a_study_that_names_no_primary_measure_is_told_so():
@@ -72,16 +74,20 @@ def test_one_group_is_compared_with_nobody():
 
 
 def test_a_preregistration_is_not_written_over(tmp_path):
-    protocol = decode(TOML)
-    plan = expand(protocol, enrol(protocol, 0))
-    assert write(protocol, plan, tmp_path / "out.md").read_text().startswith("# Preregistration of fourrooms-transfer")
+    protocol = decode_protocol(TOML)
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0))
+    assert (
+        write_preregistration(protocol, plan, tmp_path / "out.md")
+        .read_text()
+        .startswith("# Preregistration of fourrooms-transfer")
+    )
     with pytest.raises(ReportError, match="already exists"):
-        write(protocol, plan, tmp_path / "out.md")
+        write_preregistration(protocol, plan, tmp_path / "out.md")
 
 
 def test_strata_are_told_with_the_question_and_their_lists():
 
-    said = preregistration(STUDY, expand(STUDY, enrol(STUDY, 0)), power="")
+    said = build_preregistration(STUDY, expand_protocol(STUDY, enrol_participant(STUDY, 0)), power="")
     assert "a list of 60 places" in said
     assert "after the answer to you.hand: the next place of their stratum (left, right)" in said
     assert "30 places (groups in ratio 2:1)" in said

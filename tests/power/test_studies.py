@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from minihuman.errors import ReportError
-from minihuman.power.pool import groups_of
-from minihuman.power.studies import MEASURES, Effect, power_curve, values_of
-from minihuman.statistics.power import t_test_power
+from minihuman.planning.pool import parse_group_sizes
+from minihuman.planning.power import MEASURES, Effect, compute_values, power_curve
+from minihuman.statistics.comparison import t_test_power
 from tests.counts import count
 
 POOL = 4_000  # people: so many that drawing from them is drawing from the normal distribution
@@ -53,34 +53,34 @@ def test_an_effect_shortens_what_is_over_the_best_way_and_nothing_else():
 
 
 def test_a_persons_value_is_the_mean_over_episodes_time_outs_at_the_limit():
-    values = values_of(episodes(), "log_excess_steps")
+    values = compute_values(episodes(), "log_excess_steps")
     assert values.tolist() == pytest.approx([(math.log(21) + math.log(71)) / 2, math.log(71)])
-    ratios = values_of(episodes(), "log_steps_ratio")
+    ratios = compute_values(episodes(), "log_steps_ratio")
     assert ratios.tolist() == pytest.approx([(math.log(5 / 3) + math.log(10 / 3)) / 2, math.log(10 / 3)])
-    assert values_of(episodes(), "success").tolist() == [0.5, 1.0]
-    assert values_of(episodes(), "steps_at_limit").tolist() == [75, 100]
+    assert compute_values(episodes(), "success").tolist() == [0.5, 1.0]
+    assert compute_values(episodes(), "steps_at_limit").tolist() == [75, 100]
 
 
 def test_a_world_whose_best_way_nobody_knows_has_no_excess():
-    with pytest.raises(ReportError, match="spl is told by 0 simulated people"):
-        values_of(episodes(feasible_steps=[np.nan] * 3), "spl")
+    with pytest.raises(ReportError, match="only 0 have a value for spl"):
+        compute_values(episodes(feasible_steps=[np.nan] * 3), "spl")
 
 
 @pytest.mark.parametrize("text", ["excess", "excess=-1", "reward=0.7", "excess=much", ""])
 def test_an_effect_that_is_none_is_refused(text):
-    with pytest.raises(ReportError, match=r"write excess=0\.7"):
+    with pytest.raises(ReportError, match=r"excess=0\.7 for 30 %"):
         Effect.parse(text)
 
 
 def test_what_effects_and_sizes_are_read_as():
     assert Effect.parse("excess=0.7") == Effect(0.7)
     assert Effect.parse("none") == Effect()
-    assert groups_of("10,20") == (10, 20)
+    assert parse_group_sizes("10,20") == (10, 20)
     for text in ("", "1,2", "ten"):
         with pytest.raises(ReportError, match="--groups"):
-            groups_of(text)
+            parse_group_sizes(text)
 
 
 def test_a_measure_that_is_none_is_refused():
     with pytest.raises(ReportError, match=", ".join(MEASURES)):
-        values_of(episodes(), "speed")
+        compute_values(episodes(), "speed")

@@ -7,15 +7,16 @@ from types import MappingProxyType
 
 import numpy as np
 
-from minihuman.lab.next_session import next_session
+from minihuman.admin.next_session import plan_next_session
+from minihuman.display.windows.window import VirtualClock
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.players.choose import make_player
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study.protocol import Protocol, decode
-from minihuman.study.session import Session
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.participant import make_participant
+from minihuman.worlds.adapters.world import World
 
 STARTED_NS = 1_790_000_000_123_456_789
 TOML = """
@@ -43,7 +44,7 @@ feedback = "{{outcome}}"
 
 def study(*, episodes: int = 4, steps: int = 30, more: str = "") -> Protocol:
     """A protocol of one block of a small grid world."""
-    return decode((TOML.format(episodes=episodes, steps=steps) + more).encode())
+    return decode_protocol((TOML.format(episodes=episodes, steps=steps) + more).encode())
 
 
 def play(
@@ -57,11 +58,11 @@ def play(
     facts: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
     """Play the next participant's session on a virtual clock, and give its log."""
-    plan = next_session(protocol, data)
+    plan = plan_next_session(protocol, data)
     clock = VirtualClock()
-    session = Session(plan, World, {"player": player, "window": "simulated", **facts}, picture_px=None)
-    recorder = McapRecorder(data, plan, started_ns=started_ns, sync=sync)
-    window = SimulatedWindow(make_player(player, np.random.default_rng(seed)), session, clock)
+    session = SessionMachine(plan, World, {"player": player, "window": "simulated", **facts}, picture_px=None)
+    recorder = McapRecorder(data, plan, started_ns=started_ns, settings=RecorderSettings(sync=sync))
+    window = SimulatedWindow(make_participant(player, np.random.default_rng(seed)), session, clock)
     log = run_session(session, window, recorder, clock)
     assert log is not None
     return log

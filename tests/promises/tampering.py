@@ -8,10 +8,10 @@ from google.protobuf.message import Message
 from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
-from minihuman.log import segment_head, topics
-from minihuman.log.chain import HEAD, Chain
-from minihuman.log.read.chunk import LogMessage
-from minihuman.log.read.scan import Scan
+from minihuman.log import integrity, names, topics
+from minihuman.log.integrity import CHAIN_KEY, HashChain
+from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.scan import LogScanner
 
 Record = LogMessage | Metadata | Attachment
 Change = Callable[[list[Record]], None]
@@ -19,13 +19,13 @@ Change = Callable[[list[Record]], None]
 
 def rewritten(log: Path, target: Path, change: Change, *, chained: bool) -> Path:
     """A copy of a log in which something is changed; ``chained``: with the chain made again over what is there now."""
-    scan = Scan(log)
+    scan = LogScanner(log)
     records: list[Any] = list(scan)
     change(records)
-    chain = Chain()
+    chain = HashChain()
     with target.open("wb") as file:
         writer = Writer(file, enable_data_crcs=True)
-        writer.start(profile=topics.PROFILE)
+        writer.start(profile=names.PROFILE)
         for schema in sorted(scan.schemas.values(), key=lambda schema: schema.id):
             assert writer.register_schema(schema.name, schema.encoding, schema.data) == schema.id
         for channel in sorted(scan.channels.values(), key=lambda channel: channel.id):
@@ -46,8 +46,8 @@ def rewritten(log: Path, target: Path, change: Change, *, chained: bool) -> Path
                 case Metadata():
                     chain.metadata(record)
                     facts = dict(record.metadata)
-                    if chained and HEAD in facts:
-                        facts[HEAD] = chain.head
+                    if chained and CHAIN_KEY in facts:
+                        facts[CHAIN_KEY] = chain.head
                     writer.add_metadata(record.name, facts)
                 case Attachment():
                     chain.attachment(record)
@@ -154,7 +154,7 @@ def others_changed(records: list[Record]) -> Iterator[tuple[str, Change]]:
             )
         elif isinstance(record, Attachment):
             content = record.data[:-1] + bytes([record.data[-1] ^ 1])
-            if record.name != segment_head.NAME:
+            if record.name != integrity.SEGMENT_HEAD_NAME:
                 yield f"attachment {record.name}", _set(place, _attachment(record, data=content))
             yield f"attachment {record.name} named otherwise", _set(place, _attachment(record, name="x"))
         else:

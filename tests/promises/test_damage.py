@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 from mcap.opcode import Opcode
 
-from minihuman.data.opened import worth_reading
-from minihuman.errors import LogError, LossError
-from minihuman.lab.proofs import proofs
-from minihuman.log import topics
+from minihuman.admin.verify.log import verify_session
+from minihuman.dataset.log_files import list_readable_logs
+from minihuman.errors import DataLossError, LogError
+from minihuman.experiment.machine.events import Event
+from minihuman.log import names
 from minihuman.log.paths import MAGIC
-from minihuman.log.read.chunk import HEAD, Messages
-from minihuman.log.read.glance import glance
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.read.scan import Scan
-from minihuman.log.record.finish import repair
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.disk import RecorderSettings
+from minihuman.log.record.finalization import repair_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import Event
+from minihuman.log.salvage.chunk import RECORD_HEADER, ChunkMessages
+from minihuman.log.salvage.scan import LogScanner
+from minihuman.log.salvage.summary_section import read_summary
 from tests.counts import count
 from tests.log.samples import STARTED_NS, session_events, session_plan
 from tests.promises.sessions import play, study
@@ -35,7 +36,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.long
 def test_a_flipped_bit_of_a_finished_log_is_noticed_and_costs_its_chunk_at_most(log: Path, tmp_path: Path) -> None:
     whole, events = log.read_bytes(), list(read_events(log))
-    largest = max(len(record) for record in Scan(log).records() if isinstance(record, Messages))
+    largest = max(len(record) for record in LogScanner(log).records() if isinstance(record, ChunkMessages))
     assert largest < len(events) / 2
     rng = np.random.default_rng(8)
     copy = tmp_path / log.name
@@ -46,22 +47,22 @@ def test_a_flipped_bit_of_a_finished_log_is_noticed_and_costs_its_chunk_at_most(
         damaged[at] ^= 1 << int(rng.integers(8))
         copy.write_bytes(damaged)
         with pytest.raises(LogError):
-            open_log(copy)
+            read_log(copy)
         if at < 8:
             continue  # the magic bytes: no MCAP file any more, and said so
-        repaired = repair(copy)
+        repaired = repair_log(copy)
         kept = list(read_events(copy))
         assert _is_part(kept, events), at
         lost.append(len(events) - len(kept))
         if at in ends:
             assert lost[-1] == 0, at
         else:
-            assert open_log(copy).clean == (lost[-1] == 0), at
-        assert repaired.aside is not None
-        assert repaired.aside.read_bytes() == damaged
-        repaired.aside.unlink()
-        with pytest.raises(LogError, match="is whole"):
-            repair(copy)
+            assert read_log(copy).clean == (lost[-1] == 0), at
+        assert repaired.damaged_copy_path is not None
+        assert repaired.damaged_copy_path.read_bytes() == damaged
+        repaired.damaged_copy_path.unlink()
+        with pytest.raises(LogError, match="is intact"):
+            repair_log(copy)
     assert max(lost) <= largest
     assert min(lost) == 0
 
@@ -70,17 +71,17 @@ def test_a_flipped_bit_of_a_finished_log_is_noticed_and_costs_its_chunk_at_most(
 def test_a_flipped_bit_of_a_length_costs_its_chunk_at_most(log: Path, tmp_path: Path) -> None:
     """A record that is believed to be longer than it is takes those behind it with it."""
     whole = log.read_bytes()
-    counts = [len(record) for record in Scan(log).records() if isinstance(record, Messages)]
+    counts = [len(record) for record in LogScanner(log).records() if isinstance(record, ChunkMessages)]
     chunks = dict(zip([head for head in _heads(whole) if whole[head] == Opcode.CHUNK], counts, strict=True))
-    flips = [(head + at, bit) for head in _heads(whole) for at in range(HEAD.size) for bit in range(8)]
+    flips = [(head + at, bit) for head in _heads(whole) for at in range(RECORD_HEADER.size) for bit in range(8)]
     assert len(flips) > 2000
     copy = tmp_path / log.name
     for at, bit in np.random.default_rng(10).permutation(flips)[: count(150, len(flips))].tolist():
         damaged = bytearray(whole)
         damaged[at] ^= 1 << bit
         copy.write_bytes(damaged)
-        scan = Scan(copy)
-        kept = sum(len(record) for record in scan.records() if isinstance(record, Messages))
+        scan = LogScanner(copy)
+        kept = sum(len(record) for record in scan.records() if isinstance(record, ChunkMessages))
         hit = max((begin for begin in chunks if begin <= at), default=None)
         assert sum(counts) - kept <= (0 if hit is None else chunks[hit]), (at, bit)
         assert scan.damage, (at, bit)
@@ -93,14 +94,14 @@ def test_a_flipped_bit_of_what_a_log_says_first_leaves_it_out_in_one_line(log: P
     copy = tmp_path / "promised" / "sub-01" / "ses-01" / log.name
     copy.parent.mkdir(parents=True)
     begin = next(head for head in _heads(whole) if whole[head] == Opcode.METADATA)
-    end = begin + HEAD.size + HEAD.unpack_from(whole, begin)[1]
+    end = begin + RECORD_HEADER.size + RECORD_HEADER.unpack_from(whole, begin)[1]
     for at in range(begin, end):
         damaged = bytearray(whole)
         damaged[at] ^= (0x80, 0x40, 0x01)[at % 3]
         copy.write_bytes(damaged)
-        assert worth_reading(copy.parents[2]) == ([copy], [])
+        assert list_readable_logs(copy.parents[2]) == ([copy], [])
     with pytest.raises(LogError):
-        open_log(copy)
+        read_log(copy)
 
 
 def test_a_finished_log_that_is_cut_short_lost_something_and_every_look_at_it_says_so(
@@ -109,12 +110,12 @@ def test_a_finished_log_that_is_cut_short_lost_something_and_every_look_at_it_sa
     """A copy that broke off: what is left is kept, and nothing of it is then said to be wrong in itself."""
     copy = tmp_path / log.name
     copy.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
-    became = repair(copy)
+    became = repair_log(copy)
     assert became.damaged
-    assert "ended: cut_off; the file was cut off at byte " in became.line()
-    assert became.line().endswith(f"; it is kept as it was found: {copy}.as-found-1")
-    assert 0 < became.steps < sum(len(episode.actions) for episode in open_log(log).episodes)
-    lines = list(proofs(copy))
+    assert "ended: cut_off; the file was cut off at byte " in became.describe()
+    assert became.describe().endswith(f"; an unchanged copy is {copy}.as-found-1")
+    assert 0 < became.steps < sum(len(episode.actions) for episode in read_log(log).episodes)
+    lines = list(verify_session(copy))
     assert [fine for _, fine in lines] == [False]
     assert re.fullmatch(r"segment 1: the finished log was cut off at byte \d+", lines[0][0])
 
@@ -123,7 +124,7 @@ def test_a_finished_log_that_lost_its_end_only_still_says_how_it_ended(log: Path
     copy = tmp_path / log.name
     whole = log.read_bytes()
     copy.write_bytes(whole[: _end_facts(whole).start])
-    assert repair(copy).end_reason == "complete"
+    assert repair_log(copy).end_reason == "complete"
     [end], [before] = _ends(copy), _ends(log)
     assert (end["clean"], before["clean"]) == ("false", "true")
     assert end["stopped"].startswith("the finished log was cut off at byte ")
@@ -137,7 +138,9 @@ def test_a_flipped_bit_of_a_live_log_ends_as_a_failed_check(tmp_path: Path) -> N
     events = session_events(plan, steps=8)
     rng = np.random.default_rng(9)
     for trial in range(FLIPS // 4):
-        recorder = McapRecorder(tmp_path / str(trial), plan, started_ns=STARTED_NS, sync=lambda _fd: None)
+        recorder = McapRecorder(
+            tmp_path / str(trial), plan, started_ns=STARTED_NS, settings=RecorderSettings(sync=lambda _fd: None)
+        )
         recorder.write(events[:40])
         with recorder.where.part.open("r+b") as file:
             at = int(rng.integers(8, recorder.where.part.stat().st_size))
@@ -147,12 +150,12 @@ def test_a_flipped_bit_of_a_live_log_ends_as_a_failed_check(tmp_path: Path) -> N
             file.write(bytes([byte]))
         for event in events[40:]:
             recorder.write([event])
-        with pytest.raises(LossError, match="kept as it was found: "):
+        with pytest.raises(DataLossError, match="an unchanged copy is "):
             recorder.close()
         kept = list(read_events(recorder.where.log))
         assert _is_part(kept, events)
         assert len(kept) >= len(events) - 40
-        assert not open_log(recorder.where.log).clean
+        assert not read_log(recorder.where.log).clean
 
 
 def _is_part(kept: list[Event], of: list[Event]) -> bool:
@@ -166,20 +169,20 @@ def _heads(log: bytes) -> list[int]:
     heads, at, opcode = [], len(MAGIC), 0
     while opcode != Opcode.DATA_END:
         heads.append(at)
-        opcode, length = HEAD.unpack_from(log, at)
-        at += HEAD.size + length
+        opcode, length = RECORD_HEADER.unpack_from(log, at)
+        at += RECORD_HEADER.size + length
     return heads
 
 
 def _ends(log: Path) -> tuple[dict[str, str], ...]:
     """What a log's summary says of its segments' ends."""
-    found = glance(log)
+    found = read_summary(log)
     assert found is not None
     return found.ends
 
 
 def _end_facts(log: bytes) -> range:
     """Where the record lies that says how a log's one segment ended; its length stands before its name."""
-    name = topics.END_METADATA.encode()
+    name = names.END_METADATA.encode()
     start = log.index(len(name).to_bytes(4, "little") + name)
     return range(start - 9, start + int.from_bytes(log[start - 8 : start], "little"))

@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 
 from minihuman.errors import MinihumanError
-from minihuman.log.read.open_log import read_events
-from minihuman.log.record.finish import leftovers, recover
+from minihuman.experiment.machine.events import Stepped
+from minihuman.log.read.session_reader import read_events
+from minihuman.log.record.disk import RecorderSettings
+from minihuman.log.record.finalization import find_leftovers, recover_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import Stepped
 from tests.counts import count
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -53,8 +54,8 @@ def test_no_fault_of_the_disk_loses_a_safe_step_or_says_more_than_a_sentence(
         durable, failed = _recorded(data, monkeypatch, call, code, at, once=rng.random() < 0.5, rng=rng)
         monkeypatch.undo()
         met += failed
-        for part in leftovers(data):
-            recover(part)  # the fault is over
+        for part in find_leftovers(data):
+            recover_log(part)  # the fault is over
         kept = [event for log in data.rglob("*.mcap") for event in read_events(log)]
         assert [event for event in EVENTS if event in kept] == kept
         assert sum(isinstance(event, Stepped) for event in kept) >= durable
@@ -79,7 +80,7 @@ def _recorded(
     recorder: McapRecorder | None = None
     told: Exception | None = None
     try:
-        recorder = McapRecorder(data, PLAN, started_ns=STARTED_NS, **hooks)
+        recorder = McapRecorder(data, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(**hooks))
         for event in EVENTS:
             recorder.write([event])
             if rng.random() < 0.3:

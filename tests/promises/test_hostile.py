@@ -10,35 +10,35 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import click
 import numpy as np
 import pytest
 import zstandard
 from mcap.opcode import Opcode
-from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
-from typer.main import get_command
 
-from minihuman.cli import app, main
-from minihuman.data.selection import Selection
-from minihuman.data.store import Store
-from minihuman.data.study import Sessions
+from minihuman.admin.log_info import format_session_json, format_session_lines
+from minihuman.admin.protocol_file import find_shipped_protocol
+from minihuman.admin.session_index import read_session_index
+from minihuman.admin.session_summary import summarize_session
+from minihuman.admin.status import format_status
+from minihuman.admin.verify.log import verify_session
+from minihuman.cli import main
+from minihuman.cli.command_line import make_command_line
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.store import StudyStore
 from minihuman.errors import LogError, MinihumanError, ProtocolError, WorldError
-from minihuman.export.run import export
-from minihuman.figures.gallery import draw_all
-from minihuman.lab.describe import as_json, as_lines
-from minihuman.lab.proofs import proofs
-from minihuman.lab.session_table import sessions
-from minihuman.lab.shipped import shipped_protocol
-from minihuman.lab.status import status_lines
-from minihuman.lab.summarise import summarise
-from minihuman.log.read.frames import LARGEST_BYTES
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.read.scan import Scan
-from minihuman.log.record.finish import recover, repair
-from minihuman.report.build import build
-from minihuman.study.expand import enrol, expand
-from minihuman.study.protocol import decode
-from minihuman.worlds.adapt.world import World
-from minihuman.worlds.grid.catalogue import ENTRIES
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.exporters.exporter import export_study
+from minihuman.figures.gallery import draw_all_figures
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.finalization import recover_log, repair_log
+from minihuman.log.salvage.framing import MAX_RECORD_BYTES
+from minihuman.log.salvage.scan import LogScanner
+from minihuman.reporting.build import build_report
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.catalogue import GRID_WORLDS
 from tests.counts import count
 from tests.promises.sessions import TOML, play, study
 from tests.promises.tampering import Record, messages_changed, moved, others_changed, rewritten
@@ -68,13 +68,13 @@ VALUES = ("-1", "0", "1e9", "[]", "{}", "true", '"x"', "[[1]]", "10000000")
 @pytest.mark.long
 def test_any_protocol_is_read_or_refused_in_one_line() -> None:
     rng = random.Random(1)
-    texts = [shipped_protocol("demo").read_text(), TOML.format(episodes=3, steps=20)]
+    texts = [find_shipped_protocol("demo").read_text(), TOML.format(episodes=3, steps=20)]
     read = refused = 0
     for _ in range(count(150, 10_000)):
         toml = _mutated(rng.choice(texts), rng)
         try:
-            protocol = decode(toml, "p.toml")
-            expand(protocol, enrol(protocol, 0))
+            protocol = decode_protocol(toml, "p.toml")
+            expand_protocol(protocol, enrol_participant(protocol, 0))
             read += 1
         except MinihumanError:
             refused += 1
@@ -119,7 +119,7 @@ def test_any_log_in_a_study_is_counted_written_and_drawn_or_left_out_in_one_line
 def _refused(operations: Sequence[Callable[[Path], object]], tmp_path: Path, most: int) -> int:
     """Do something with changed logs so many times; how often it was refused. Anything else that is raised stays so."""
     log = play(tmp_path / "data", study(episodes=2, steps=8, more="record_observations = true\n"), sync=lambda _: None)
-    records: list[Record] = list(Scan(log))
+    records: list[Record] = list(LogScanner(log))
     topics = dict.fromkeys(record.channel.topic for record in records if hasattr(record, "channel"))
     changes = [change for topic in topics for _, change in (*messages_changed(records, topic), *moved(records, topic))]
     changes += [change for _, change in others_changed(records)]
@@ -150,27 +150,27 @@ def _recovered(log: Path) -> None:
     part = log.with_name(f"{log.name}.part")
     part.write_bytes(log.read_bytes())
     log.unlink()
-    recover(part)
+    recover_log(part)
 
 
 def _written(log: Path, format_name: str, *, stored_frames: bool = False) -> None:
     with TemporaryDirectory() as out:
-        export(format_name, log.parents[2], Path(out), Selection(), stored_frames=stored_frames)
+        export_study(format_name, log.parents[2], Path(out), Selection(), stored_frames=stored_frames)
 
 
 def _asked(log: Path) -> None:
-    with Store(Sessions(log.parents[2]), with_shortest=True) as store:
+    with StudyStore(StudySessions(log.parents[2]), with_shortest=True) as store:
         store.tables.query("SELECT * FROM episodes")
 
 
 def _reported(log: Path) -> None:
     with TemporaryDirectory() as out:
-        list(build(Sessions(log.parents[2]), Path(out)))
+        list(build_report(StudySessions(log.parents[2]), Path(out)))
 
 
 def _drawn(log: Path) -> None:
     with TemporaryDirectory() as out:
-        list(draw_all(Sessions(log.parents[2]), Path(out)))
+        list(draw_all_figures(StudySessions(log.parents[2]), Path(out)))
 
 
 _CONSUMERS: tuple[Callable[[Path], object], ...] = (
@@ -183,15 +183,15 @@ _CONSUMERS: tuple[Callable[[Path], object], ...] = (
     _drawn,
 )
 _READERS: tuple[Callable[[Path], object], ...] = (
-    open_log,
-    lambda log: as_lines(open_log(log)),
-    lambda log: as_json(open_log(log)),
+    read_log,
+    lambda log: format_session_lines(read_log(log)),
+    lambda log: format_session_json(read_log(log)),
     lambda log: list(read_events(log)),
-    lambda log: list(proofs(log)),
-    lambda log: summarise([log]),
-    lambda log: list(status_lines(log.parents[2])),
-    lambda log: [episode.frames.column("flip_ns") for episode in open_log(log).episodes],
-    repair,
+    lambda log: list(verify_session(log)),
+    lambda log: summarize_session([log]),
+    lambda log: list(format_status(log.parents[2])),
+    lambda log: [episode.frames.column("flip_ns") for episode in read_log(log).episodes],
+    repair_log,
     _recovered,
 )
 
@@ -199,7 +199,7 @@ _READERS: tuple[Callable[[Path], object], ...] = (
 @pytest.mark.long
 def test_any_world_is_made_or_refused_in_one_line() -> None:
     rng = random.Random(3)
-    ids = [*(entry.id for entry in ENTRIES[:20]), "minigrid:MiniGrid-Empty-5x5-v0", "CartPole-v1", "FrozenLake-v1"]
+    ids = [*(entry.id for entry in GRID_WORLDS[:20]), "minigrid:MiniGrid-Empty-5x5-v0", "CartPole-v1", "FrozenLake-v1"]
     odd = [":", "json:json:json", "", "os:system", "minihuman/", "x" * 5000, "\0", "a/b/c-v0", "..", "this-v0", "-v-1"]
     options = [
         {},
@@ -242,9 +242,8 @@ def test_any_arguments_are_understood_or_refused_in_one_line(
         "\x1b[31m", "é", "csv", "sub-00", "sub-01", "0", "1", "99999999999", "select * from episodes", "{}", "1e400",
     ]  # fmt: skip
     options = ["--json", "--seal", "--participant", "--group", "--out", "--session", "--trust"]
-    command_line = get_command(app())
-    assert isinstance(command_line, TyperGroup)
-    commands = {name: command_line.commands[name] for name in _LINES}
+    command_line = make_command_line()
+    commands = {name: command_line.get_command(click.Context(command_line), name) for name in _LINES}
     codes = Counter[int]()
     for done in range(count(30, 1_000)):
         name = rng.choice(_LINES)
@@ -269,18 +268,18 @@ def test_any_arguments_are_understood_or_refused_in_one_line(
 
 
 _LINES = (  # all that neither opens a window nor serves until it is stopped
-    "new", "schema", "simulate", "check", "status", "worlds", "plugins", "info", "verify", "recover", "seal", "plot",
-    "mark", "report", "query", "withdraw", "replace", "bonus", "gather", "export",
+    "new", "schema", "simulate", "check", "status", "worlds", "plugins", "info", "verify", "recover", "manifest",
+    "plot", "annotate", "report", "query", "withdraw", "replace", "payments", "gather", "export",
 )  # fmt: skip
 
 
-def _fitting(command: TyperCommand, values: Sequence[str], rng: random.Random) -> list[str]:
+def _fitting(command: click.Command, values: Sequence[str], rng: random.Random) -> list[str]:
     """A line of a command's own arguments, most of them there, and some of its options."""
     words = []
     for parameter in command.params:
-        if isinstance(parameter, TyperArgument):
+        if isinstance(parameter, click.Argument):
             words += [rng.choice(values)] if rng.random() < 0.95 else []
-        elif isinstance(parameter, TyperOption) and rng.random() < 0.15:
+        elif isinstance(parameter, click.Option) and rng.random() < 0.15:
             words += [parameter.opts[0], *([] if parameter.is_flag else [rng.choice(values)])]
     return words
 
@@ -288,10 +287,10 @@ def _fitting(command: TyperCommand, values: Sequence[str], rng: random.Random) -
 def test_a_pipe_that_is_named_like_a_log_holds_nobody_up(tmp_path: Path) -> None:
     pipe = tmp_path / "sub-01_ses-01.mcap"
     os.mkfifo(pipe)
-    with pytest.raises(LogError, match="is no regular file"):
-        open_log(pipe)
-    (row,) = sessions(tmp_path)
-    assert "is no regular file" in row.problem
+    with pytest.raises(LogError, match="is not a regular file"):
+        read_log(pipe)
+    (row,) = read_session_index(tmp_path)
+    assert "is not a regular file" in row.problem
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
@@ -314,9 +313,9 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path: P
     log.write_bytes(content)
     before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(LogError, match="damaged"):
-        open_log(log)
+        read_log(log)
     grown_bytes = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib) * 1024
-    assert grown_bytes < 2 * LARGEST_BYTES
+    assert grown_bytes < 2 * MAX_RECORD_BYTES
     assert zlib.crc32(log.read_bytes()) == zlib.crc32(content)
 
 
@@ -324,7 +323,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path: P
 def test_a_cache_that_is_garbage_costs_a_reading_and_nothing_else(tmp_path: Path) -> None:
     log = play(tmp_path, study(episodes=1), sync=lambda _: None)
     folder = log.parents[2]
-    expected = list(sessions(folder))
+    expected = list(read_session_index(folder))
     whole = (folder / "sessions.sqlite").read_bytes()
     rng = np.random.default_rng(5)
     for _ in range(count(10, 50)):
@@ -334,7 +333,7 @@ def test_a_cache_that_is_garbage_costs_a_reading_and_nothing_else(tmp_path: Path
         (folder / "sessions.sqlite").write_bytes(
             spoilt[: int(rng.integers(len(spoilt)))] if rng.random() < 0.3 else spoilt
         )
-        found = list(sessions(folder))
+        found = list(read_session_index(folder))
         assert [row.path for row in found] == [row.path for row in expected]
         (folder / "sessions.sqlite").unlink()
 
@@ -353,4 +352,4 @@ def test_control_characters_of_a_protocol_do_not_reach_the_terminal(
 def test_a_placeholder_that_asks_for_a_text_of_any_size_is_refused() -> None:
     for bad in ("{steps:>99999999999}", "{steps[0]}", "{outcome.upper}", "{steps!r}"):
         with pytest.raises(ProtocolError, match="placeholder"):
-            decode(TOML.format(episodes=1, steps=5).replace("{outcome}", bad).encode())
+            decode_protocol(TOML.format(episodes=1, steps=5).replace("{outcome}", bad).encode())

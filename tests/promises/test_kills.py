@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.lab.proofs import proofs
-from minihuman.log.read.open_log import read_events
-from minihuman.log.record.finish import leftovers, recover
-from minihuman.study.events import Stepped
+from minihuman.admin.verify.log import verify_session
+from minihuman.experiment.machine.events import Stepped
+from minihuman.log.read.session_reader import read_events
+from minihuman.log.record.finalization import find_leftovers, recover_log
 from tests.counts import PATIENCE_S, count
 from tests.lab.station import stations
 from tests.promises import station
@@ -22,7 +22,7 @@ from tests.xserver import Typist
 
 pytestmark = [pytest.mark.long, pytest.mark.program]
 
-LONG_PLAY = TOML.format(episodes=200, steps=100).replace("[keys]", "[keys]\ncheck = false").encode()
+LONG_PLAY = TOML.format(episodes=200, steps=100).replace("[keys]", "[keys]\nkeyboard_check = false").encode()
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_kill_9_loses_no_shown_step(tmp_path: Path, kills: int, key_s: float, fs
         (log,) = logs
         steps = sum(isinstance(event, Stepped) for event in read_events(log))
         assert steps >= shown >= acknowledged
-        assert [line for line, fine in proofs(log) if not fine] == []
+        assert [line for line, fine in verify_session(log) if not fine] == []
         seen, kept, durable, cut = seen + shown, kept + steps, durable + acknowledged, cut + (shown > 0)
     print(
         f"\n{kills} kills ({cut} in play) and {recoveries} of recoveries, fsync {fsync_s} s more: "
@@ -71,12 +71,12 @@ def test_kill_9_loses_no_step_that_a_window_showed(tmp_path: Path, display: str)
             told.recv()  # the first screen
             last = _typed(typist, told, rng)
             shown, acknowledged = _ended(process, told, last)
-            for part in leftovers(data):
-                recover(part)
+            for part in find_leftovers(data):
+                recover_log(part)
             (log,) = data.rglob("*.mcap")
             steps = sum(isinstance(event, Stepped) for event in read_events(log))
             assert steps >= shown >= acknowledged
-            assert [line for line, fine in proofs(log) if not fine] == []
+            assert [line for line, fine in verify_session(log) if not fine] == []
             seen, kept, durable = seen + shown, kept + steps, durable + acknowledged
     print(f"\n{kills} kills through a window: 0 of {seen} shown steps lost, 0 of {durable} acknowledged; {kept} kept")
     assert seen > 0
@@ -125,13 +125,13 @@ def _ended(process: BaseProcess, told: Connection, last: tuple[int, int]) -> tup
 def _recovered(context: ForkServerContext, data: Path, rng: np.random.Generator) -> int:
     """Recover what was left, killing the first recovery at some moment; how many were."""
     killed = 0
-    for part in leftovers(data):
+    for part in find_leftovers(data):
         process = context.Process(target=station.finish, args=(part,))
         process.start()
         time.sleep(float(rng.uniform(0, 0.06)))
         process.kill()
         process.join()
         killed += 1
-    for part in leftovers(data):
-        recover(part)
+    for part in find_leftovers(data):
+        recover_log(part)
     return killed

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.log.read.open_log import read_events
-from minihuman.log.record.finish import recover
+from minihuman.experiment.machine.events import Stepped
+from minihuman.log.read.session_reader import read_events
+from minihuman.log.record.disk import RecorderSettings
+from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import Stepped
 from tests.counts import count
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -51,7 +52,12 @@ def test_a_power_cut_loses_no_acknowledged_step(tmp_path: Path) -> None:
     states, acknowledged, kept_steps = count(20, 300), 0, 0
     for trial in range(states):
         cache = Cache(rng)
-        recorder = McapRecorder(tmp_path / str(trial), plan, started_ns=STARTED_NS, sync=cache.sync, put=cache.put)
+        recorder = McapRecorder(
+            tmp_path / str(trial),
+            plan,
+            started_ns=STARTED_NS,
+            settings=RecorderSettings(sync=cache.sync, put=cache.put),
+        )
         for event in events[: int(rng.integers(2, len(events)))]:
             recorder.write([event])
             if rng.random() < 0.2:
@@ -60,7 +66,7 @@ def test_a_power_cut_loses_no_acknowledged_step(tmp_path: Path) -> None:
         part = tmp_path / f"{trial}.mcap.part"
         part.write_bytes(cache.after_a_cut())
         recorder.close()
-        finished = recover(part)
+        finished = recover_log(part)
         kept = list(read_events(finished.path)) if finished.readable else []
         assert [event for event in events if event in kept] == kept
         steps = sum(isinstance(event, Stepped) for event in kept)

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minihuman.admin.verify.log import verify_session
 from minihuman.errors import MinihumanError
-from minihuman.lab.proofs import proofs
-from minihuman.log.read.chunk import LogMessage
-from minihuman.log.read.scan import Scan
+from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.scan import LogScanner
 from tests.counts import count
 from tests.promises.sessions import play, study
 from tests.promises.tampering import Change, messages_changed, moved, others_changed, rewritten
@@ -35,7 +35,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def changes(log: Path) -> list[tuple[str, Change]]:
-    records = list(Scan(log))
+    records = list(LogScanner(log))
     seen = dict.fromkeys(record.channel.topic for record in records if isinstance(record, LogMessage))
     found = [change for topic in seen for kind in (messages_changed, moved) for change in kind(records, topic)]
     return found + list(others_changed(records))
@@ -90,6 +90,6 @@ def _changed(log: Path, change: Change, folder: Path, *, chained: bool) -> Path:
 
 def _said(log: Path) -> list[str]:
     try:
-        return [line for line, fine in proofs(log) if not fine]
+        return [line for line, fine in verify_session(log) if not fine]
     except MinihumanError as error:
         return [str(error)]

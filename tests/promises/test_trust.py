@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from minihuman.errors import WorldError
-from minihuman.replay.viewer import viewer_command, viewer_environment
-from minihuman.worlds.trust import trusting
+from minihuman.replay.recording import viewer_command, viewer_environment
+from minihuman.worlds.adapters.world import trusted_world_factory
 
 TRAP = "import pathlib; pathlib.Path(__file__).with_name(f'ran-{__name__}').touch(); raise SystemExit(3)\n"
 
@@ -50,9 +50,9 @@ def test_a_command_in_a_folder_of_traps_runs_none_of_them(trapped: Path) -> None
 
 def test_a_module_that_a_log_names_is_not_imported() -> None:
     sys.modules.pop("this", None)
-    with pytest.raises(WorldError, match="say --trust this"):
-        trusting()("this:X-v0", {})
+    with pytest.raises(WorldError, match="pass --trust this"):
+        trusted_world_factory()("this:X-v0", {})
     assert "this" not in sys.modules
     with pytest.raises(WorldError, match="X"):
-        trusting(["this"])("this:X-v0", {})
+        trusted_world_factory(["this"])("this:X-v0", {})
     assert "this" in sys.modules

@@ -6,21 +6,21 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minihuman.recorded.categorical import Words
+from minihuman.log.model.event_columns import CategoricalTexts
 
 TEXTS = st.lists(st.sampled_from(["left", "right", "", "kp_8"]))
 
 
 @given(st.lists(TEXTS, min_size=1), st.slices(10))
 def test_words_are_the_texts_they_were_made_of(parts: list[list[str]], some: slice) -> None:
-    joined = Words.joined([Words.of(part) for part in parts])
+    joined = CategoricalTexts.joined([CategoricalTexts.of(part) for part in parts])
     texts = [text for part in parts for text in part]
     assert joined == texts
     assert tuple(texts) == joined
     assert joined[some] == texts[some]
     assert [joined[place] for place in range(len(texts))] == texts
-    assert len(set(joined.words)) == len(joined.words)
-    assert Words.of(joined) is joined
+    assert len(set(joined.categories)) == len(joined.categories)
+    assert CategoricalTexts.of(joined) is joined
     assert joined != [*texts, "left"]
 
 
@@ -28,8 +28,8 @@ def test_words_are_the_texts_they_were_made_of(parts: list[list[str]], some: sli
 def test_chosen_places_are_counted_and_the_first_is_found(texts: list[str], data: st.DataObject) -> None:
     where = data.draw(st.lists(st.booleans(), min_size=len(texts), max_size=len(texts)))
     chosen = [place for place, is_chosen in enumerate(where) if is_chosen]
-    words, mask = Words.of(texts), np.array(where, np.bool_)
-    assert words.counted() == Counter(texts)
-    assert words.counted(mask) == Counter(texts[place] for place in chosen)
-    assert words.first(mask) == {texts[place]: place for place in reversed(chosen)}
-    assert words.are(("left", "kp_8")).tolist() == [text in ("left", "kp_8") for text in texts]
+    words, mask = CategoricalTexts.of(texts), np.array(where, np.bool_)
+    assert words.count_values() == Counter(texts)
+    assert words.count_values(mask) == Counter(texts[place] for place in chosen)
+    assert words.first_index(mask) == {texts[place]: place for place in reversed(chosen)}
+    assert words.equals_any(("left", "kp_8")).tolist() == [text in ("left", "kp_8") for text in texts]

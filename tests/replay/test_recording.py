@@ -8,12 +8,9 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from minihuman.errors import LogError
-from minihuman.replay.facts import facts_page
-from minihuman.replay.moments import ALIGNED, EPISODE, SESSION_TIME, STEP
-from minihuman.replay.recording import FIRST_BYTES, save_recording
-from minihuman.replay.scene import session_root
-from minihuman.replay.viewer import viewer_command
-from minihuman.study.events import KeyPressed, Noted, Paused
+from minihuman.experiment.machine.events import KeyPressed, Noted, Paused
+from minihuman.replay.recording import FIRST_BYTES, save_recording, viewer_command
+from minihuman.replay.rerun_scene import ALIGNED, EPISODE, SESSION_TIME, STEP, build_facts_page, session_root
 from tests.builders import made, plan, session, session_of
 from tests.disks import fill, read_only, small_disk
 
@@ -134,7 +131,7 @@ def test_only_a_press_that_nothing_came_of_is_a_warning(tmp_path):
 
 
 def test_the_facts_say_who_what_and_how_it_ended(log):
-    page = facts_page(log)
+    page = build_facts_page(log)
     assert "# sub-01, session 1" in page
     assert (
         "| 2 | 1 | grid | minihuman/MiniGrid-FourRooms-v0 (seed 101) | 1: forward, 2: right, 3: left | timeout |"
@@ -157,7 +154,7 @@ def test_several_sessions_share_a_timeline_on_which_their_episodes_begin_togethe
 
 
 def test_one_session_twice_is_refused(log, tmp_path):
-    with pytest.raises(LogError, match="different sessions"):
+    with pytest.raises(LogError, match="one session or several different ones"):
         save_recording([log, log], tmp_path / "x.rrd")
 
 

@@ -9,15 +9,16 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from minihuman.data.store import Store
-from minihuman.data.study import Sessions
-from minihuman.log.read.open_log import open_log
-from minihuman.report.build import build
-from minihuman.report.html import number
-from minihuman.report.recorded import answers
-from minihuman.seats.simulate import simulate
-from minihuman.study.events import Answered
-from minihuman.study.protocol import decode
+from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.store import StudyStore
+from minihuman.experiment.machine.events import Answered
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.read.session_reader import read_log
+from minihuman.reporting.build import build_report
+from minihuman.reporting.elements import format_number
+from minihuman.reporting.sections import answers_table
+from minihuman.runtime.simulated_session import simulate
+from tests.report.pages import page
 
 PEOPLE = 5
 STUDY = """
@@ -27,7 +28,7 @@ version = "1"
 seed = 5
 participants = 8
 [keys]
-check = false
+keyboard_check = false
 [[groups]]
 name = "everyone"
 parts = ["all", "quiz"]
@@ -45,7 +46,7 @@ items = [
 ]
 [[questions]]
 name = "quiz"
-tries = 3
+max_attempts = 3
 items = [ { name = "goal", kind = "choice", ask = "Where to?", options = ["A", "B", "C"], right = 2 } ]
 """
 MEASURED = ("pace", "mood", "load", "age")
@@ -54,43 +55,49 @@ MEASURED = ("pace", "mood", "load", "age")
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tmp_path_factory.mktemp("data")
-    assert len(list(simulate(decode(STUDY.encode()), data, participants=PEOPLE, seed=3, player="random"))) == PEOPLE
+    assert (
+        len(list(simulate(decode_protocol(STUDY.encode()), data, participants=PEOPLE, seed=3, player="random")))
+        == PEOPLE
+    )
     return data / "kinds"
 
 
 def logged(study: Path) -> list[Answered]:
-    logs = (open_log(path) for path in sorted(study.rglob("*.mcap")))
+    logs = (read_log(path) for path in sorted(study.rglob("*.mcap")))
     return [event for log in logs for event in log.part_events if isinstance(event, Answered)]
 
 
 def on_page(study: Path, out: Path) -> dict[str, tuple[str, int]]:
     """Of each question, what the page says was answered and how often."""
-    page = build(Sessions(study, processes=1), out)[0].read_text()
-    rows = re.findall(r"<tr><td[^>]*>(?:all|quiz)</td><td[^>]*>(.*?)</td><td[^>]*>(.*?)</td><td[^>]*>(\d+)</td>", page)
-    return {item: (unescape(said), int(n)) for item, said, n in rows}
+    text = build_report(StudySessions(study, processes=1), out)[0].read_text()
+    rows = re.findall(r"<tr><td[^>]*>(?:all|quiz)</td><td[^>]*>(.*?)</td><td[^>]*>(.*?)</td><td[^>]*>(\d+)</td>", text)
+    return {item: (unescape(re.sub("</?bdi>", "", said)), int(n)) for item, said, n in rows}
 
 
 @pytest.mark.program
 def test_log_table_and_page_agree_in_every_kind_of_question(study: Path, tmp_path: Path) -> None:
     given = logged(study)
     assert {event.kind for event in given} == {"likert", "slider", "choice", "choices", "number", "text", "long_text"}
-    with Store(Sessions(study, processes=1), with_shortest=False) as store:
+    with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
         rows = store.tables.table("answers").to_pylist()
     assert [(row["questions"], row["item"], row["attempt"], row["said"]) for row in rows] == [
         (event.part_name, event.item, event.attempt, event.words) for event in given
     ]
     for row, event in zip(rows, given, strict=True):
+        assert row["answer_ms"] == pytest.approx((event.t_ns - event.shown_ns) / 1e6)
+        assert 0 < row["first_ms"] <= row["answer_ms"]
         value = json.loads(event.value)
         assert row["answer"] == (json.dumps(value) if isinstance(value, list) else str(value))
         assert row["number"] == (value if isinstance(value, int | float) else None)
-    page = on_page(study, tmp_path)
+    shown = on_page(study, tmp_path)
     for item in dict.fromkeys(event.item for event in given):
         its = [event for event in given if event.item == item]
-        said, many = page[item]
+        said, many = shown[item]
         assert many == len(its)
         if item in MEASURED:
             values = [json.loads(event.value) for event in its]
-            assert said == f"mean {number(sum(values) / len(values))}, {number(min(values))} to {number(max(values))}"
+            mean = format_number(sum(values) / len(values))
+            assert said == f"mean {mean}, {format_number(min(values))} to {format_number(max(values))}"
         else:
             told = Counter(event.words for event in its)
             assert Counter(dict(re.findall(r"(?:^|, )([^()]*) \((\d+)\)", said))) == {
@@ -102,7 +109,7 @@ def test_who_goes_back_and_answers_anew_is_counted_once() -> None:
     row = {"participant": "sub-01", "session": 1, "questions": "all", "item": "age", "kind": "number", "attempt": 1}
     row |= {"part": 1, "answer": "30", "number": 30.0, "said": "30", "right": None, "answer_ms": 900.0}
     again = row | {"answer": "31", "number": 31.0, "said": "31"}
-    text = "".join(answers(pd.DataFrame([row, again])))
+    text = page(answers=answers_table(pd.DataFrame([row, again])))
     assert "mean 31.0, 31.0 to 31.0" in text
     assert "<td>1</td>" in text or ">1</td>" in text
 
@@ -112,10 +119,10 @@ def test_what_was_asked_on_two_days_has_a_row_for_each() -> None:
     row |= {"part": 1, "answer": "20", "number": 20.0, "said": None, "right": None, "answer_ms": 900.0}
     other = row | {"item": "age", "kind": "number", "answer": "30", "number": 30.0}
     later = row | {"session": 2, "answer": "60", "number": 60.0}
-    text = "".join(answers(pd.DataFrame([row, other, later])))
+    text = page(answers=answers_table(pd.DataFrame([row, other, later])))
     told = re.findall(r"<td[^>]*>(effort|age)</td><td[^>]*>(\d)</td><td[^>]*>mean ([\d.]+),", text)
     assert told == [("effort", "1", "20.0"), ("effort", "2", "60.0"), ("age", "1", "30.0")]
-    assert "session</th>" not in "".join(answers(pd.DataFrame([row, other])))
+    assert '<th class="word">session</th>' not in page(answers=answers_table(pd.DataFrame([row, other])))
 
 
 def test_what_was_asked_after_each_block_has_a_row_for_each_time() -> None:
@@ -123,7 +130,7 @@ def test_what_was_asked_after_each_block_has_a_row_for_each_time() -> None:
     row |= {"said": None, "right": None, "answer_ms": 900.0}
     given = [("sub-01", 2, 20.0), ("sub-01", 4, 60.0), ("sub-02", 3, 30.0), ("sub-02", 5, 80.0)]  # groups' own parts
     rows = [row | {"participant": who, "part": part, "answer": str(n), "number": n} for who, part, n in given]
-    text = "".join(answers(pd.DataFrame(rows)))
+    text = page(answers=answers_table(pd.DataFrame(rows)))
     told = re.findall(r"<td[^>]*>effort</td><td[^>]*>(\d)</td><td[^>]*>(mean [^<]+)</td><td[^>]*>(\d)</td>", text)
     assert told == [("1", "mean 25.0, 20.0 to 30.0", "2"), ("2", "mean 70.0, 60.0 to 80.0", "2")]
-    assert "session</th>" not in text
+    assert '<th class="word">session</th>' not in text

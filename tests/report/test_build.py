@@ -10,17 +10,20 @@ import msgspec
 import pandas as pd
 import pytest
 
-from minihuman.data.caches import caches_in, is_cache
-from minihuman.data.marks import Mark, add_mark
-from minihuman.data.selection import Selection
-from minihuman.data.store import Store
-from minihuman.data.study import Sessions
+from minihuman.admin.protocol_file import find_shipped_protocol
+from minihuman.dataset.annotations import Annotation, add_annotation
+from minihuman.dataset.caches import is_cache, list_caches
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.store import StudyStore
 from minihuman.errors import LogError, ReportError
-from minihuman.export.run import export
-from minihuman.figures import files
-from minihuman.log.read.open_log import open_log
-from minihuman.recorded.episode import SessionLog
-from minihuman.report.build import build, named_before
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.exporters.exporter import export_study
+from minihuman.figures import style
+from minihuman.log.model.session_log import SessionLog
+from minihuman.log.read.session_reader import read_log
+from minihuman.reporting.build import build_report, read_planned_analysis, read_protocols
+from minihuman.runtime.simulated_session import simulate
 from tests.builders import episode, session, session_of, write_log
 
 pytestmark = pytest.mark.program
@@ -64,8 +67,8 @@ def study(tmp_path_factory):
     half.mkdir(parents=True)
     (half / "sub-09_ses-01.mcap").write_bytes(whole.read_bytes()[: len(content) // 2])
     (half / "notes.txt").write_text("not a log, and nobody minds")
-    mark = Mark("exclude", "2026-01-06T10:00:00Z", episode=4, note="phone rang")
-    add_mark(open_log(whole), mark)
+    mark = Annotation("exclude", "2026-01-06T10:00:00Z", episode=4, note="phone rang")
+    add_annotation(read_log(whole), mark)
     return data / "transfer"
 
 
@@ -73,7 +76,7 @@ def study(tmp_path_factory):
 def built(study, tmp_path_factory):
     said: list[str] = []
     before = fingerprints(study)
-    paths = build(Sessions(study, say=said.append, processes=1), tmp_path_factory.mktemp("out"))
+    paths = build_report(StudySessions(study, say=said.append, processes=1), tmp_path_factory.mktemp("out"))
     return paths, said, before, fingerprints(study)
 
 
@@ -98,30 +101,29 @@ def test_the_page_holds_everything_and_fetches_nothing(built):
     assert not re.search(r"""(src|href)=["'](?!data:|tables/)""", text)
     assert "<script" not in text
     for words in (
-        "The published measure. Reward, block room: direct minus grid_first",
-        "Log of the steps over the best way (without the goal: at the limit), block room: direct minus grid_first",
-        "No difference between groups of these sizes could have come to p &lt; 0.05.",
+        "Log of the excess steps over the shortest path (without the goal: at the limit), block room: direct",
+        "Groups of these sizes cannot reach p &lt; 0.05, whatever the difference.",
         "Power: with 2 and 2",
         "needs two participants of a group",
-        "The protocol names no primary measure of this block",
+        "The protocol names no primary measure for this block",
         "Groups compared in block room (direct",
         "<th>mean, direct</th><th>mean, grid_first</th>",
-        "ln(1 + steps - best)",
+        "ln(1 + steps - shortest)",
     ):
         assert words in text
-    assert "Published: Chevalier-Boisvert" in text
+    assert "Published" not in text, "another study in the same worlds is not the published one"
     for table in re.findall(r'href="(tables/[^"]+)"', text):
         assert (built[0][0].parent / table).is_file()
-    for mean in ("0.93", "0.74", "0.866"):
-        assert mean in text
     assert text.count("damaged.mcap") >= 1
 
 
 def test_a_marked_episode_is_listed_and_does_not_count(built):
     paths = {path.name: path for path in built[0]}
     episodes = pd.read_parquet(paths["episodes.parquet"])
-    marked = episodes[episodes["left_out"].notna()]
-    assert marked[["participant", "episode", "left_out"]].to_numpy().tolist() == [["sub-01", 4, "tagged exclude"]]
+    marked = episodes[episodes["exclusion_reason"].notna()]
+    assert marked[["participant", "episode", "exclusion_reason"]].to_numpy().tolist() == [
+        ["sub-01", 4, "tagged exclude"]
+    ]
     assert "tagged exclude" in paths["report.html"].read_text()
     people = pd.read_parquet(paths["participants.parquet"]).set_index("participant")
     assert people["episodes"].tolist() == [3, 4, 4, 4]
@@ -142,8 +144,8 @@ def test_a_second_report_is_the_same_to_the_byte_and_no_figure_of_it_is_drawn(bu
     def refuse(*_):
         raise AssertionError("drawn again")
 
-    monkeypatch.setattr(files, "save", refuse)
-    build(Sessions(study, processes=1), tmp_path / "out")
+    monkeypatch.setattr(style, "save_figure", refuse)
+    build_report(StudySessions(study, processes=1), tmp_path / "out")
     assert contents(tmp_path / "out") == contents(built[0][0].parent)
 
 
@@ -154,15 +156,34 @@ def test_a_report_of_what_changed_is_as_if_nothing_had_been_kept(built, study, t
     match became:
         case "a mark":
             one = next((changed / "sub-02").rglob("*.mcap"))
-            add_mark(open_log(one), Mark("exclude", "2026-01-06T10:00:00Z", episode=1))
+            add_annotation(read_log(one), Annotation("exclude", "2026-01-06T10:00:00Z", episode=1))
         case "another selection":
             selection = Selection(participant=("sub-01", "sub-02"))
-    build(Sessions(changed, selection, processes=1), tmp_path / "kept")
-    for cache in list(caches_in(changed)):
+    build_report(StudySessions(changed, selection, processes=1), tmp_path / "kept")
+    for cache in list(list_caches(changed)):
         shutil.rmtree(cache) if cache.is_dir() else cache.unlink()
-    build(Sessions(changed, selection, processes=1), tmp_path / "anew")
+    build_report(StudySessions(changed, selection, processes=1), tmp_path / "anew")
     assert contents(tmp_path / "kept") == contents(tmp_path / "anew")
     assert contents(tmp_path / "kept") != contents(built[0][0].parent)
+
+
+def test_the_published_study_stands_beside_its_own_protocol_alone(tmp_path):
+    shipped = find_shipped_protocol("fourrooms-transfer").read_bytes()
+    changed = shipped.replace(b"seed = 20230623", b"seed = 20230624")
+    texts = []
+    for name, toml in (("own", shipped), ("changed", changed)):
+        for _ in simulate(decode_protocol(toml), tmp_path / name, participants=2, seed=1, player="random"):
+            pass
+        page, *_ = build_report(
+            StudySessions(tmp_path / name / "fourrooms-transfer", processes=1), tmp_path / f"{name}-report"
+        )
+        texts.append(page.read_text())
+    own, other = texts
+    for words in ("Comparison with the published study", "Reward, block first-person: grid-first minus"):
+        assert words in own
+    for mean in ("0.93", "0.74", "0.866"):
+        assert f"{mean}" in own
+    assert "ublished" not in other
 
 
 def test_two_studies_are_not_mixed(study, tmp_path):
@@ -171,34 +192,34 @@ def test_two_studies_are_not_mixed(study, tmp_path):
     other = session(participant="sub-01", episodes=1)
     write_log(dataclasses.replace(other, plan=msgspec.structs.replace(other.plan, study="another")), both)
     with pytest.raises(ReportError, match="a report is of one study"):
-        build(Sessions(both, processes=1), tmp_path / "out")
+        build_report(StudySessions(both, processes=1), tmp_path / "out")
 
 
 def test_a_report_of_one_version_describes_those_who_played_it_and_no_others(tmp_path):
     """Its methods, its quality, and what its own protocol named before anybody played."""
     for number, primary in ((1, "success"), (2, "reward_mean")):
-        toml = f'{PROTOCOL}[analysis]\nprimary = "{primary}"\n'.encode()
+        toml = f'{PROTOCOL}[analysis]\nprimary_measure = "{primary}"\n'.encode()
         log = session(participant=f"sub-0{number}", index=number, episodes=2)
         plan = msgspec.structs.replace(
             log.plan, study_version=str(number), protocol_toml=toml, protocol_sha256=hashlib.sha256(toml).hexdigest()
         )
         write_log(dataclasses.replace(log, plan=plan), tmp_path)
-    with Store(Sessions(tmp_path, Selection(version=("2",)), processes=1), with_shortest=False) as store:
-        assert named_before(store.kept).primary == "reward_mean"
+    with StudyStore(StudySessions(tmp_path, Selection(version=("2",)), processes=1), with_shortest=False) as store:
+        assert read_planned_analysis(read_protocols(store.kept)).primary_measure == "reward_mean"
         assert [one.outline.participant for one in store.kept if one.outline] == ["sub-02"]
         assert [one.quality.participant for one in store.kept if one.quality] == ["sub-02"]
-    export("psych-ds", tmp_path / "transfer", tmp_path / "out", Selection(version=("2",)))
+    export_study("psych-ds", tmp_path / "transfer", tmp_path / "out", Selection(version=("2",)))
     assert msgspec.json.decode((tmp_path / "out/dataset_description.json").read_bytes())["version"] == "2"
-    with pytest.raises(ReportError, match="--participant sub-07 asks for none of its sessions"):
-        build(Sessions(tmp_path, Selection(participant=("sub-07",)), processes=1), tmp_path / "none")
+    with pytest.raises(ReportError, match="--participant sub-07 selects none of its sessions"):
+        build_report(StudySessions(tmp_path, Selection(participant=("sub-07",)), processes=1), tmp_path / "none")
 
 
 def test_a_folder_without_a_log_says_so(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ReportError, match="holds no session log that can be read"):
-        build(Sessions(tmp_path / "empty"), tmp_path / "out")
+        build_report(StudySessions(tmp_path / "empty"), tmp_path / "out")
     with pytest.raises(LogError, match="does not exist"):
-        build(Sessions(tmp_path / "nowhere"), tmp_path / "out")
+        build_report(StudySessions(tmp_path / "nowhere"), tmp_path / "out")
 
 
 def _timeouts(index: int) -> SessionLog:
@@ -223,7 +244,7 @@ def test_a_tiny_study_has_a_report_and_nobody_is_warned_of_arithmetic(people, tm
         write_log(one, tmp_path / "data")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        page, *_ = build(Sessions(tmp_path / "data", processes=1), tmp_path / "out")
+        page, *_ = build_report(StudySessions(tmp_path / "data", processes=1), tmp_path / "out")
     told = capfd.readouterr()
     assert (told.out, told.err) == ("", "")
     text = page.read_text()

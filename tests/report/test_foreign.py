@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.data.study import Sessions
-from minihuman.report.build import build
-from minihuman.seats.simulate import simulate
-from minihuman.study.protocol import decode
+from minihuman.dataset.sessions import StudySessions
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.reporting.build import build_report
+from minihuman.runtime.simulated_session import simulate
 from tests.counts import count
 
 pytestmark = pytest.mark.program
@@ -19,7 +19,7 @@ version = "2"
 seed = 3
 participants = 12
 [keys]
-check = false
+keyboard_check = false
 [[groups]]
 name = "early"
 blocks = [{blocks}]
@@ -77,7 +77,7 @@ participants = 8
 name = "everyone"
 parts = ["welcome", "mood"]
 [keys]
-check = false
+keyboard_check = false
 [[pages]]
 name = "welcome"
 text = "A few questions."
@@ -104,10 +104,10 @@ STUDIES = {
 def test_a_foreign_study_has_every_block_in_its_report_and_no_line_of_another(name: str, tmp_path: Path) -> None:
     blocks_toml, blocks = STUDIES[name]
     listed = ", ".join(f'"{block}"' for block in blocks)
-    protocol = decode((HEAD.format(name=name, blocks=listed) + blocks_toml).encode())
+    protocol = decode_protocol((HEAD.format(name=name, blocks=listed) + blocks_toml).encode())
     for _ in simulate(protocol, tmp_path, participants=count(4, 12), seed=1, player="random"):
         pass
-    where, *_ = build(Sessions(tmp_path / name, processes=1), tmp_path / "out")
+    where, *_ = build_report(StudySessions(tmp_path / name, processes=1), tmp_path / "out")
     text = where.read_text()
     for block in blocks:
         assert f"<h2>Block {block}</h2>" in text
@@ -123,14 +123,14 @@ def test_a_foreign_study_has_every_block_in_its_report_and_no_line_of_another(na
 
 
 def test_a_study_of_questions_only_has_its_answers_in_the_report(tmp_path: Path) -> None:
-    protocol = decode(QUESTIONS.encode())
+    protocol = decode_protocol(QUESTIONS.encode())
     for _ in simulate(protocol, tmp_path, participants=3, seed=1, player="random"):
         pass
-    where, *_ = build(Sessions(tmp_path / "survey", processes=1), tmp_path / "out")
+    where, *_ = build_report(StudySessions(tmp_path / "survey", processes=1), tmp_path / "out")
     text = where.read_text()
     for words in ("<h2>Answers</h2>", "mood", "how", "age", "3 participants took part"):
         assert words in text
     for other in ("Block", "Paths", "Published", "Transfer", "FourRooms", ">nan<", "pooled", "no episode counts"):
         assert other not in text
-    assert "3 participants and 0 episodes count" in text
+    assert "3 participants and 0 episodes are included" in text
     assert "Protocol version 1" in text

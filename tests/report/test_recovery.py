@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from minihuman.data.measured import Measured, no_shortest
-from minihuman.data.selection import Selection
-from minihuman.data.study import Sessions
-from minihuman.data.tables import session_tables
-from minihuman.report.results import results
-from minihuman.seats.simulate import simulate
-from minihuman.statistics.compare import permutation_p
-from minihuman.study.protocol import decode
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.session_measures import SessionMeasures, skip_path_bounds
+from minihuman.dataset.session_tables import build_session_tables
+from minihuman.dataset.sessions import StudySessions
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.reporting.results import compute_results
+from minihuman.runtime.simulated_session import simulate
+from minihuman.statistics.comparison import permutation_p
 from tests.builders import made, plan, session_of
 from tests.counts import count
 
@@ -41,8 +41,8 @@ def person(rng, index):
 
 
 def tabled(log):
-    measured = Measured.of(log, no_shortest)
-    return session_tables(Selection().judge(log, measured=measured, marks=()), measured)
+    measured = SessionMeasures.of(log, skip_path_bounds)
+    return build_session_tables(Selection().judge(log, measured=measured, marks=()), measured)
 
 
 def estimates(seed):
@@ -51,14 +51,14 @@ def estimates(seed):
     people = [person(rng, index) for index in range(PEOPLE)]
     rows = [tabled(one) for one in people]
     tables = {name: pd.concat([one[name].to_pandas() for one in rows]) for name in rows[0]}
-    found = results(tables["episodes"], tables["blocks"], tables["participants"])
+    found = compute_results(tables["episodes"], tables["blocks"], tables["participants"])
     target = found.target_block
     assert target is not None
     compared = {one.measure: one for one in target.comparisons}
     medians = tables["participants"]["reaction_median_ms"]
     interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
     keys = tables["keys"]
-    return compared, target.growth, interval, keys.loc[keys["action"].notna(), "found_steps"].to_numpy(float)
+    return compared, target.growth, interval, keys.loc[keys["action"].notna(), "discovered_steps"].to_numpy(float)
 
 
 @pytest.mark.long
@@ -67,7 +67,7 @@ def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
     covered = {
         "effect of the group": [_holds(one["reward_mean"], -EFFECT) for one, *_ in studies],
         "effect of lines": [_covers(found, -EFFECT) for _, found, *_ in studies],
-        "groups find keys alike": [_holds(one["found_all_s"], 0.0) for one, *_ in studies],
+        "groups find keys alike": [_holds(one["all_keys_discovered_s"], 0.0) for one, *_ in studies],
         "reaction time": [low <= REACTION_MS <= high for _, _, (low, high), _ in studies],
     }
     for name, hits in covered.items():
@@ -114,8 +114,8 @@ def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in
     """Ex-Gaussian reaction times with mean 300 + 100 ms, no practice: their mean over all steps is 400 ms."""
     player = "human-like:mu_ms=300,sigma_ms=40,tau_ms=100,practice=0,repeat=1,orient_ms=0,post_error_ms=0,fatigue=0"
     people = count(2, 12)
-    paths = list(simulate(decode(PROTOCOL), tmp_path, participants=people, seed=3, player=player))
-    sessions = list(Sessions(tmp_path, processes=1).rows(with_shortest=True))
+    paths = list(simulate(decode_protocol(PROTOCOL), tmp_path, participants=people, seed=3, player=player))
+    sessions = list(StudySessions(tmp_path, processes=1).rows(with_shortest=True))
     assert len(sessions) == len(paths) == people
     times = np.concatenate([one.rows["steps"].column("reaction_ms").to_numpy() for one in sessions])
     times = times[~np.isnan(times)]
@@ -125,7 +125,7 @@ def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in
         keys = one.rows["keys"].to_pandas()
         mapped = keys[keys["action"].notna()]
         reached = [row["success"] for row in one.rows["episodes"].to_pylist()]
-        assert mapped["found_steps"].notna().sum() >= 2 * any(reached)  # a goal elsewhere takes a turn and strides
+        assert mapped["discovered_steps"].notna().sum() >= 2 * any(reached)  # a goal elsewhere takes a turn and strides
 
 
 def _holds(comparison, truth):

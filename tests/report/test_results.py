@@ -4,42 +4,49 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from minihuman.report.published import published
-from minihuman.report.results import FORMULAS, MEASURES, block_results, exclusions, group_rewards, target_block
-from minihuman.report.sentences import difference_statement
-from minihuman.statistics.survival import curve
-from minihuman.study import analysis as judged
-from minihuman.study.analysis import Analysis
+from minihuman.experiment.protocol import specs
+from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.reporting.page import read_published_subjects
+from minihuman.reporting.results import (
+    FORMULAS,
+    MEASURES,
+    compute_block_results,
+    find_target_block,
+    list_exclusions,
+    summarise_group_rewards,
+)
+from minihuman.reporting.sections import difference_statement
+from minihuman.statistics.survival import kaplan_meier
 
 
 def test_the_published_subject_means_are_the_papers():
-    rows = published().groupby("group")["reward_mean"].apply(list)
+    rows = read_published_subjects().groupby("group")["reward_mean"].apply(list)
     assert rows["Minigrid then Miniworld"] == [0.93, 0.84, 0.74, 0.89, 0.93]
     assert rows["directly Miniworld"] == [0.89, 0.91, 0.94, 0.82, 0.94]
-    means = group_rewards(published()).set_index("group")["reward_mean"]
+    means = summarise_group_rewards(read_published_subjects()).set_index("group")["reward_mean"]
     assert means["Minigrid then Miniworld"] == pytest.approx(0.866)
     assert means["directly Miniworld"] == pytest.approx(0.900)
 
 
 def test_groups_are_compared_on_the_last_block_they_all_played():
     blocks = pd.DataFrame({"group": ["a", "a", "b"], "block": ["grid", "room", "room"]})
-    assert target_block(blocks) == "room"
-    assert target_block(blocks.iloc[:0]) == ""
+    assert find_target_block(blocks) == "room"
+    assert find_target_block(blocks.iloc[:0]) == ""
 
 
 def test_what_was_left_out_is_listed_with_its_reason():
-    people = pd.DataFrame({"left_out": ["asleep", None], "participant": ["s1", "s2"], "session": [1, 1]})
+    people = pd.DataFrame({"exclusion_reason": ["asleep", None], "participant": ["s1", "s2"], "session": [1, 1]})
     rows = pd.DataFrame(
         {
-            "left_out": [None, "slow"],
+            "exclusion_reason": [None, "slow"],
             "participant": ["s1", "s2"],
             "session": [1, 1],
             "episode": [1, 4],
             "attempt": [1, 1],
         }
     )
-    listed = exclusions(rows, people)
-    assert listed[["left_out", "level", "participant"]].to_numpy().tolist() == [
+    listed = list_exclusions(rows, people)
+    assert listed[["exclusion_reason", "level", "participant"]].to_numpy().tolist() == [
         ["asleep", "participant", "s1"],
         ["slow", "episode", "s2"],
     ]
@@ -53,14 +60,14 @@ def played(people, seed=1):
     rows = pd.DataFrame(
         {"group": group, "participant": name, "session": 1, "block": "grid", "episodes": 3, "reward_sd": 0.1}
         | dict.fromkeys(MEASURES, np.nan)
-        | {"keys_to_find": 3}
+        | {"keys_total": 3}
         | {"log_excess_steps_mean": rng.normal(3, 0.1), "reward_mean": rng.normal(0.8, 0.1), "success": rng.random()}
         for group, name in who
     )
     episodes = pd.DataFrame(
         {"group": group, "participant": name, "world": "w", "episode_in_block": at, "reward": rng.random()}
         | {"session": 1, "playing_s": 10.0, "steps": 40, "success": at > 1}
-        | {"left_out": None, "max_steps": 40, "outcome": "goal" if at > 1 else "timeout"}
+        | {"exclusion_reason": None, "max_steps": 40, "outcome": "goal" if at > 1 else "timeout"}
         for group, name in who
         for at in (1, 2, 3)
     )
@@ -68,8 +75,10 @@ def played(people, seed=1):
 
 
 def test_what_was_named_before_is_judged_first_and_apart():
-    named = Analysis(primary="log_excess_steps_mean", secondary=("success",), equivalence=0.5)
-    found = block_results("grid", *played(12), ["a", "b"], named)
+    named = AnalysisSpec(
+        primary_measure="log_excess_steps_mean", secondary_measures=("success",), equivalence_margin=0.5
+    )
+    found = compute_block_results("grid", *played(12), ["a", "b"], named)
     assert [one.measure for one in found.comparisons] == ["log_excess_steps_mean", "success", "reward_mean"]
     assert found.roles == {
         "log_excess_steps_mean": "primary",
@@ -82,7 +91,7 @@ def test_what_was_named_before_is_judged_first_and_apart():
 
 
 def test_without_a_word_before_everything_is_corrected_together():
-    found = block_results("grid", *played(12), ["a", "b"], Analysis())
+    found = compute_block_results("grid", *played(12), ["a", "b"], AnalysisSpec())
     assert set(found.roles.values()) == {"exploratory"}
     smallest = min(found.comparisons, key=lambda one: one.p)
     assert smallest.p_holm == pytest.approx(min(1, 3 * smallest.p))
@@ -92,10 +101,10 @@ def test_without_a_word_before_everything_is_corrected_together():
 def test_the_ratio_of_steps_is_compared_where_it_is_named_alone():
     rows, episodes = played(12)
     rows["log_steps_ratio_mean"] = rows["log_excess_steps_mean"] - 2
-    unasked = block_results("grid", rows, episodes, ["a", "b"], Analysis())
+    unasked = compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec())
     assert "log_steps_ratio_mean" not in unasked.roles
-    (named, *_) = block_results(
-        "grid", rows, episodes, ["a", "b"], Analysis(primary="log_steps_ratio_mean")
+    (named, *_) = compute_block_results(
+        "grid", rows, episodes, ["a", "b"], AnalysisSpec(primary_measure="log_steps_ratio_mean")
     ).comparisons
     assert named.measure == "log_steps_ratio_mean"
     factor = math.exp(named.difference)
@@ -103,12 +112,12 @@ def test_the_ratio_of_steps_is_compared_where_it_is_named_alone():
 
 
 def test_the_measures_of_a_protocol_are_the_reports():
-    assert set(judged.MEASURES) == set(MEASURES)
+    assert set(specs.COMPARABLE_MEASURES) == set(MEASURES)
     assert set(FORMULAS) <= set(MEASURES)
 
 
 def test_groups_stand_in_one_order_in_all_tables():
-    found = block_results("grid", *played(3), ["b", "a"], Analysis())
+    found = compute_block_results("grid", *played(3), ["b", "a"], AnalysisSpec())
     for table in (found.subjects, found.groups, found.measures[found.measures["measure"] == "success"]):
         assert list(dict.fromkeys(table["group"])) == ["b", "a"]
     assert (found.comparisons[0].first, found.comparisons[0].second) == ("b", "a")
@@ -117,28 +126,34 @@ def test_groups_stand_in_one_order_in_all_tables():
 @pytest.mark.parametrize(
     ("analysis", "field", "words"),
     [
-        (Analysis(primary="speed"), "primary", "no measure"),
-        (Analysis(primary="success", secondary=("success",)), "secondary", "the primary measure already"),
-        (Analysis(primary="success", equivalence=0.0), "equivalence", "more than 0"),
-        (Analysis(equivalence=0.1), "equivalence", "name one"),
-        (Analysis(block="maze"), "block", "is no block; blocks: grid"),
+        (AnalysisSpec(primary_measure="speed"), "primary_measure", "not a measure"),
+        (
+            AnalysisSpec(primary_measure="success", secondary_measures=("success",)),
+            "secondary_measures",
+            "the primary measure already",
+        ),
+        (AnalysisSpec(primary_measure="success", equivalence_margin=0.0), "equivalence_margin", "more than 0"),
+        (AnalysisSpec(equivalence_margin=0.1), "equivalence_margin", "name one"),
+        (AnalysisSpec(block="maze"), "block", "is not a block; blocks: grid"),
     ],
 )
 def test_an_analysis_that_cannot_be_made_is_refused(analysis, field, words):
-    ((path, complaint),) = judged.complaints(analysis, ("grid",))
+    ((path, complaint),) = specs.check_analysis(analysis, ("grid",))
     assert path == f"$.analysis.{field}"
     assert words in complaint
 
 
 def test_a_sound_analysis_has_no_complaints():
-    sound = Analysis(primary="success", secondary=("reward_mean",), equivalence=0.1, block="grid")
-    assert judged.complaints(sound, ("grid",)) == []
+    sound = AnalysisSpec(
+        primary_measure="success", secondary_measures=("reward_mean",), equivalence_margin=0.1, block="grid"
+    )
+    assert specs.check_analysis(sound, ("grid",)) == []
 
 
 def test_who_never_found_every_key_is_waited_for_to_the_last_step():
     rows, episodes = played(12)
-    rows.loc[:11, "found_all_s"] = 5.0  # group a; nobody of b ever did
-    (found,) = block_results("grid", rows, episodes, ["a", "b"], Analysis()).waits.compared
+    rows.loc[:11, "all_keys_discovered_s"] = 5.0  # group a; nobody of b ever did
+    (found,) = compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec()).waits.compared
     a, b, compared = found
     assert (a, b) == ("a", "b")
     assert compared.never == (0, 12)
@@ -148,14 +163,14 @@ def test_who_never_found_every_key_is_waited_for_to_the_last_step():
 
 def test_who_never_found_every_key_was_watched_in_what_does_not_count_too():
     rows, episodes = played(2)
-    episodes.loc[episodes["episode_in_block"] == 1, "left_out"] = "not played to an end"
-    keys = block_results("grid", rows, episodes, ["a", "b"], Analysis()).waits.keys["a"]
+    episodes.loc[episodes["episode_in_block"] == 1, "exclusion_reason"] = "not played to an end"
+    keys = compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec()).waits.keys["a"]
     assert keys.times.tolist() == [30.0, 30.0]
 
 
 def test_waiting_for_the_goal_counts_time_outs_as_still_waiting():
-    waits = block_results("grid", *played(4), ["a", "b"], Analysis()).waits
-    assert waits.goal["a"].came.mean() == pytest.approx(2 / 3)
+    waits = compute_block_results("grid", *played(4), ["a", "b"], AnalysisSpec()).waits
+    assert waits.goal["a"].observed.mean() == pytest.approx(2 / 3)
 
 
 def test_who_failed_waits_for_the_goal_to_the_step_limit():
@@ -163,5 +178,5 @@ def test_who_failed_waits_for_the_goal_to_the_step_limit():
     lost = episodes["episode_in_block"] == 1
     episodes = episodes.assign(max_steps=100, outcome=np.where(lost, "failure", "goal"))
     episodes.loc[lost, "steps"] = 3  # in the lava
-    found = curve(block_results("grid", rows, episodes, ["a", "b"], Analysis()).waits.goal["a"])
+    found = kaplan_meier(compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec()).waits.goal["a"])
     assert (found.times.tolist(), found.share.tolist()) == ([40.0], [pytest.approx(1 / 3)])

@@ -11,22 +11,23 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from minihuman.data.marks import Mark, add_mark
-from minihuman.data.selection import Selection
-from minihuman.data.store import Store
-from minihuman.data.study import Sessions
-from minihuman.figures.rated import shares_of_good
-from minihuman.log.read.open_log import open_log
+from minihuman.dataset.annotations import Annotation, add_annotation
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.store import StudyStore
+from minihuman.figures.teaching_figures import compute_shares_of_good
+from minihuman.log.read.session_reader import read_log
 from minihuman.replay.recording import save_recording
-from minihuman.report.build import build
-from minihuman.report.teaching import (
-    agreement,
-    blocks_of,
-    gained_per_min,
-    steered_min,
-    taught_logs,
+from minihuman.reporting.build import build_report
+from minihuman.reporting.teaching_section import (
+    autonomy_gain_per_min,
+    group_taught_by_block,
+    policy_agreement,
+    read_taught_logs,
+    steering_minutes,
     teaching_section,
 )
+from tests.report.pages import page
 
 TAUGHT = Path(__file__).parents[1] / "golden" / "v1" / "taught"
 
@@ -34,25 +35,24 @@ TAUGHT = Path(__file__).parents[1] / "golden" / "v1" / "taught"
 @pytest.fixture(scope="module")
 def log():
     [path] = TAUGHT.rglob("*.mcap")
-    return open_log(path)
+    return read_log(path)
 
 
 def test_the_page_says_who_steered_and_what_was_preferred(log):
-    page = "".join(teaching_section({"sub-01 session 1": log}))
-    told = re.sub(r"<[^>]+>", " ", page)
+    told = re.sub(r"<[^>]+>", " ", page(teaching=teaching_section({"sub-01 session 1": log})))
     assert "Teaching" in told
-    for block in blocks_of(log):
+    for block in group_taught_by_block(log):
         assert block in told
     assert str(len(log.comparisons)) in told
 
 
 def test_a_study_without_an_agent_has_no_such_section():
-    assert taught_logs([], pd.DataFrame({"participant": [], "session": []}), Selection()) == {}
-    assert teaching_section({}) == []
+    assert read_taught_logs([], pd.DataFrame({"participant": [], "session": []}), Selection()) == {}
+    assert teaching_section({}) is None
 
 
 def test_agreement_is_over_the_persons_steps_alone(log):
-    told = [one for block in blocks_of(log).values() for one in block]
+    told = [one for block in group_taught_by_block(log).values() for one in block]
     same = total = 0
     for episode, taught in told:
         for step, action in enumerate(episode.actions):
@@ -60,15 +60,17 @@ def test_agreement_is_over_the_persons_steps_alone(log):
                 total += 1
                 same += int(taught.policy_actions[step] == action)
     assert total > 0
-    assert agreement(told) == pytest.approx(same / total)
-    assert np.isnan(gained_per_min(told[:1])), "one episode tells nothing of growth"
+    assert policy_agreement(told) == pytest.approx(same / total)
+    assert np.isnan(autonomy_gain_per_min(told[:1])), "one episode tells nothing of growth"
 
 
 def test_a_pause_is_no_time_that_the_person_steered(log):
-    episode, taught = next(one for block in blocks_of(log).values() for one in block if one[1].by_person.any())
+    episode, taught = next(
+        one for block in group_taught_by_block(log).values() for one in block if one[1].by_person.any()
+    )
     begin_ns, end_ns = (int(episode.t_ns[np.flatnonzero(taught.by_person)[0] + after]) for after in (0, 1))
     paused = replace(episode, pauses=((begin_ns, end_ns - 1_000_000),))
-    shorter_ns = (steered_min(episode, taught) - steered_min(paused, taught)) * 60e9
+    shorter_ns = (steering_minutes(episode, taught) - steering_minutes(paused, taught)) * 60e9
     assert shorter_ns == pytest.approx(end_ns - 1_000_000 - begin_ns)
 
 
@@ -77,15 +79,15 @@ def test_teaching_is_told_of_the_episodes_that_count(log, tmp_path):
     [path] = study.rglob("*.mcap")
 
     def told() -> dict[str, list[int]]:
-        with Store(Sessions(study, processes=1), with_shortest=False) as store:
+        with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
             controls = store.tables.table("controls").to_pandas()
-            logs = taught_logs(store.kept, controls, Selection())
+            logs = read_taught_logs(store.kept, controls, Selection())
         return {name: [one.number for one in session.episodes if one.taught] for name, session in logs.items()}
 
     (everything,) = told().values()
-    add_mark(log_of := open_log(path), Mark("exclude", "2026-11-22T09:00:00Z", episode=everything[0]))
+    add_annotation(log_of := read_log(path), Annotation("exclude", "2026-11-22T09:00:00Z", episode=everything[0]))
     assert told() == {"sub-01 session 1": everything[1:]}
-    add_mark(log_of, Mark("exclude", "2026-11-22T09:00:00Z"))
+    add_annotation(log_of, Annotation("exclude", "2026-11-22T09:00:00Z"))
     assert told() == {}
 
 
@@ -100,11 +102,11 @@ def test_the_replay_has_the_policys_actions_and_the_persons_as_lanes(log, tmp_pa
 def test_the_report_of_a_taught_study_has_the_figure(tmp_path):
     study = tmp_path / "taught"
     shutil.copytree(TAUGHT, study)
-    files = build(Sessions(study, processes=1), tmp_path / "report")
+    files = build_report(StudySessions(study, processes=1), tmp_path / "report")
     assert any("steering" in path.name for path in files)
     assert any("ratings" in path.name for path in files)
 
 
 def test_the_share_of_good_presses_is_of_the_latest_alone():
-    shares = shares_of_good(np.array([1.0, -1, 1, 1, -1, -1, -1]), latest=3)
+    shares = compute_shares_of_good(np.array([1.0, -1, 1, 1, -1, -1, -1]), latest=3)
     assert shares == pytest.approx([1, 1 / 2, 2 / 3, 2 / 3, 2 / 3, 1 / 3, 0])

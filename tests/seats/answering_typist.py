@@ -13,20 +13,29 @@ from pathlib import Path
 
 import numpy as np
 
-from minihuman.log.read.open_log import read_events
-from minihuman.players.port import way_of
-from minihuman.study import texts
-from minihuman.study.activities.drafts import Question, draft_of
-from minihuman.study.activities.pages import PagePlan
-from minihuman.study.activities.play_plan import PlayPlan
-from minihuman.study.activities.questions import QuestionsPlan
-from minihuman.study.events import Answered, EpisodeEnded, Event, Noted, PageShown, PartEnded, PartStarted, Stepped
-from minihuman.study.parts import asks_for_consent_first
-from minihuman.study.plan import EpisodePlan, Part, SessionPlan
-from minihuman.study.words import Words
-from minihuman.windows.blocking import TITLE
-from minihuman.windows.compose import spot_at
-from minihuman.worlds.adapt.world import World
+from minihuman.agents.goal_search import find_shortest_path
+from minihuman.display.drawing.screen import find_spot
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.experiment.activities.pages import PagePlan
+from minihuman.experiment.activities.questions.question import QuestionItemSpec, build_draft
+from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.events import (
+    Answered,
+    EpisodeEnded,
+    Event,
+    Noted,
+    PageShown,
+    PartEnded,
+    PartStarted,
+    Stepped,
+)
+from minihuman.experiment.machine.part_sequence import asks_consent_before_play
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
+from minihuman.experiment.words import InterfaceWords
+from minihuman.log.read.session_reader import read_events
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.seats.session_typist import agree
 from tests.xserver import Typist
@@ -48,7 +57,7 @@ class Participant:
     def take_part(self) -> None:
         """Do every part, to the end."""
         agreed = 0
-        if asks_for_consent_first(self.plan):
+        if asks_consent_before_play(self.plan):
             agree(self.typist, self.part_file.parent)
             agreed = 1 + next(
                 n for n, part in enumerate(self.plan.parts) if isinstance(part.plan, PagePlan) and part.plan.agree
@@ -57,7 +66,7 @@ class Participant:
             self._until(lambda events, n=number: any(isinstance(e, PartStarted) and e.part == n for e in events))
             self._do(number, part)
 
-    def _do(self, number: int, part: Part) -> None:
+    def _do(self, number: int, part: PlannedPart) -> None:
         match part.plan:
             case PagePlan() as page:
                 for place in range(1, len(page.pages) + 1):
@@ -73,7 +82,7 @@ class Participant:
             case _:
                 self.typist.tap(*self.plan.key_pool)
 
-    def _answer(self, number: int, name: str, asked: QuestionsPlan, place: int, question: Question) -> None:
+    def _answer(self, number: int, name: str, asked: QuestionsPlan, place: int, question: QuestionItemSpec) -> None:
         """Now by mouse, now by key: a right answer where there is one, else one that depends on the place."""
         codes, count = question.all_codes, len(question.all_codes)
         chosen = codes.index(question.right) if question.right in codes else (place * 3 + 1) % max(1, count)
@@ -100,17 +109,16 @@ class Participant:
         self.given.append((name, question.name, json.dumps(value, ensure_ascii=False)))
 
     def _click(self, asked: QuestionsPlan, place: int, target: str, along: float = 0.5) -> None:
-        words, question = Words(self.plan.language, self.plan.words), asked.items[place]
-        screen = texts.question(
+        words, question = InterfaceWords(self.plan.language, self.plan.words), asked.items[place]
+        screen = screen_texts.build_question_screen(
             words,
             title=asked.title,
-            asked=question,
-            item=draft_of(question, rtl=words.rtl).item(),
+            draft=build_draft(question, rtl=words.rtl),
             number=place,
             count=len(asked.items),
             note="",
         )
-        found = [(x, y, spot_at(screen, self.size_px, float(x), float(y))) for x, y in GRID]
+        found = [(x, y, find_spot(screen, self.size_px, float(x), float(y))) for x, y in GRID]
         inside = [(x, y, at) for x, y, (name, at) in found if name == target]
         assert inside, f"{target} is nowhere on the screen"
         middle = np.median([y for _, y, _ in inside])
@@ -195,4 +203,4 @@ def _way(episode: EpisodePlan) -> list[str]:
     key_of = {action: key for key, action in episode.key_map.keys.items()}
     with closing(World(episode.world, episode.options)) as world:
         world.reset(episode.seed)
-        return [key_of[action] for action in way_of(world)]
+        return [key_of[action] for action in find_shortest_path(world)]

@@ -1,17 +1,18 @@
 """A session as a process of its own, on a real clock and a real disk, to be sent signals. Run as a script."""
 
 import os
+import signal
 import sys
 import time
 from pathlib import Path
 
-from minihuman.lab.next_session import next_session
-from minihuman.seats.machine import SessionClock
-from minihuman.seats.sitting import sit
-from minihuman.study.inputs import Input, KeyDown, Shown
-from minihuman.study.protocol import decode
-from minihuman.study.screens import PlayScreen, Screen, TextScreen
-from minihuman.windows.port import Window
+from minihuman.admin.next_session import plan_next_session
+from minihuman.display.windows.window import Window
+from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.runtime.host import host_session
+from minihuman.runtime.machine import SessionClock
 
 
 class EagerWindow(Window):
@@ -22,12 +23,12 @@ class EagerWindow(Window):
         self._key = key
         self._screen: Screen = TextScreen("", "", "")
 
-    def show(self, screen: Screen) -> Shown:
+    def show(self, screen: Screen) -> ScreenShown:
         if isinstance(screen, PlayScreen) and screen.step == 20:
             os.write(1, b"playing\n")
         self._screen = screen
         now_ns = self._clock()
-        return Shown(now_ns, now_ns, now_ns)
+        return ScreenShown(now_ns, now_ns, now_ns)
 
     def wait(self, until_ns: int | None) -> list[Input]:
         time.sleep(0.005)
@@ -43,10 +44,11 @@ class EagerWindow(Window):
 
 def main(protocol: Path, data: Path, action: str) -> None:
     clock = SessionClock()
-    plan = next_session(decode(protocol.read_bytes()), data)
+    plan = plan_next_session(decode_protocol(protocol.read_bytes()), data)
     key = next(key for key, name in plan.episodes[0].key_map.keys.items() if name == action)
-    sit(plan, EagerWindow(clock, key), clock, data)
+    host_session(plan, EagerWindow(clock, key), clock, data)
 
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done; a signal during the interpreter's own end says nothing

@@ -6,11 +6,11 @@ from contextlib import closing
 from itertools import cycle
 from pathlib import Path
 
-from minihuman.log.read.open_log import read_events
-from minihuman.players.port import way_of
-from minihuman.study.events import Noted
-from minihuman.study.plan import EpisodePlan, SessionPlan
-from minihuman.worlds.adapt.world import World
+from minihuman.agents.goal_search import find_shortest_path
+from minihuman.experiment.machine.events import Noted
+from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
+from minihuman.log.read.session_reader import read_events
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.xserver import Typist
 
@@ -95,7 +95,7 @@ def _way(episode: EpisodePlan) -> list[str]:
     key_of = {action: key for key, action in episode.key_map.keys.items()}
     with closing(World(episode.world, episode.options)) as world:
         world.reset(episode.seed)
-        return [key_of[action] for action in way_of(world)]
+        return [key_of[action] for action in find_shortest_path(world)]
 
 
 def _pairs(keys: Sequence[str]) -> Iterator[Sequence[str]]:

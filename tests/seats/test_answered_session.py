@@ -9,12 +9,12 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log
-from minihuman.study.events import Answered
-from minihuman.study.expand import enrol, expand
-from minihuman.windows.blocking import TITLE
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.experiment.machine.events import Answered
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.log.read.session_reader import read_log
 from tests.counts import PATIENCE_S
 from tests.seats.answering_typist import Participant
 from tests.seats.station import started
@@ -51,7 +51,7 @@ def test_forms_answered_by_key_and_mouse_equal_log_table_and_report(window: str,
     file = tmp_path / "forms.toml"
     file.write_text(FORMS)
     study = read_protocol(file)
-    plan = expand(study, enrol(study, 0))
+    plan = expand_protocol(study, enrol_participant(study, 0))
     with xvfb(SIZE_PX) as display:
         typist = Typist(display)
         station = started("run", file, "--data", tmp_path, "--window", window, "--windowed", display=display)
@@ -63,8 +63,8 @@ def test_forms_answered_by_key_and_mouse_equal_log_table_and_report(window: str,
         typist.close()
     assert station.returncode == 0, complained
 
-    log = open_log(Path(said.splitlines()[-1]))
-    assert (log.end_reason, verify(log).difference) == ("complete", "")
+    log = read_log(Path(said.splitlines()[-1]))
+    assert (log.end_reason, verify_episodes(log).difference) == ("complete", "")
     answered = [event for event in log.part_events if isinstance(event, Answered)]
     assert len(somebody.given) == 11
     assert [(event.part_name, event.item, event.value) for event in answered] == somebody.given

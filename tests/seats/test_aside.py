@@ -3,13 +3,13 @@ import sys
 
 import pytest
 
-from minihuman.seats.watch.aside import Aside
+from minihuman.runtime.watch.running_sessions import IdleWorker
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no idle class")
 def test_work_gives_way_until_it_comes_too_late_and_again_after_a_while():
     now_s = [100.0]
-    aside = Aside(clock=lambda: now_s[0])
+    aside = IdleWorker(clock=lambda: now_s[0])
 
     def gave_way(takes_s: float = 0.0) -> bool:
         now_s[0] += takes_s
@@ -28,4 +28,4 @@ def test_what_the_work_raises_reaches_who_asked():
         raise LookupError("gone")
 
     with pytest.raises(LookupError, match="gone"):
-        Aside()(fail)
+        IdleWorker()(fail)

@@ -4,22 +4,21 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.admin.enrolment_entries import read_enrolled
+from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import LogError
-from minihuman.lab.next_session import next_session
-from minihuman.lab.register_lines import read_register
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.record.held import HeldRecorder
+from minihuman.experiment.machine.events import SessionEnded
+from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, PointerPressed, PointerReleased
+from minihuman.experiment.machine.screens import PageScreen, Screen
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.seats.machine import SessionClock
-from minihuman.seats.sitting import sit
-from minihuman.study.events import SessionEnded
-from minihuman.study.inputs import Input, KeyDown, KeyUp, PointerPressed, PointerReleased
-from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import decode
-from minihuman.study.screens import PageScreen, Screen
-from minihuman.windows.scripted import ScriptedWindow, VirtualClock
+from minihuman.log.record.recorder import DeferredRecorder, MemoryRecorder
+from minihuman.runtime.host import host_session
+from minihuman.runtime.machine import SessionClock
 from tests.log.samples import session_events, session_plan
 from tests.study.sessions import MS, Desk, corridor_plan, key_of
 
@@ -58,11 +57,11 @@ def press(*keys: str) -> list[Input]:
 
 def seated(data: Path, *keys: str, script: list[Input] | None = None):
     """Take a slot and press these keys; the plan, the log and the window."""
-    plan = next_session(decode(PLAN.protocol_toml), data)
+    plan = plan_next_session(decode_protocol(PLAN.protocol_toml), data)
     clock = StillClock()
     pressed = [key_of(plan, key) if key in ("forward", "dive") else key for key in keys]
     window = Onlooker(press(*pressed) if script is None else script, clock, data)
-    return plan, sit(plan, window, clock, data), window
+    return plan, host_session(plan, window, clock, data), window
 
 
 def test_nothing_is_on_the_disk_until_there_is_a_consent(tmp_path):
@@ -72,8 +71,8 @@ def test_nothing_is_on_the_disk_until_there_is_a_consent(tmp_path):
     assert before == [[]]
     assert after[0] == ["sub-01_ses-01.mcap.part"]
     assert log is not None
-    assert verify(open_log(log)).difference == ""
-    assert open_log(log).end_reason == "complete"
+    assert verify_episodes(read_log(log)).difference == ""
+    assert read_log(log).end_reason == "complete"
     assert plan.participant.id == "sub-01"
 
 
@@ -92,8 +91,8 @@ def test_who_does_not_agree_leaves_no_file_and_a_free_slot(tmp_path, script):
     plan, log, _ = seated(tmp_path, script=script)
     assert log is None
     assert [path.name for path in (tmp_path / "corridor").rglob("*")] == ["register.jsonl"]
-    assert read_register(tmp_path / "corridor") == ()
-    again = next_session(decode(PLAN.protocol_toml), tmp_path)
+    assert read_enrolled(tmp_path / "corridor") == ()
+    again = plan_next_session(decode_protocol(PLAN.protocol_toml), tmp_path)
     assert again.participant == plan.participant
 
 
@@ -109,7 +108,7 @@ def test_declining_ends_the_session_and_says_so():
 def test_the_log_of_who_agrees_is_the_one_there_would_have_been(tmp_path):
     plan = session_plan()
     events = session_events(plan)
-    held = HeldRecorder(plan, lambda: McapRecorder(tmp_path / "held", plan, started_ns=5))
+    held = DeferredRecorder(plan, lambda: McapRecorder(tmp_path / "held", plan, started_ns=5))
     at_once = McapRecorder(tmp_path / "at_once", plan, started_ns=5)
     for event in events:
         held.write([event])
@@ -124,13 +123,13 @@ def test_the_log_of_who_agrees_is_the_one_there_would_have_been(tmp_path):
     "plan", [corridor_plan(), corridor_plan(consent="May we?", segment=2), session_plan(segment=2)]
 )
 def test_without_a_consent_to_come_everything_is_written_at_once(plan: SessionPlan):
-    recorder = HeldRecorder(plan, MemoryRecorder)
+    recorder = DeferredRecorder(plan, MemoryRecorder)
     assert recorder.opened
 
 
 def test_a_second_station_is_refused_before_anybody_reads_a_consent(tmp_path):
-    plan = next_session(decode(PLAN.protocol_toml), tmp_path)
+    plan = plan_next_session(decode_protocol(PLAN.protocol_toml), tmp_path)
     McapRecorder(tmp_path, plan, started_ns=1)
     clock = StillClock()
     with pytest.raises(LogError, match="already exists"):
-        sit(plan, ScriptedWindow(press("enter"), clock), clock, tmp_path)
+        host_session(plan, ScriptedWindow(press("enter"), clock), clock, tmp_path)

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.shipped import shipped_protocol
-from minihuman.log.read.open_log import open_log
+from minihuman.admin.protocol_file import find_shipped_protocol, read_protocol
+from minihuman.log.read.session_reader import read_log
 from tests.counts import PATIENCE_S
 
 pytestmark = pytest.mark.program
@@ -23,7 +22,7 @@ def test_without_a_display_a_simulated_participant_plays_and_everything_made_is_
     made = {line.rpartition(" ")[0].strip(): Path(line.rpartition(" ")[2]) for line in said if str(tmp_path) in line}
     assert {"log", "figure overview", "figure paths", "replay"} <= set(made)
     assert all(path.stat().st_size > 0 for path in made.values())
-    log = open_log(made["log"])
+    log = read_log(made["log"])
     assert log.end_reason == "complete"
     assert len(log.episodes) == 4
     assert any(line.startswith("verified: 4 episodes") for line in said)
@@ -38,5 +37,5 @@ def test_a_window_asked_for_by_name_is_not_replaced(tmp_path: Path) -> None:
 
 
 def test_the_shipped_protocols_are_found_and_valid() -> None:
-    assert read_protocol(shipped_protocol("demo")).study.name == "demo"
-    assert read_protocol(shipped_protocol("fourrooms-transfer")).study.name == "fourrooms-transfer"
+    assert read_protocol(find_shipped_protocol("demo")).study.name == "demo"
+    assert read_protocol(find_shipped_protocol("fourrooms-transfer")).study.name == "fourrooms-transfer"

@@ -7,24 +7,22 @@ import time
 import numpy as np
 import pytest
 
-from minihuman.data.selection import Selection
-from minihuman.data.study import Sessions
+from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import DeviceError, LogError
-from minihuman.lab.next_session import next_session
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log, read_events
+from minihuman.experiment.machine.events import Sampled, find_violations
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.protocol.specs import DeviceSpec as Wanted
+from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.seats.devices.port import Device, Sample, make_device
-from minihuman.seats.devices.sampling import SamplingRecorder, open_devices
-from minihuman.seats.machine import SessionClock
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study.devices import Device as Wanted
-from minihuman.study.events import Sampled
-from minihuman.study.protocol import decode
-from minihuman.study.session import Session
-from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.devices.device import Device, DeviceRecorder, DeviceSample, make_device, open_devices
+from minihuman.runtime.machine import SessionClock
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.golden.make import study
 
@@ -56,7 +54,7 @@ class EyeTracker(Device):
         if self._given > self._fails_after:
             raise OSError("the cable is out")
         values = (math.nan, math.nan) if self._given == 2 else (self._given, -self._given)
-        return [Sample(t_ns, values)]
+        return [DeviceSample(t_ns, values)]
 
     def close(self):
         self.closed = True
@@ -66,7 +64,7 @@ class TriggerBox(EyeTracker):
     """A word now and then."""
 
     def read(self):
-        return [Sample(self._clock.asked(), text="S1")]
+        return [DeviceSample(self._clock.asked(), text="S1")]
 
 
 class OnTheClock:
@@ -95,13 +93,13 @@ class OnTheClock:
 
 
 def sat(data, devices, clock):
-    from minihuman.players.choose import make_player
+    from minihuman.simulation.participant import make_participant
 
-    protocol = decode(study("resumed").toml + DEVICES.encode())
-    plan = next_session(protocol, data, participant="sub-01")
-    session = Session(plan, World, {"player": "optimal"}, picture_px=None)
-    recorder = SamplingRecorder(McapRecorder(data, plan, started_ns=1_790_000_000_000_000_000), devices)
-    window = SimulatedWindow(make_player("random", np.random.default_rng(1)), session, clock)
+    protocol = decode_protocol(study("resumed").toml + DEVICES.encode())
+    plan = plan_next_session(protocol, data, participant="sub-01")
+    session = SessionMachine(plan, World, {"player": "optimal"}, picture_px=None)
+    recorder = DeviceRecorder(McapRecorder(data, plan, started_ns=1_790_000_000_000_000_000), devices)
+    window = SimulatedWindow(make_participant("random", np.random.default_rng(1)), session, clock)
     return run_session(session, window, recorder, clock)
 
 
@@ -119,18 +117,18 @@ def test_samples_lie_between_the_events_of_a_session_that_still_proves(log):
     samples = [event for event in events if isinstance(event, Sampled)]
     assert {one.device for one in samples} == {"gaze", "box"}
     assert len(samples) > 5
-    assert complaints(events) == []
-    assert verify(open_log(log)).difference == ""
+    assert find_violations(events) == []
+    assert verify_episodes(read_log(log)).difference == ""
 
 
 def test_samples_are_a_table_with_the_protocols_words(log):
-    [rows] = Sessions(log, Selection()).rows(with_shortest=False)
+    [rows] = StudySessions(log, Selection()).rows(with_shortest=False)
     table = rows.rows["samples"].to_pandas()
     gaze = table[table["device"] == "gaze"]
     assert set(gaze["channel"]) == {"x", "y"}
     assert gaze["value"].isna().sum() == 2  # the lost one
     assert set(table[table["device"] == "box"]["said"]) == {"S1"}
-    segment = open_log(log).segments[0]
+    segment = read_log(log).segments[0]
     assert len(segment.samples) == len(gaze) // 2 + (table["device"] == "box").sum()
     assert segment.samples[0].t_ns >= 0
 
@@ -142,17 +140,17 @@ def test_a_device_that_fails_stops_the_session_and_says_so(tmp_path):
     with pytest.raises(LogError, match="a device failed: the cable is out"):
         sat(tmp_path, {"gaze": device}, clock)
     [part_or_log] = tmp_path.rglob("*.mcap*")
-    assert len(open_log(part_or_log).segments[0].samples) <= 3
+    assert len(read_log(part_or_log).segments[0].samples) <= 3
 
 
 def test_a_device_that_is_not_there_is_named(monkeypatch):
-    needed = Wanted(name="gaze", source="nobody")
+    needed = Wanted(name="gaze", plugin="nobody")
     with (
         pytest.raises(DeviceError, match="device 'gaze': device 'nobody' is unknown; it is one of lsl"),
         open_devices([needed], SessionClock()),
     ):
         pass
-    with open_devices([Wanted(name="gaze", source="nobody", required=False)], SessionClock()) as (devices, facts):
+    with open_devices([Wanted(name="gaze", plugin="nobody", required=False)], SessionClock()) as (devices, facts):
         assert devices == {}
         assert "is unknown" in facts["device_gaze_missing"]
 

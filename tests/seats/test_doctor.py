@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.seats.doctor import Finding, examine, verdict
+from minihuman.runtime.doctor import Finding, examine_machine, format_verdict
 from tests.counts import PATIENCE_S
 
 DEMO = Path(__file__).parents[2] / "protocols" / "demo.toml"
@@ -44,11 +44,11 @@ def test_without_a_display_it_reports_the_rest_and_says_not_fit(tmp_path: Path) 
 
 
 def test_what_is_found_of_the_disk_leaves_no_file_behind(tmp_path: Path) -> None:
-    list(examine(window="no such window", data=tmp_path))
+    list(examine_machine(window="no such window", data=tmp_path))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_verdict_names_every_reason() -> None:
     good, bad, worse = Finding("a", "1"), Finding("b", "2", "b is slow"), Finding("c", "3", "c is full")
-    assert verdict([good]) == "This machine is fit to run participants."
-    assert verdict([good, bad, worse]).endswith("because b is slow; c is full.")
+    assert format_verdict([good]) == "This machine is fit to run participants."
+    assert format_verdict([good, bad, worse]).endswith("because b is slow; c is full.")

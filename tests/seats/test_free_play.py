@@ -1,9 +1,9 @@
 from collections.abc import Iterator
 
-from minihuman.seats.free_play import FreePlay, free_play, usual_keys
-from minihuman.study.inputs import KeyDown, KeyUp, Stop
-from minihuman.study.screens import PlayScreen, TextScreen
-from minihuman.windows.scripted import ScriptedWindow, VirtualClock
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.machine.inputs import KeyDown, KeyUp, Stop
+from minihuman.experiment.machine.screens import PlayScreen, TextScreen
+from minihuman.runtime.free_play import FreePlay, assign_usual_keys, run_free_play
 
 WORLD = "minigrid:MiniGrid-Empty-5x5-v0"  # the goal is two steps ahead, a turn, two steps
 TO_THE_GOAL = ("up", "up", "right", "up", "up")
@@ -18,7 +18,7 @@ def taps(*keys: str) -> Iterator[KeyDown | KeyUp]:
 def played(*keys: str) -> tuple[int, ScriptedWindow]:
     clock = VirtualClock()
     window = ScriptedWindow(taps(*keys), clock)
-    return free_play(FreePlay(WORLD, seed=3), window, clock), window
+    return run_free_play(FreePlay(WORLD, seed=3), window, clock), window
 
 
 def test_arrows_move_and_the_keys_are_on_the_screen() -> None:
@@ -48,19 +48,19 @@ def test_keys_that_arrive_together_are_all_played() -> None:
     clock = VirtualClock()
     strokes = [KeyDown(5, "up"), KeyUp(5, "up"), KeyDown(5, "right"), KeyUp(5, "right"), KeyDown(5, "escape")]
     window = ScriptedWindow(strokes, clock)
-    free_play(FreePlay(WORLD), window, clock)
+    run_free_play(FreePlay(WORLD), window, clock)
     assert [screen.step for screen in window.screens if isinstance(screen, PlayScreen)] == [0, 1, 2]
 
 
 def test_closing_the_window_ends_it() -> None:
     clock = VirtualClock()
     window = ScriptedWindow([Stop(5, "window_closed")], clock)
-    assert free_play(FreePlay(WORLD), window, clock) == 1
+    assert run_free_play(FreePlay(WORLD), window, clock) == 1
 
 
 def test_actions_without_a_usual_key_get_digits() -> None:
     actions = ("turn_left", "turn_right", "move_forward", "jump", "left")
-    assert usual_keys(actions) == {
+    assert assign_usual_keys(actions) == {
         "left": "turn_left",
         "right": "turn_right",
         "up": "move_forward",

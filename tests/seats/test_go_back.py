@@ -5,8 +5,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from minihuman.study.screens import PlayScreen
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.machine.screens import PlayScreen
+from minihuman.worlds.adapters.world import World
 from tests.window_host import hosted
 
 pytestmark = pytest.mark.program

@@ -8,24 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.lab.policies import Policies
-from minihuman.lab.proofs import proofs
-from minihuman.log.read.open_log import open_log
+from minihuman.admin.policies import PolicyStore
+from minihuman.admin.verify.log import verify_session
+from minihuman.display.windows.window import VirtualClock
+from minihuman.experiment.activities.agent_blocks import LearnerAsked, PolicyGiven
+from minihuman.experiment.activities.preferences import ClipRequest
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.players.choose import make_player
-from minihuman.seats import learner as learners
-from minihuman.seats.agent_seat import CANDIDATES, AgentSeat
-from minihuman.seats.learner import Learner, Request
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.seats.stretches import Stretches
-from minihuman.study.activities.agent_events import LearnerAsked, PolicyGiven
-from minihuman.study.activities.pair_events import WantsStretch
-from minihuman.study.expand import enrol, expand
-from minihuman.study.protocol import decode
-from minihuman.study.session import Session
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime import learner_process
+from minihuman.runtime.agent_host import N_CANDIDATE_PAIRS, AgentHost, ClipSampler
+from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.participant import make_participant
+from minihuman.worlds.adapters.world import World
 
 pytestmark = pytest.mark.program
 TAUGHT = Path(__file__).parents[1] / "golden" / "v1" / "taught"
@@ -47,7 +46,7 @@ SAID = {
     "out of memory": "MemoryError",
     "nonsense": "Segmentation fault",
     "no file": "cannot be kept",
-    "no policy": "no policy file",
+    "no policy": "is not a policy file",
 }
 TOML = """
 [study]
@@ -57,7 +56,7 @@ seed = 5
 closing = ""
 [keys]
 pool = ["1", "2", "3"]
-check = false
+keyboard_check = false
 [[groups]]
 name = "everyone"
 blocks = ["teach"]
@@ -79,29 +78,29 @@ wait_s = 5
 def worker(tmp_path, kind):
     script = tmp_path / "worker.py"
     script.write_text(WORKERS[kind])
-    return Learner([str(script)])
+    return LearnerProcess([str(script)])
 
 
 @pytest.mark.parametrize("kind", WORKERS)
 def test_whatever_becomes_of_the_learner_every_episode_is_played_and_nothing_is_lost(tmp_path, monkeypatch, kind):
     if kind == "no policy":
         pytest.importorskip("torch", reason="reading a policy file needs the extra `learn`")
-    monkeypatch.setattr(learners, "FIRST_S", 3.0)
-    protocol = decode(TOML.format(budget_s=0.2).encode())
-    plan, clock = expand(protocol, enrol(protocol, 0)), VirtualClock()
-    session = Session(plan, World, {}, picture_px=None)
+    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", 3.0)
+    protocol = decode_protocol(TOML.format(budget_s=0.2).encode())
+    plan, clock = expand_protocol(protocol, enrol_participant(protocol, 0)), VirtualClock()
+    session = SessionMachine(plan, World, {}, picture_px=None)
     recorder = McapRecorder(tmp_path, plan, started_ns=0)
-    seat = AgentSeat(
-        Policies(tmp_path / "taught"),
+    seat = AgentHost(
+        PolicyStore(tmp_path / "taught"),
         {},
         logs=lambda: [recorder.where.part],
         learner=worker(tmp_path, kind),
         patient=True,  # the learner's time is real time, and the session's is not
         unhurried=False,
     )
-    window = SimulatedWindow(make_player("human-like", np.random.default_rng(1)), session, clock)
+    window = SimulatedWindow(make_participant("human-like", np.random.default_rng(1)), session, clock)
     path = run_session(session, window, recorder, clock, agent=seat)
-    log = open_log(path)
+    log = read_log(path)
     assert [episode.outcome for episode in log.episodes].count("abandoned") == 0
     assert len(log.episodes) == 4
     assert {episode.taught.policy for episode in log.episodes} == {"random"}
@@ -110,16 +109,16 @@ def test_whatever_becomes_of_the_learner_every_episode_is_played_and_nothing_is_
     failures = [event.failure for event in given if event.failure]
     assert asked
     assert failures == [] or SAID[kind] in failures[0]
-    assert all(fine for _, fine in proofs(path, policies=True))
+    assert all(fine for _, fine in verify_session(path, policies=True))
 
 
 def request():
-    return Request(logs=[], part="teach", episodes=1, learner="any", seed=1, start="", budget_s=0.2)
+    return LearnerRequest(logs=[], part="teach", episodes=1, learner="any", seed=1, start="", budget_s=0.2)
 
 
 @pytest.mark.parametrize("kind", sorted(SAID.keys() - {"no file", "no policy"}))  # these two the seat finds out
 def test_what_went_wrong_is_said(tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(learners, "FIRST_S", 3.0)
+    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", 3.0)
     learner = worker(tmp_path, kind)
     learner.ask(request())
     answer = learner.answer(patient=True)
@@ -136,7 +135,7 @@ def test_after_a_death_the_next_question_starts_another(tmp_path):
         + READ
         + "    print(json.dumps({'file': 'f', 'failure': ''}), flush=True)"
     )
-    learner = Learner([str(script)])
+    learner = LearnerProcess([str(script)])
     answers = []
     for _ in range(2):
         learner.ask(request())
@@ -165,7 +164,7 @@ def test_a_learner_killed_from_outside_is_noticed(tmp_path):
 def test_the_question_is_one_line_of_json(tmp_path):
     script = tmp_path / "worker.py"
     script.write_text(READ + "    print(json.dumps({'file': asked['part'], 'failure': ''}), flush=True)")
-    learner = Learner([str(script)])
+    learner = LearnerProcess([str(script)])
     learner.ask(request())
     assert learner.answer(patient=True).file == "teach"
     learner.close()
@@ -174,21 +173,21 @@ def test_the_question_is_one_line_of_json(tmp_path):
 DISPUTES = READ + "    print(json.dumps({'file': str(len(asked['pairs']) - 1), 'failure': ''}), flush=True)"
 
 
-@pytest.mark.parametrize(("worker_says", "place"), [(DISPUTES, CANDIDATES - 1), (WORKERS["killed"], 0)])
+@pytest.mark.parametrize(("worker_says", "place"), [(DISPUTES, N_CANDIDATE_PAIRS - 1), (WORKERS["killed"], 0)])
 def test_of_several_pairs_the_one_comes_that_the_ensemble_disputes_and_any_where_it_fails(
     tmp_path, monkeypatch, worker_says, place
 ):
-    monkeypatch.setattr(learners, "FIRST_S", 3.0)
+    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", 3.0)
     script = tmp_path / "worker.py"
     script.write_text(worker_says)
     [log] = TAUGHT.rglob("*.mcap")
-    stretches = Stretches(lambda: [log], seed=3, index=0)
-    learner = Learner([str(script)])
-    seat = AgentSeat(Policies(tmp_path), {}, logs=lambda: [log], learner=learner, stretches=stretches, patient=True)
-    block = open_log(log).episodes[0].plan.block_name
-    want = WantsStretch(9, block, 0, 0, 3, None, "disagreement", 0.2)
+    stretches = ClipSampler(lambda: [log], seed=3, index=0)
+    learner = LearnerProcess([str(script)])
+    seat = AgentHost(PolicyStore(tmp_path), {}, logs=lambda: [log], learner=learner, stretches=stretches, patient=True)
+    block = read_log(log).episodes[0].plan.block_name
+    want = ClipRequest(9, block, 0, 0, 3, None, "disagreement", 0.2)
     first = seat.answer(want, None, 0)
     other = seat.answer(replace(want, place=1, again=first.stretch), None, 0)
     seat.close()
-    assert (first.stretch, other.stretch) == stretches.candidates(want, CANDIDATES)[place]
+    assert (first.stretch, other.stretch) == stretches.candidates(want, N_CANDIDATE_PAIRS)[place]
     assert first.stretch != other.stretch

@@ -15,7 +15,7 @@ PACKAGE = Path(minihuman.__file__).parent
 
 def facts_of(folder: Path) -> str:
     """What a minihuman in that folder says of the machine, in a process of its own."""
-    say = "import minihuman, minihuman.seats.machine as m; print(minihuman.__file__, m.machine_facts())"
+    say = "import minihuman, minihuman.runtime.machine as m; print(minihuman.__file__, m.collect_machine_facts())"
     environment = {**os.environ, "PYTHONPATH": str(folder)}
     return subprocess.run(
         [sys.executable, "-P", "-c", say], env=environment, capture_output=True, text=True, check=True

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from minihuman.errors import DeviceError
-from minihuman.log.read.open_log import read_events
+from minihuman.experiment.machine.events import EpisodeStarted, FrameShown, KeyPressed, SessionStarted, Stepped
+from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.seats.devices.lsl import lsl_at_zero
-from minihuman.seats.devices.lsl import pylsl as library
-from minihuman.seats.devices.markers import STREAM, MarkingRecorder, marker_of
-from minihuman.seats.machine import SessionClock
-from minihuman.study.events import EpisodeStarted, FrameShown, KeyPressed, SessionStarted, Stepped
+from minihuman.runtime.devices.lsl import MARKER_STREAM_NAME, LslMarkerRecorder, build_marker, measure_lsl_at_zero_s
+from minihuman.runtime.devices.lsl import pylsl as library
+from minihuman.runtime.machine import SessionClock
 from tests.counts import PATIENCE_S, count
 from tests.study.sessions import corridor_plan
 
@@ -48,11 +47,11 @@ def played(clock, plan, recorder, wanted):
 def test_markers_recorded_back_are_the_logs_events_at_its_times(tmp_path):
     wanted = count(600, 10_000)
     plan, clock = corridor_plan(), SessionClock()
-    recorder = MarkingRecorder(McapRecorder(tmp_path, plan, started_ns=clock.started_unix_ns), plan, clock)
+    recorder = LslMarkerRecorder(McapRecorder(tmp_path, plan, started_ns=clock.started_unix_ns), plan, clock)
     [info] = pylsl.resolve_byprop("source_id", f"minihuman-{plan.study}-sub-01-ses-1-seg-1", timeout=PATIENCE_S)
     inlet = pylsl.StreamInlet(info)
     inlet.open_stream(timeout=PATIENCE_S)
-    assert recorder.listened_to(PATIENCE_S)
+    assert recorder.has_listener(PATIENCE_S)
     names = played(clock, plan, recorder, wanted)
     markers = []
     log = recorder.close()
@@ -60,9 +59,9 @@ def test_markers_recorded_back_are_the_logs_events_at_its_times(tmp_path):
     while len(markers) < wanted and time.monotonic() < until_s:
         rows, stamps = inlet.pull_chunk(timeout=1.0)
         markers += [(stamp, json.loads(row[0])) for row, stamp in zip(rows, stamps, strict=True)]
-    expected = [marker for event in read_events(log) if (marker := marker_of(event, names)) is not None]
+    expected = [marker for event in read_events(log) if (marker := build_marker(event, names)) is not None]
     assert [words for _, words in markers] == [words for _, words in expected]
-    at_zero_s = lsl_at_zero(clock)  # measured once more, after everything
+    at_zero_s = measure_lsl_at_zero_s(clock)  # measured once more, after everything
     stamps_s, times_s = np.array([stamp for stamp, _ in markers]), np.array([t_ns / 1e9 for t_ns, _ in expected])
     apart_ms = 1e3 * np.abs(stamps_s - at_zero_s - times_s)
     median, most = np.median(apart_ms), np.quantile(apart_ms, 0.99)
@@ -73,17 +72,17 @@ def test_markers_recorded_back_are_the_logs_events_at_its_times(tmp_path):
 
 def test_a_stream_says_whose_session_it_is():
     plan, clock = corridor_plan(segment=3), SessionClock()
-    recorder = MarkingRecorder(MemoryRecorder(), plan, clock)
+    recorder = LslMarkerRecorder(MemoryRecorder(), plan, clock)
     [info] = pylsl.resolve_byprop("source_id", f"minihuman-{plan.study}-sub-01-ses-1-seg-3", timeout=PATIENCE_S)
     session = pylsl.StreamInlet(info).info().desc().child("session")
-    assert (info.name(), info.type()) == (STREAM, "Markers")
+    assert (info.name(), info.type()) == (MARKER_STREAM_NAME, "Markers")
     assert (session.child_value("participant"), session.child_value("segment")) == ("sub-01", "3")
     recorder.close()
 
 
 def test_without_a_listener_the_session_is_the_same(tmp_path):
     plan, clock = corridor_plan(), SessionClock()
-    recorder = MarkingRecorder(MemoryRecorder(), plan, clock)
+    recorder = LslMarkerRecorder(MemoryRecorder(), plan, clock)
     names = played(clock, plan, recorder, 30)
     recorder.close()
     assert len(names) > 0
@@ -92,5 +91,5 @@ def test_without_a_listener_the_session_is_the_same(tmp_path):
 
 def test_without_the_library_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pylsl", None)
-    with pytest.raises(DeviceError, match=r"pip install 'minihuman\[lsl\]'"):
+    with pytest.raises(DeviceError, match=r"pip install 'pylsl>=1.18'"):
         library()

@@ -5,16 +5,23 @@ from collections.abc import Sequence
 
 import pytest
 
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import LogError
+from minihuman.experiment.machine.events import (
+    EpisodeEnded,
+    Event,
+    FrameShown,
+    KeyPressed,
+    SessionEnded,
+    Stepped,
+    find_violations,
+)
+from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, KeyUp
+from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.machine.session import SessionMachine
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.seats.run import run_session
-from minihuman.study.events import EpisodeEnded, Event, FrameShown, KeyPressed, SessionEnded, Stepped
-from minihuman.study.inputs import FocusChanged, Input, KeyDown, KeyUp
-from minihuman.study.screens import PlayScreen, Screen
-from minihuman.study.session import Session
-from minihuman.study.well_formed import complaints
-from minihuman.windows.scripted import ScriptedWindow, VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import MS, corridor_plan, key_of
 
 PLAN = corridor_plan(episodes=1)
@@ -32,8 +39,8 @@ def taps(*keys: str, from_ms: int = 10, every_ms: int = 20) -> list[Input]:
 def run(script: list[Input], plan=PLAN, *, frame_ns: int = 0):
     clock = VirtualClock()
     window, recorder = ScriptedWindow(script, clock, frame_ns=frame_ns), MemoryRecorder()
-    run_session(Session(plan, World, {}), window, recorder, clock)
-    assert complaints(recorder.events) == []
+    run_session(SessionMachine(plan, World, {}), window, recorder, clock)
+    assert find_violations(recorder.events) == []
     return window, recorder.events
 
 
@@ -75,12 +82,12 @@ def test_what_is_shown_was_written_before():
             return super().show(screen)
 
     window = Watchful(taps("enter", FORWARD, FORWARD, FORWARD), clock)
-    run_session(Session(PLAN, World, {}), window, recorder, clock)
+    run_session(SessionMachine(PLAN, World, {}), window, recorder, clock)
     assert of(recorder.events, SessionEnded)[0].reason == "complete"
 
 
 def test_a_real_time_block_is_ticked_without_any_key():
-    plan = corridor_plan(episodes=1, max_steps=3, more='pace = "real_time"\nstep_period_ms = 100\nnoop = "stay"')
+    plan = corridor_plan(episodes=1, max_steps=3, more='pace = "real_time"\nstep_period_ms = 100\nnoop_action = "stay"')
     _, events = run([*taps("enter"), FocusChanged(5_000 * MS, focused=True)], plan)
     assert [event.t_ns // MS for event in of(events, Stepped)] == [110, 210, 310]
 
@@ -104,7 +111,7 @@ def test_a_signal_ends_the_session_not_the_process(number):
     clock, recorder = VirtualClock(), MemoryRecorder()
     before = signal.getsignal(number)
     window = Interrupted([*taps("enter", FORWARD), KeyDown(9_000 * MS, "q")], clock)
-    run_session(Session(PLAN, World, {}), window, recorder, clock)
+    run_session(SessionMachine(PLAN, World, {}), window, recorder, clock)
     end = of(recorder.events, SessionEnded)[0]
     assert (end.reason, end.detail) == ("signal", signal.Signals(number).name)
     assert signal.getsignal(number) is before
@@ -116,10 +123,10 @@ class FullDisk(MemoryRecorder):
 
     closed = False
 
-    def write(self, events: Sequence[Event]) -> None:
+    def begin(self, events: Sequence[Event]) -> None:
         if self.durable_steps >= 3:
             raise LogError("recording stopped: no space left on device")
-        super().write(events)
+        super().begin(events)
 
     def close(self) -> None:
         self.closed = True
@@ -130,7 +137,7 @@ def test_a_full_disk_stops_the_session_visibly_and_keeps_what_was_written():
     clock, recorder = VirtualClock(), FullDisk()
     window = ScriptedWindow(taps("enter", *[key_of(plan, "back")] * 9), clock)
     with pytest.raises(LogError, match="no space left"):
-        run_session(Session(plan, World, {}), window, recorder, clock)
+        run_session(SessionMachine(plan, World, {}), window, recorder, clock)
     assert recorder.closed
     assert len(of(recorder.events, Stepped)) == 3
     assert "cannot be written" in window.screens[-1].title
@@ -139,9 +146,6 @@ def test_a_full_disk_stops_the_session_visibly_and_keeps_what_was_written():
 
 class FullBehind(MemoryRecorder):
     """Takes what it is given, and says only when it is waited for that there was no room."""
-
-    def begin(self, events: Sequence[Event]) -> None:
-        super().write(events)
 
     def settle(self) -> None:
         if self.durable_steps > 3:
@@ -153,7 +157,7 @@ def test_the_picture_of_a_step_that_could_not_be_written_is_not_shown():
     clock = VirtualClock()
     window = ScriptedWindow(taps("enter", *[key_of(plan, "back")] * 9), clock)
     with pytest.raises(LogError, match="no space left"):
-        run_session(Session(plan, World, {}), window, FullBehind(), clock)
+        run_session(SessionMachine(plan, World, {}), window, FullBehind(), clock)
     assert max(screen.step for screen in window.screens if isinstance(screen, PlayScreen)) == 3
     assert "no space left" in window.screens[-1].body
 
@@ -169,7 +173,7 @@ def test_a_screen_nobody_acknowledges_goes_away_by_itself():
     plan = corridor_plan(episodes=1)
     clock, recorder = VirtualClock(), MemoryRecorder()
     script = [*taps("enter", key_of(plan, "crash")), FocusChanged(10**15, focused=True)]
-    run_session(Session(plan, World, {}), ScriptedWindow(script, clock), recorder, clock, last_screen_s=3.0)
+    run_session(SessionMachine(plan, World, {}), ScriptedWindow(script, clock), recorder, clock, last_screen_s=3.0)
     assert clock() < 4_000 * MS
 
 
@@ -182,7 +186,7 @@ def test_a_window_that_breaks_leaves_a_finished_log_and_says_so():
 
     clock, recorder = VirtualClock(), MemoryRecorder()
     with pytest.raises(RuntimeError, match="display gone"):
-        run_session(Session(PLAN, World, {}), Breaks(taps("enter"), clock), recorder, clock)
+        run_session(SessionMachine(PLAN, World, {}), Breaks(taps("enter"), clock), recorder, clock)
     assert [event.outcome for event in of(recorder.events, EpisodeEnded)] == ["abandoned"]
     assert of(recorder.events, SessionEnded)[0].reason == "internal_error"
-    assert complaints(recorder.events) == []
+    assert find_violations(recorder.events) == []

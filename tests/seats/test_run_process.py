@@ -6,15 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, ScreenShown
+from minihuman.experiment.machine.screens import Screen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.seats.run import run_session
-from minihuman.study.inputs import Input, KeyDown, KeyUp, Shown
-from minihuman.study.screens import Screen
-from minihuman.study.session import Session
-from minihuman.windows.scripted import ScriptedWindow, VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.study.sessions import MS, corridor_plan, key_of
 from tests.worlds import corridor  # noqa: F401  # a log's word imports nothing; this process knows the world
@@ -34,7 +35,7 @@ def started(tmp_path: Path, action: str) -> subprocess.Popen[bytes]:
 def the_log(tmp_path: Path):
     [path] = (tmp_path / "data").rglob("*.mcap")
     assert list((tmp_path / "data").rglob("*.part")) == []
-    return open_log(path)
+    return read_log(path)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
@@ -48,7 +49,7 @@ def test_a_signal_leaves_a_finished_log_that_says_abandoned(tmp_path, number):
     assert log.end_reason == "signal"
     assert [played.outcome for played in log.episodes] == ["abandoned"]
     assert len(log.episodes[0].actions) >= 20
-    assert verify(log).difference == ""
+    assert verify_episodes(log).difference == ""
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
@@ -67,7 +68,7 @@ def test_an_exception_inside_a_world_leaves_a_finished_log(tmp_path):
     with started(tmp_path, "crash") as station:
         assert station.wait(timeout=PATIENCE_S) != 0
         said = station.stderr.read().decode()
-    assert "the world failed (RuntimeError: the corridor has collapsed); everything before that is in" in said
+    assert "the world failed (RuntimeError: the corridor has collapsed); the log up to the failure is" in said
     log = the_log(tmp_path)
     assert log.clean
     assert log.end_reason == "world_error"
@@ -84,7 +85,7 @@ def test_the_frame_loop_never_waits_for_a_slow_disk(tmp_path):
         syncs.append(fd)
 
     class Watchful(ScriptedWindow):
-        def show(self, screen: Screen) -> Shown:
+        def show(self, screen: Screen) -> ScreenShown:
             syncs_over_at_picture.append(len(syncs))
             return super().show(screen)
 
@@ -94,9 +95,9 @@ def test_the_frame_loop_never_waits_for_a_slow_disk(tmp_path):
         script += [KeyDown((100 + 20 * step) * MS, back), KeyUp((110 + 20 * step) * MS, back)]
     syncs_over_at_picture: list[int] = []
     clock = VirtualClock()
-    recorder = McapRecorder(tmp_path, plan, started_ns=1, sync=slow_sync)
-    path = run_session(Session(plan, World, {}), Watchful(script, clock, frame_ns=16 * MS), recorder, clock)
-    frames = open_log(path).episodes[0].frames
+    recorder = McapRecorder(tmp_path, plan, started_ns=1, settings=RecorderSettings(sync=slow_sync))
+    path = run_session(SessionMachine(plan, World, {}), Watchful(script, clock, frame_ns=16 * MS), recorder, clock)
+    frames = read_log(path).episodes[0].frames
     assert [frame.step for frame in frames] == list(range(60))
     assert {frame.flip_ns - frame.submit_ns for frame in frames} == {16 * MS}
     assert syncs_over_at_picture[-1] < len(frames) / 2

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.seats.screens import save_screens, screens_of
-from minihuman.study.expand import enrol, expand
-from minihuman.study.screens import PlayScreen, TextScreen
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.experiment.machine.screens import PlayScreen, TextScreen
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.runtime.screenshots import render_screens, save_screenshots
 
 pytestmark = pytest.mark.program
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
@@ -18,11 +18,11 @@ PROTOCOLS = Path(__file__).parents[2] / "protocols"
 
 def test_every_screen_is_drawn_once_and_all_are_on_one_sheet(tmp_path: Path) -> None:
     demo = read_protocol(PROTOCOLS / "demo.toml")
-    plan = expand(demo, enrol(demo, 0))
-    names = [name for name, _ in screens_of(plan, (640, 360))]
+    plan = expand_protocol(demo, enrol_participant(demo, 0))
+    names = [name for name, _ in render_screens(plan, (640, 360))]
     for phase in ("keyboard_check", "instructions", "ready", "grid-playing", "grid-hold", "first-person-playing"):
         assert phase in names
-    *pictures, sheet = save_screens(plan, tmp_path / "out", (640, 360))
+    *pictures, sheet = save_screenshots(plan, tmp_path / "out", (640, 360))
     assert len(pictures) == len(names)
     for path in pictures:
         with Image.open(path) as image:
@@ -36,7 +36,7 @@ def test_every_screen_is_drawn_once_and_all_are_on_one_sheet(tmp_path: Path) -> 
 
 def test_a_study_with_a_quiz_and_practice_is_seen_to_its_end_and_so_is_what_those_are_told_who_err() -> None:
     study = read_protocol(PROTOCOLS / "two-days.toml")
-    screens = screens_of(expand(study, enrol(study, 0)), (640, 360))
+    screens = render_screens(expand_protocol(study, enrol_participant(study, 0)), (640, 360))
     names = [name for name, _ in screens]
     for phase in ("practice-playing", "rooms-hold", "crossing-playing", "open-playing", "lava-hold", "closing"):
         assert phase in names, f"{phase} is behind a quiz and practice"

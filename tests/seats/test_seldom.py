@@ -1,4 +1,4 @@
-from minihuman.seats.watch.seldom import Seldom
+from minihuman.runtime.watch.running_sessions import ThrottledCall
 
 
 def test_what_takes_long_takes_a_small_share_of_the_time() -> None:
@@ -9,7 +9,7 @@ def test_what_takes_long_takes_a_small_share_of_the_time() -> None:
         found.append(now_s[0])
         return len(found)
 
-    seldom = Seldom(find, share=0.05, clock=lambda: now_s[0])
+    seldom = ThrottledCall(find, share=0.05, clock=lambda: now_s[0])
     told = []
     while now_s[0] < 100:
         told.append(seldom())

@@ -3,20 +3,19 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.errors import PlayerError
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.seats.simulate import simulate
-from minihuman.study.events import SessionStarted
-from minihuman.study.protocol import decode
-from minihuman.study.well_formed import complaints
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.errors import SimulationError
+from minihuman.experiment.machine.events import SessionStarted, find_violations
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.runtime.simulated_session import simulate
 from tests.counts import count
 
 pytestmark = pytest.mark.program
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
-GRID = decode(
+GRID = decode_protocol(
     (PROTOCOLS / "fourrooms-transfer.toml")
     .read_bytes()
     .replace(b'blocks = ["grid", "first-person"]', b'blocks = ["grid"]')
@@ -25,13 +24,13 @@ GRID = decode(
 
 
 def test_simulated_participants_fill_the_next_slots_and_their_logs_verify(tmp_path):
-    logs = [open_log(path) for path in simulate(GRID, tmp_path, participants=2, seed=1, player="human-like")]
-    logs += [open_log(path) for path in simulate(GRID, tmp_path, participants=1, seed=1, player="optimal")]
+    logs = [read_log(path) for path in simulate(GRID, tmp_path, participants=2, seed=1, player="human-like")]
+    logs += [read_log(path) for path in simulate(GRID, tmp_path, participants=1, seed=1, player="optimal")]
     assert [log.plan.participant.id for log in logs] == ["sub-01", "sub-02", "sub-03"]
     assert [log.player for log in logs] == ["human-like", "human-like", "optimal"]
     assert {log.end_reason for log in logs} == {"complete"}
     assert all(log.clean for log in logs)
-    assert [verify(log).difference for log in logs] == ["", "", ""]
+    assert [verify_episodes(log).difference for log in logs] == ["", "", ""]
 
 
 def test_the_same_seed_gives_the_same_log_but_for_the_wall_clock(tmp_path):
@@ -43,7 +42,7 @@ def test_the_same_seed_gives_the_same_log_but_for_the_wall_clock(tmp_path):
         for name in ("one", "two")
     )
     assert one == two
-    assert all(complaints(events) == [] for events in one)
+    assert all(find_violations(events) == [] for events in one)
     assert isinstance(one[0][0], SessionStarted)
 
 
@@ -56,7 +55,7 @@ def test_the_same_seed_gives_the_same_log_but_for_the_wall_clock(tmp_path):
     ],
 )
 def test_a_third_partys_world_is_played_logged_and_verified(tmp_path, world, actions):
-    study = decode(
+    study = decode_protocol(
         f"""
 [study]
 name = "theirs"
@@ -73,15 +72,15 @@ actions = {actions}
 max_steps = 40
 """.encode()
     )
-    [log] = [open_log(path) for path in simulate(study, tmp_path, participants=1, seed=1, player="random")]
+    [log] = [read_log(path) for path in simulate(study, tmp_path, participants=1, seed=1, player="random")]
     assert log.end_reason == "complete"
     assert len(log.episodes) == 2
     assert all(len(played.actions) > 0 for played in log.episodes)
-    assert verify(log).difference == ""
+    assert verify_episodes(log).difference == ""
 
 
 def test_an_unknown_player_costs_no_slot(tmp_path):
-    with pytest.raises(PlayerError):
+    with pytest.raises(SimulationError):
         next(simulate(GRID, tmp_path, participants=1, seed=1, player="nobody"))
     assert list(tmp_path.iterdir()) == []
 
@@ -90,8 +89,8 @@ def test_an_unknown_player_costs_no_slot(tmp_path):
 def test_the_papers_whole_study_with_key_maps_balanced_as_promised(tmp_path):
     study = read_protocol(PROTOCOLS / "fourrooms-transfer.toml")
     people = count(1, 18)
-    logs = [open_log(path) for path in simulate(study, tmp_path, participants=people, seed=3, player="human-like")]
-    assert [verify(log).difference for log in logs] == [""] * people
+    logs = [read_log(path) for path in simulate(study, tmp_path, participants=people, seed=3, player="human-like")]
+    assert [verify_episodes(log).difference for log in logs] == [""] * people
     assert {log.end_reason for log in logs} == {"complete"}
     assert {len(log.episodes) for log in logs} <= {10, 20}
     for action in range(3):

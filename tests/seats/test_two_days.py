@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.status import status_lines
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log
-from minihuman.seats.simulate import simulate
-from minihuman.study.allocation import allocation
-from minihuman.study.events import Answered, EpisodesSkipped, Scored
-from minihuman.study.expand import enrol, expand
-from minihuman.windows.blocking import TITLE
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.status import format_status
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.experiment.machine.events import Answered, EpisodesSkipped, Scored
+from minihuman.experiment.plan.allocation import build_allocation_list
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.log.read.session_reader import read_log
+from minihuman.runtime.simulated_session import simulate
 from tests.counts import PATIENCE_S, count
 from tests.seats.answering_typist import Participant
 from tests.seats.station import started
@@ -27,12 +27,12 @@ SIZE_PX = (1024, 768)
 @pytest.mark.long
 def test_simulated_participants_do_both_days_and_balance(tmp_path: Path) -> None:
     study, many = read_protocol(PROTOCOL), count(4, 1000)
-    logs = [open_log(path) for path in simulate(study, tmp_path, participants=many, seed=1, player="optimal")]
+    logs = [read_log(path) for path in simulate(study, tmp_path, participants=many, seed=1, player="optimal")]
     people = {log.plan.participant.id: log.plan.participant.group for log in logs}
-    slots = allocation(study)[:many]
+    slots = build_allocation_list(study)[:many]
     assert Counter(people.values()) == Counter(slot.group for slot in slots)
     for log in logs if many < 10 else logs[:: many // 20]:
-        assert verify(log).difference == ""
+        assert verify_episodes(log).difference == ""
     for log in logs:
         if log.end_reason == "screened_out":
             assert [event.right for event in log.part_events if isinstance(event, Answered)].count(False)
@@ -47,7 +47,7 @@ def test_simulated_participants_do_both_days_and_balance(tmp_path: Path) -> None
     second = [log for log in logs if log.plan.session == 2]
     done = [log for log in logs if log.plan.session == 1 and log.end_reason == "complete"]
     assert {log.plan.participant.id for log in second} == {log.plan.participant.id for log in done}
-    assert sum("complete" in line for line in status_lines(tmp_path / "two-days")) == len(second) + len(done)
+    assert sum("complete" in line for line in format_status(tmp_path / "two-days")) == len(second) + len(done)
 
 
 @pytest.mark.program
@@ -57,7 +57,7 @@ def test_both_days_are_played_through_a_window(tmp_path: Path) -> None:
     study = read_protocol(PROTOCOL)
     with xvfb(SIZE_PX) as display:
         for session in (1, 2):
-            plan = expand(study, enrol(study, 1), session=session)
+            plan = expand_protocol(study, enrol_participant(study, 1), session=session)
             day = (
                 "--session",
                 str(session),
@@ -78,8 +78,8 @@ def test_both_days_are_played_through_a_window(tmp_path: Path) -> None:
             _, complained = station.communicate(timeout=PATIENCE_S)
             typist.close()
             assert station.returncode == 0, complained
-            log = open_log(folder / name)
+            log = read_log(folder / name)
             answered = [event for event in log.part_events if isinstance(event, Answered)]
             assert [(event.part_name, event.item, event.value) for event in answered] == somebody.given
-            assert (log.end_reason, verify(log).difference) == ("complete", "")
+            assert (log.end_reason, verify_episodes(log).difference) == ("complete", "")
             assert all(len(episode.frames) == len(episode.actions) + 1 for episode in log.episodes)

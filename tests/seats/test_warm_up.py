@@ -10,8 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from minihuman.errors import ProtocolError
-from minihuman.seats.warm_up import shared, warm_up
-from minihuman.study.protocol import Protocol, decode
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.runtime.warm_up import share_compilation, warm_up
 from tests.counts import PATIENCE_S
 
 TOML = """
@@ -34,7 +34,7 @@ actions = [{action!r}]
 
 
 def protocol(world: str, action: str) -> Protocol:
-    return decode(TOML.format(world=world, action=action).encode())
+    return decode_protocol(TOML.format(world=world, action=action).encode())
 
 
 def test_a_world_that_fails_at_its_first_step_is_named_before_anybody_sits_down():
@@ -79,9 +79,9 @@ def test_what_is_needed_later_and_ways_are_compiled_behind_while_the_first_world
         replace(alone.blocks[0], options={"notes": str(notes), "name": name, "after": None})
         for name in ("now", "later")
     )
-    with shared([now], [later], plans=True) as companion:
-        companion.start()
-        warm_up(replace(alone, blocks=(now,)), companion=companion)
+    with share_compilation([now], [later], plans=True) as process:
+        process.start()
+        warm_up(replace(alone, blocks=(now,)), process=process)
         deadline = time.monotonic() + PATIENCE_S
         # each world is laid out six times for a step, and once more for a way
         while (lines := notes.read_text().splitlines()) and (
@@ -90,8 +90,8 @@ def test_what_is_needed_later_and_ways_are_compiled_behind_while_the_first_world
         ):
             time.sleep(0.05)
         assert {line.split()[0] for line in lines if str(os.getpid()) in line} == {"now"}
-        warm_up(replace(alone, blocks=(later,)), companion=companion)  # it only plays it, as ever
-        companion.compile_plan(later)
+        warm_up(replace(alone, blocks=(later,)), process=process)  # it only plays it, as ever
+        process.compile_plan(later)
     assert time.monotonic() < deadline
 
 
@@ -103,14 +103,14 @@ def test_what_is_compiled_apart_is_all_but_the_layout(world):
     script = f"""
 import gc
 from numba.core.registry import CPUDispatcher
-from minihuman.worlds.adapt.world import World
+from minihuman.worlds.adapters.world import World
 
 def loaded():
     functions = [each for each in gc.get_objects() if isinstance(each, CPUDispatcher)]
     return {{(each.py_func.__module__, each.py_func.__name__, types) for each in functions for types in each.overloads}}
 
 world = World("minihuman/{world}")
-for piece in world.compile_apart:
+for piece in world.compile_pieces:
     piece()
 before = loaded()
 assert before
@@ -119,7 +119,9 @@ world.step(0), world.map(), world.pose(), world.state_hash(), world.frame("parti
 print(*{{module for module, name, types in loaded() - before}})
 """
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    layout = {"minihuman.worlds.grid.layouts.rooms", "minihuman.worlds.grid.core.place"} if "Grid" in world else set()
+    layout = (
+        {"minihuman.worlds.grid.layouts.rooms", "minihuman.worlds.grid.core.placement"} if "Grid" in world else set()
+    )
     assert set(ran.stdout.split()) <= layout
 
 
@@ -130,14 +132,14 @@ def test_after_warming_up_an_episode_compiles_nothing(tmp_path):
     script = f"""
 import gc
 from numba.core.registry import CPUDispatcher
-from minihuman.study.protocol import decode
-from minihuman.seats.warm_up import warm_up
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.runtime.warm_up import warm_up
+from minihuman.worlds.adapters.world import World
 
 def loaded():
     return sum(len(each.signatures) for each in gc.get_objects() if isinstance(each, CPUDispatcher))
 
-warm_up(decode({TOML.format(world="minihuman/MiniGrid-FourRooms-v0", action="forward").encode()!r}))
+warm_up(decode_protocol({TOML.format(world="minihuman/MiniGrid-FourRooms-v0", action="forward").encode()!r}))
 before = loaded()
 world = World("minihuman/MiniGrid-FourRooms-v0")
 for seed in range(3):

@@ -17,15 +17,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log
-from minihuman.seats.desk import Desk, Request, ask, requests_path
-from minihuman.study.events import Noted
-from minihuman.study.expand import enrol, expand
-from minihuman.study.inputs import Asked, Tick
-from minihuman.study.session import Session
-from minihuman.windows.blocking import TITLE
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.experiment.machine.events import Noted
+from minihuman.experiment.machine.inputs import ExperimenterCommand, Tick
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.log.read.session_reader import read_log
+from minihuman.runtime.command_inbox import CommandInbox, CommandRequest, inbox_path, send_command
 from tests.counts import PATIENCE_S
 from tests.seats.station import DEMO, demo_started
 from tests.study.sessions import corridor_plan
@@ -90,7 +90,7 @@ def test_the_page_shows_a_session_takes_notes_pauses_dies_comes_back_and_aborts(
 ) -> None:
     typist, display = typist_and_display
     demo = read_protocol(DEMO)
-    plan = expand(demo, enrol(demo, 0))
+    plan = expand_protocol(demo, enrol_participant(demo, 0))
     station = demo_started("pygame", display, tmp_path)
     typist.focus(TITLE)
     typist.tap(*plan.key_pool, "enter")
@@ -135,11 +135,11 @@ def test_the_page_shows_a_session_takes_notes_pauses_dies_comes_back_and_aborts(
     page.ask("abort", "fire alarm")
     _, complained = station.communicate(timeout=PATIENCE_S)
     assert station.returncode == 0, complained
-    log = open_log(next(study.rglob("*.mcap")))
+    log = read_log(next(study.rglob("*.mcap")))
     assert log.end_reason == "aborted"
     notes = [note.text for note in log.notes if isinstance(note, Noted) and note.kind == "experimenter"]
     assert notes == ["note: the phone rang", "pause: ", "go_on: ", "abort: fire alarm"]
-    assert verify(log).difference == ""
+    assert verify_episodes(log).difference == ""
     assert page.state()["sessions"] == {}
 
 
@@ -157,30 +157,30 @@ def test_the_page_is_for_this_machine_and_whoever_knows_its_address(tmp_path: Pa
 
 def test_what_was_asked_before_the_session_began_is_not_done_again(tmp_path: Path) -> None:
     log = tmp_path / "sub-01_ses-01.mcap"
-    ask(log, Request("abort", "yesterday"))
-    desk = Desk(requests_path(log))
-    assert desk.asked() == []
-    ask(log, Request("note", "today"))
-    with requests_path(log).open("ab") as file:
+    send_command(log, CommandRequest("abort", "yesterday"))
+    desk = CommandInbox(inbox_path(log))
+    assert desk.read_new() == []
+    send_command(log, CommandRequest("note", "today"))
+    with inbox_path(log).open("ab") as file:
         file.write(b'{"what": "no such wish"}\n{"what": "no')
-    assert [one.text for one in desk.asked()] == ["today"]
-    with requests_path(log).open("ab") as file:
+    assert [one.text for one in desk.read_new()] == ["today"]
+    with inbox_path(log).open("ab") as file:
         file.write(b'te", "text": "and whole"}\n')
-    assert [one.text for one in desk.asked()] == ["and whole"]
+    assert [one.text for one in desk.read_new()] == ["and whole"]
 
 
 def test_a_pause_where_nothing_is_played_is_only_noted() -> None:
-    from minihuman.worlds.adapt.world import World
+    from minihuman.worlds.adapters.world import World
 
-    session = Session(corridor_plan(episodes=1, max_steps=9), World, {})
+    session = SessionMachine(corridor_plan(episodes=1, max_steps=9), World, {})
     session.receive(Tick(0))
     phase = session.phase
-    events = session.receive(Asked(5, "pause"))
+    events = session.receive(ExperimenterCommand(5, "pause"))
     assert [event.text for event in events if isinstance(event, Noted)] == ["pause: "]
     assert session.phase is phase
     session.close()
 
 
 def test_a_session_that_nobody_asks_anything_has_no_such_file(tmp_path: Path) -> None:
-    assert Desk(requests_path(tmp_path / "none.mcap")).asked() == []
+    assert CommandInbox(inbox_path(tmp_path / "none.mcap")).read_new() == []
     assert os.listdir(tmp_path) == []

@@ -11,19 +11,20 @@ from statsmodels.stats.meta_analysis import effectsize_smd
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestIndPower
 
-from minihuman.statistics import compare
-from minihuman.statistics.compare import (
+from minihuman.statistics import comparison
+from minihuman.statistics.comparison import (
     RESAMPLES,
     SEED,
     compare_groups,
-    hedges,
-    holm,
+    compare_means,
+    compute_power,
+    hedges_g,
+    holm_correction,
     permutation_p,
     permutation_ps,
     smallest_p,
-    welch,
+    t_test_power,
 )
-from minihuman.statistics.power import power, t_test_power
 from tests.counts import count
 
 
@@ -55,13 +56,13 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_p_is_scipys_to_the_last_bit_whichever_pairs_are_asked_for_together(kind, monkeypatch):
-    monkeypatch.setattr(compare, "_AT_ONCE", 60_000)  # several batches
+    monkeypatch.setattr(comparison, "_AT_ONCE", 60_000)  # several batches
     rng = np.random.default_rng(1)
     sizes = [(2, 2), (5, 5), (9, 30), (2, 9), (9, 30), (8, 8), (60, 50)]  # three of which are drawn from
     pairs = [(KINDS[kind](rng.normal(0, 1, n)), KINDS[kind](rng.normal(0.4, 2, m))) for n, m in sizes]
     peers = [
         stats.permutation_test(
-            pair, compare._welch, n_resamples=RESAMPLES, batch=500, vectorized=True, alternative="greater",
+            pair, comparison._welch, n_resamples=RESAMPLES, batch=500, vectorized=True, alternative="greater",
             rng=np.random.default_rng(SEED),
         ).pvalue
         for pair in pairs
@@ -82,8 +83,8 @@ def test_welchs_interval_and_p_are_scipys():
     for n, m in rng.integers(2, 40, (20, 2)):
         a, b = rng.normal(0, 1, n), rng.normal(0.5, 3, m)
         peer = stats.ttest_ind(a, b, equal_var=False)
-        assert welch(a, b).p == pytest.approx(peer.pvalue, rel=1e-12)
-        assert welch(a, b).interval() == pytest.approx(tuple(peer.confidence_interval()), rel=1e-12)
+        assert compare_means(a, b).p == pytest.approx(peer.pvalue, rel=1e-12)
+        assert compare_means(a, b).interval() == pytest.approx(tuple(peer.confidence_interval()), rel=1e-12)
 
 
 def test_the_interval_is_welchs():
@@ -129,7 +130,7 @@ def test_the_smallest_p_of_the_papers_five_and_five_cannot_survive_ten_measures(
     assert smallest_p((5, 5)) == pytest.approx(2 / 252)
     apart = compare_groups(groups(a=np.arange(5.0), b=np.arange(5.0) + 100), ["reward"])[0]
     assert apart.p == pytest.approx(apart.smallest_p)
-    assert holm([apart.p] + [0.5] * 9)[0] > 0.05
+    assert holm_correction([apart.p] + [0.5] * 9)[0] > 0.05
     assert smallest_p((4, 7)) == pytest.approx(1 / 330)
     assert smallest_p((40, 40)) == pytest.approx(1e-4)
 
@@ -138,7 +139,7 @@ def test_hedges_g_agrees_with_statsmodels():
     rng = np.random.default_rng(3)
     a, b = rng.normal(1, 1, 9), rng.normal(0, 2, 14)
     g, variance = effectsize_smd(a.mean(), a.std(ddof=1), 9, b.mean(), b.std(ddof=1), 14)
-    found, half = hedges(a, b)
+    found, half = hedges_g(a, b)
     assert found == pytest.approx(g, rel=2e-3)
     assert half == pytest.approx(1.96 * math.sqrt(variance), rel=0.02)
 
@@ -169,11 +170,11 @@ def test_three_groups_make_three_pairs_and_p_is_corrected_over_all():
 
 
 def test_power_is_the_textbooks():
-    found = power((26, 26))
+    found = compute_power((26, 26))
     assert found.needed_for_large == 26
     assert found.power_for_large == pytest.approx(0.807, abs=0.002)
     assert found.detectable_g == pytest.approx(0.79, abs=0.01)
-    assert math.isnan(power((1, 5)).power_for_large)
+    assert math.isnan(compute_power((1, 5)).power_for_large)
 
 
 @pytest.mark.parametrize(("d", "n"), [(0.8, (26, 26)), (0.3, (5, 25)), (1.5, (4, 4))])
@@ -184,12 +185,12 @@ def test_power_agrees_with_statsmodels(d, n):
 
 @pytest.mark.parametrize("n", [(2, 2), (3, 5), (26, 26), (2, 1000), (4000, 4000)])
 def test_the_difference_that_is_found_with_a_chance_of_80_percent_has_that_power(n):
-    assert t_test_power(power(n).detectable_g, n) == pytest.approx(0.8, abs=1e-6)
+    assert t_test_power(compute_power(n).detectable_g, n) == pytest.approx(0.8, abs=1e-6)
 
 
 def test_holm_agrees_with_statsmodels_and_passes_over_what_is_unknown():
     ps = [0.04, 0.001, 0.03, 0.2]
-    assert holm(ps) == pytest.approx(list(multipletests(ps, method="holm")[1]))
-    with_unknown = holm([0.04, float("nan"), 0.03])
+    assert holm_correction(ps) == pytest.approx(list(multipletests(ps, method="holm")[1]))
+    with_unknown = holm_correction([0.04, float("nan"), 0.03])
     assert np.isnan(with_unknown[1])
     assert with_unknown[::2] == pytest.approx([0.06, 0.06])

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from minihuman.statistics.growth import growth
+from minihuman.statistics.growth import compare_growth
 from tests.counts import count
 
 
@@ -33,7 +33,7 @@ def named(found):
 
 def test_it_finds_levels_slopes_and_their_difference_against_a_named_reference():
     rows = people(np.random.default_rng(1), {"a": 20, "b": 20}, slopes={"a": 0.0, "b": 0.05})
-    found = growth(rows, "reward", order=("b", "a"))
+    found = compare_growth(rows, "reward", order=("b", "a"))
     assert found.reference == "a"
     terms = named(found)
     assert list(terms) == [
@@ -49,15 +49,15 @@ def test_it_finds_levels_slopes_and_their_difference_against_a_named_reference()
 
 def test_a_group_of_one_is_left_out_by_name_and_the_others_stay():
     rows = people(np.random.default_rng(2), {"a": 6, "b": 3, "c": 1})
-    found = growth(rows, "reward")
+    found = compare_growth(rows, "reward")
     assert found.left_out == ("c: 1 with 3 episodes or more",)
     assert found.reference == "b"
-    assert growth(rows[rows["group"] == "c"], "reward") is None
+    assert compare_growth(rows[rows["group"] == "c"], "reward") is None
 
 
 def test_people_who_are_all_alike_have_an_estimate_and_no_interval():
     rows = people(np.random.default_rng(3), {"a": 2, "b": 2}).assign(reward=0.5)
-    terms = named(growth(rows, "reward"))
+    terms = named(compare_growth(rows, "reward"))
     assert terms["b: change an episode"].estimate == pytest.approx(0)
     assert all(math.isnan(term.p) for term in terms.values())
 
@@ -67,7 +67,7 @@ def test_where_peoples_own_slopes_differ_a_true_null_is_rejected_as_rarely_as_it
     rng, studies = np.random.default_rng(5), count(60, 1000)
     small = {"b: change an episode": 0, "a minus b: change an episode": 0}
     for _ in range(studies):
-        terms = named(growth(people(rng, {"a": 10, "b": 10}, episodes=10, slope_sd=0.01), "reward"))
+        terms = named(compare_growth(people(rng, {"a": 10, "b": 10}, episodes=10, slope_sd=0.01), "reward"))
         for name in small:
             small[name] += terms[name].p < 0.05
     for name, rejected in small.items():

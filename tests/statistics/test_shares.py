@@ -1,6 +1,6 @@
 import pytest
 
-from minihuman.statistics.shares import wilson
+from minihuman.statistics.proportions import wilson_interval
 
 
 def test_wilson_agrees_with_scipy():
@@ -8,8 +8,8 @@ def test_wilson_agrees_with_scipy():
 
     for successes, trials in ((0, 20), (3, 20), (20, 20), (57, 100)):
         expected = binomtest(successes, trials).proportion_ci(method="wilson")
-        assert wilson(successes, trials) == pytest.approx((expected.low, expected.high))
+        assert wilson_interval(successes, trials) == pytest.approx((expected.low, expected.high))
 
 
 def test_nothing_tried_says_nothing():
-    assert wilson(0, 0) == (0.0, 1.0)
+    assert wilson_interval(0, 0) == (0.0, 1.0)

@@ -5,7 +5,13 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from minihuman.statistics.two_parts import gee, has_mass_at_zero, people_of, two_parts, two_parts_p
+from minihuman.statistics.two_part_model import (
+    compare_two_parts,
+    fit_gee,
+    has_mass_at_zero,
+    summarise_people,
+    two_parts_p,
+)
 from tests.counts import count
 
 
@@ -34,13 +40,13 @@ def test_a_groups_marginal_mean_is_that_of_statsmodels(odds):
     values, who = np.concatenate(people), np.repeat(np.arange(12), [len(one) for one in people])
     family = sm.families.Binomial() if odds else sm.families.Gaussian()
     model = sm.GEE(values, np.ones((len(values), 1)), who, family=family, cov_struct=sm.cov_struct.Exchangeable())
-    theirs, ours = model.fit(cov_type="bias_reduced", maxiter=200), gee(people, odds=odds)
+    theirs, ours = model.fit(cov_type="bias_reduced", maxiter=200), fit_gee(people, odds=odds)
     assert ours.at == pytest.approx(theirs.params[0], abs=1e-4)
     assert ours.error == pytest.approx(theirs.bse[0], rel=1e-3)
 
 
 def test_groups_that_fail_more_differ_in_the_first_part_alone():
-    found = two_parts(study(np.random.default_rng(1), (30, 30), out_of_time=(0.4, 0.05)), "reward", ("a", "b"))
+    found = compare_two_parts(study(np.random.default_rng(1), (30, 30), out_of_time=(0.4, 0.05)), "reward", ("a", "b"))
     assert found.any.interval[1] < 1
     assert found.any.p < 0.001
     assert found.amount.interval[0] < 0 < found.amount.interval[1]
@@ -48,7 +54,7 @@ def test_groups_that_fail_more_differ_in_the_first_part_alone():
 
 
 def test_groups_that_are_faster_differ_in_the_second_part_alone():
-    found = two_parts(study(np.random.default_rng(2), (30, 30), faster=0.05), "reward", ("a", "b"))
+    found = compare_two_parts(study(np.random.default_rng(2), (30, 30), faster=0.05), "reward", ("a", "b"))
     assert found.amount.interval[0] > 0
     assert found.any.interval[0] < 1 < found.any.interval[1]
     assert found.p < 0.01
@@ -57,7 +63,7 @@ def test_groups_that_are_faster_differ_in_the_second_part_alone():
 def test_a_group_that_never_fails_has_no_odds_but_its_amounts_are_compared():
     rows = study(np.random.default_rng(3), out_of_time=(0.2, 0.2))
     rows.loc[(rows["group"] == "a") & (rows["reward"] == 0), "reward"] = 0.9
-    found = two_parts(rows, "reward", ("a", "b"))
+    found = compare_two_parts(rows, "reward", ("a", "b"))
     assert found.any.reason == "no episode of a is at 0"
     assert math.isnan(found.any.estimate)
     assert math.isfinite(found.amount.estimate)
@@ -65,7 +71,7 @@ def test_a_group_that_never_fails_has_no_odds_but_its_amounts_are_compared():
 
 
 def test_two_people_a_group_are_too_few():
-    found = two_parts(study(np.random.default_rng(4), (2, 5)), "reward", ("a", "b"))
+    found = compare_two_parts(study(np.random.default_rng(4), (2, 5)), "reward", ("a", "b"))
     assert found.any.reason == found.amount.reason == "fewer than 3 people in a"
     assert math.isnan(found.p)
 
@@ -79,14 +85,14 @@ def test_which_measures_have_two_parts():
 
 def test_people_of_no_success_have_a_share_but_no_amount():
     rows = pd.DataFrame({"participant": ["x", "x", "y"], "reward": [0.0, 0.8, 0.0]})
-    assert people_of(rows, "reward") == pytest.approx(np.array([[0.5, 0.8], [0.0, np.nan]]), nan_ok=True)
+    assert summarise_people(rows, "reward") == pytest.approx(np.array([[0.5, 0.8], [0.0, np.nan]]), nan_ok=True)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("sizes", [(10, 10), (20, 20), (8, 16)])
 def test_without_a_difference_each_part_finds_one_as_rarely_as_it_should(sizes):
     rng, studies = np.random.default_rng([5, *sizes]), count(20, 1000)
-    found = [two_parts(study(rng, sizes), "reward", ("a", "b")) for _ in range(studies)]
+    found = [compare_two_parts(study(rng, sizes), "reward", ("a", "b")) for _ in range(studies)]
     for name, ps in (
         ("odds", [one.any.p for one in found]),
         ("amount", [one.amount.p for one in found]),

@@ -1,13 +1,13 @@
 """Small sessions for tests: a protocol in a few lines, and inputs by name."""
 
+from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed
+from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, ScreenShown, Tick
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.study.events import EpisodeStarted, KeyPressed
-from minihuman.study.expand import enrol, expand
-from minihuman.study.inputs import Input, KeyDown, KeyUp, Shown, Tick
-from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import decode
-from minihuman.study.session import Session
-from minihuman.worlds.adapt.world import World
+from minihuman.worlds.adapters.world import World
 
 MS = 1_000_000
 
@@ -18,11 +18,11 @@ version = "1"
 seed = 11
 consent = {consent!r}
 closing = {closing!r}
-break_s = {break_s}
+min_rest_s = {break_s}
 [keys]
 pool = ["1", "2", "3", "4", "5", "6"]
 check = {check}
-spare = {spare!r}
+spare_keys = {spare!r}
 [[groups]]
 name = "all"
 blocks = {blocks}
@@ -34,10 +34,10 @@ world = "tests.worlds.corridor:tests/Corridor-v0"
 episodes = {episodes}
 max_steps = {max_steps}
 actions = ["back", "forward", "dive", "crash"]
-instruction = {instruction!r}
+instructions = {instruction!r}
 feedback = {feedback}
-rest = {rest!r}
-hold_ms = {hold_ms}
+rest_text = {rest!r}
+final_frame_ms = {hold_ms}
 {more}
 """
 
@@ -77,8 +77,8 @@ def corridor_plan(
         )
         for name in names
     )
-    protocol = decode(toml.encode())
-    return expand(protocol, enrol(protocol, 0), first_episode=first_episode, segment=segment)
+    protocol = decode_protocol(toml.encode())
+    return expand_protocol(protocol, enrol_participant(protocol, 0), first_episode=first_episode, segment=segment)
 
 
 def _toml(feedback: str | dict[str, str]) -> str:
@@ -97,7 +97,7 @@ class Desk:
 
     def __init__(self, plan: SessionPlan) -> None:
         self.plan = plan
-        self.session = Session(plan, World, {"machine": "desk"})
+        self.session = SessionMachine(plan, World, {"machine": "desk"})
         self.recorder = MemoryRecorder()
         self.inputs: list[Input] = []
         self.now_ns = 0
@@ -158,4 +158,4 @@ class Desk:
 
     def show(self):
         """The window has shown the present screen, at once."""
-        return self.give(Shown(self.now_ns, self.now_ns, self.now_ns))
+        return self.give(ScreenShown(self.now_ns, self.now_ns, self.now_ns))

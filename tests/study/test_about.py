@@ -5,8 +5,8 @@ import re
 import pytest
 
 from minihuman.errors import ProtocolError
-from minihuman.study.about import is_orcid
-from minihuman.study.protocol import decode
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.protocol.specs import is_orcid
 from tests.study.test_protocol import DEMO
 
 ABOUT = """
@@ -15,19 +15,19 @@ title = "Keys found again"
 description = "People find keys."
 licence = "CC-BY-4.0"
 funding = ["Grant 7"]
-ethics = ["Board of the faculty, 2026-17"]
+ethics_approvals = ["Board of the faculty, 2026-17"]
 institution = "University of Nowhere"
 keywords = ["navigation", "transfer"]
 doi = "10.1234/abcd"
-task = "Find the goal."
+task_description = "Find the goal."
 authors = [{ name = "Ada Lovelace", orcid = "0000-0002-1825-0097", email = "ada@example.org" }, { name = "N. N." }]
-participants = [
-    { name = "age", kind = "whole", unit = "year", meaning = "Age at the session." },
-    { name = "hand", meaning = "The hand at the keys.", levels = { left = "left", right = "right" } },
+participant_columns = [
+    { name = "age", type = "integer", unit = "year", description = "Age at the session." },
+    { name = "hand", description = "The hand at the keys.", levels = { left = "left", right = "right" } },
 ]
 [[devices]]
 name = "gaze"
-source = "lsl:EyeTracker"
+plugin = "lsl:EyeTracker"
 channels = ["x", "y"]
 units = ["px", "px"]
 required = false
@@ -35,41 +35,41 @@ required = false
 
 
 def test_a_study_without_facts_is_one():
-    assert decode(DEMO.encode()).about.title == ""
+    assert decode_protocol(DEMO.encode()).about.title == ""
 
 
 def test_every_fact_is_read():
-    protocol = decode((DEMO + ABOUT).encode())
+    protocol = decode_protocol((DEMO + ABOUT).encode())
     assert [author.name for author in protocol.about.authors] == ["Ada Lovelace", "N. N."]
-    assert protocol.about.participants[1].levels == {"left": "left", "right": "right"}
+    assert protocol.about.participant_columns[1].levels == {"left": "left", "right": "right"}
     assert protocol.devices[0].channels == ("x", "y")
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("1825-0097", "1825-0098", "$.about.authors[0].orcid is '0000-0002-1825-0098', which is no ORCID"),
-        ("ada@", "ada", "$.about.authors[0].email is 'adaexample.org', which is no address"),
+        ("1825-0097", "1825-0098", "$.about.authors[0].orcid is '0000-0002-1825-0098', which is not an ORCID"),
+        ("ada@", "ada", "$.about.authors[0].email is 'adaexample.org', which is not an e-mail address"),
         ('"N. N."', '" "', "$.about.authors[1].name is empty"),
         ("orcid", "orchid", "$.about.authors[0].orchid is not a field; did you mean 'orcid'?"),
         ("licence", "license", "$.about.license is not a field; did you mean 'licence'?"),
         ("CC-BY-4.0", "free for all", "$.about.licence is 'free for all'; use an SPDX identifier such as"),
         ("10.1234", "https://doi.org/10.1234", "$.about.doi is 'https://doi.org/10.1234/abcd'; write it as"),
         ('"navigation"', '""', "$.about.keywords[0] is empty; remove it"),
-        ('"age"', '"participant"', "$.about.participants[0].name is 'participant'; use"),
-        ('"hand"', '"age"', "$.about.participants[1].name is 'age' again"),
-        ("Age at the session.", "", "$.about.participants[0].meaning is empty"),
-        ('"whole"', '"integer"', "$.about.participants[0].kind is 'integer'"),
+        ('"age"', '"participant"', "$.about.participant_columns[0].name is 'participant'; use"),
+        ('"hand"', '"age"', "$.about.participant_columns[1].name is 'age' again"),
+        ("Age at the session.", "", "$.about.participant_columns[0].description is empty"),
+        ('"integer"', '"int"', "$.about.participant_columns[0].type is 'int'"),
         ('["px", "px"]', '["px"]', "$.devices[0].units has 1 for 2 channels"),
         ('["x", "y"]', '["x", "x"]', "$.devices[0].channels names one twice"),
         ('"gaze"', '"Gaze"', "$.devices[0].name is 'Gaze'; use lower-case"),
-        ("lsl:EyeTracker", "", "$.devices[0].source is empty"),
+        ("lsl:EyeTracker", "", "$.devices[0].plugin is empty"),
     ],
 )
 def test_what_cannot_be_is_named_with_the_way_out(old, new, message):
     assert old in ABOUT
     with pytest.raises(ProtocolError) as caught:
-        decode((DEMO + ABOUT.replace(old, new, 1)).encode(), "demo.toml")
+        decode_protocol((DEMO + ABOUT.replace(old, new, 1)).encode(), "demo.toml")
     assert re.search(r"demo\.toml:\d+: " + re.escape(message), str(caught.value))
 
 

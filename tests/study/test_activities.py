@@ -4,13 +4,12 @@ import msgspec
 import pytest
 
 from minihuman.errors import ProtocolError
-from minihuman.study.activities import registry
-from minihuman.study.activities.port import Activity, Ended, Kind
-from minihuman.study.events import PartEnded, PartStarted, SessionEnded
-from minihuman.study.inputs import Input, KeyDown
-from minihuman.study.phases import Phase
-from minihuman.study.screens import TextScreen
-from minihuman.study.well_formed import complaints
+from minihuman.experiment.activities.activity import Activity, ActivityKind, PartEnding
+from minihuman.experiment.machine.events import PartEnded, PartStarted, SessionEnded, find_violations
+from minihuman.experiment.machine.inputs import Input, KeyDown
+from minihuman.experiment.machine.screens import TextScreen
+from minihuman.experiment.machine.transitions import Phase
+from tests.lab_package import install_lab as install_lab
 from tests.study.sessions import Desk
 from tests.study.studies import plan_of
 
@@ -31,10 +30,10 @@ class Bell(Activity):
 
     def receive(self, happened: Input) -> None:
         if isinstance(happened, KeyDown):
-            self.stage.say_key(happened, "accepted", self.phase)
+            self.context.emit_key(happened, "accepted", self.phase)
             self._rung += 1
             if self._rung == self.part.plan.rings:
-                self.ended = Ended()
+                self.ended = PartEnding()
 
     def screen(self) -> TextScreen:
         return TextScreen("Ring", f"{self.part.plan.rings - self._rung} left", "")
@@ -44,19 +43,19 @@ PARTS = """
 [[activities]]
 name = "ring"
 kind = "bell"
-plan = {{ rings = {rings} }}
+settings = {{ rings = {rings} }}
 [[pages]]
 name = "after"
 text = "Well."
 """
 
 
+BELL = ActivityKind("bell", BellPlan, Bell)
+
+
 @pytest.fixture
-def bell(monkeypatch):
-    monkeypatch.setitem(registry.OURS, "bell", Kind("bell", BellPlan, Bell))
-    registry.kind_of.cache_clear()
-    yield
-    registry.kind_of.cache_clear()
+def bell(install_lab):
+    install_lab("a-lab", activities=["bell = tests.study.test_activities:BELL"])
 
 
 def test_a_kind_of_ones_own_runs_in_a_session(bell):
@@ -68,7 +67,7 @@ def test_a_kind_of_ones_own_runs_in_a_session(bell):
     assert [event.kind for event in desk.of(PartStarted)] == ["bell", "page"]
     assert [event.end for event in desk.of(PartEnded)] == ["done", "done"]
     assert desk.of(SessionEnded)[0].reason == "complete"
-    assert complaints(desk.events) == []
+    assert find_violations(desk.events) == []
 
 
 def test_a_plan_that_the_kind_cannot_read_is_said(bell):
@@ -77,5 +76,5 @@ def test_a_plan_that_the_kind_cannot_read_is_said(bell):
 
 
 def test_a_kind_that_nobody_has_is_said():
-    with pytest.raises(ProtocolError, match="activity 'bell' is unknown; it is one of keyboard_check, page"):
+    with pytest.raises(ProtocolError, match="activity 'bell' is unknown; it is one of correction, keyboard_check"):
         plan_of(PARTS.format(rings=3), ["ring"])

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import pytest
 
-from minihuman.study.again import differences
-from minihuman.study.events import EpisodeStarted, KeyPressed
-from minihuman.study.inputs import KeyDown, Shown, Tick
-from minihuman.study.phases import Phase
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed
+from minihuman.experiment.machine.inputs import KeyDown, ScreenShown, Tick
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.replay import compare_replay
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import MS, Desk, corridor_plan
 
 
 def late(desk: Desk, ms: float) -> None:
     """The present screen reaches the display so much later."""
     desk.now_ns += round(ms * MS)
-    desk.give(Shown(desk.now_ns, desk.now_ns, desk.now_ns))
+    desk.give(ScreenShown(desk.now_ns, desk.now_ns, desk.now_ns))
 
 
 def early(desk: Desk, key: str, ms: float) -> None:
@@ -34,12 +34,12 @@ def test_enter_before_ready_was_seen_is_proven_to_have_done_nothing():
     desk.press("enter")
     desk.act("forward", "forward")
     assert desk.session.phase is Phase.PLAYING
-    assert list(differences(desk.events, World)) == []
+    assert list(compare_replay(desk.events, World)) == []
 
 
 @pytest.mark.parametrize("ms", [250, 301, 320, 337])
 def test_a_key_while_a_slow_screen_still_stands_is_proven(ms):
-    desk = Desk(corridor_plan(more="interval_ms = 300\nfixation_ms = 300"))
+    desk = Desk(corridor_plan(more="inter_trial_interval_ms = 300\nfixation_ms = 300"))
     desk.press("enter")
     assert desk.session.phase is Phase.INTERVAL
     late(desk, 40)  # it stands for 300 ms from here
@@ -52,7 +52,7 @@ def test_a_key_while_a_slow_screen_still_stands_is_proven(ms):
     desk.pass_ms(400)
     assert desk.of(EpisodeStarted)
     desk.act("forward")
-    assert list(differences(desk.events, World)) == []
+    assert list(compare_replay(desk.events, World)) == []
 
 
 @pytest.mark.parametrize("verdict", ["accepted", "not_playing"])
@@ -68,4 +68,4 @@ def test_what_an_enter_did_at_ready_cannot_be_changed(verdict):
         else event
         for event in desk.events
     ]
-    assert list(differences(changed, World)) != []
+    assert list(compare_replay(changed, World)) != []

@@ -3,23 +3,22 @@
 import numpy as np
 import pytest
 
-from minihuman.recorded.corrected import corrections
-from minihuman.study.activities.correction_events import (
+from minihuman.experiment.activities.correction import (
     CorrectionBegun,
     CorrectionEnded,
     CorrectionSeen,
     CorrectionStepped,
+    EpisodeRequest,
     NothingToCorrect,
-    WantsEpisode,
 )
-from minihuman.study.activities.pair_events import Offered, Stretch
-from minihuman.study.again import differences
-from minihuman.study.events import PartEnded, SessionEnded
-from minihuman.study.inputs import FocusChanged
-from minihuman.study.phases import Phase
-from minihuman.study.screens import FilmScreen, PlayScreen
-from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.activities.preferences import ClipOffered, EpisodeClip
+from minihuman.experiment.machine.events import PartEnded, SessionEnded, find_violations
+from minihuman.experiment.machine.inputs import FocusChanged
+from minihuman.experiment.machine.screens import FilmScreen, PlayScreen
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.replay import compare_replay
+from minihuman.log.model.teaching_events import gather_corrections
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import Desk, key_of
 from tests.study.studies import CORRIDOR, plan_of
 
@@ -27,13 +26,13 @@ PARTS = """
 [[activities]]
 name = "correct"
 kind = "correction"
-plan = { source = "corridor", episodes = 2, steps = 3 }
+settings = { source = "corridor", episodes = 2, steps = 3 }
 [[pages]]
 name = "after"
 text = "Well."
 """
 WORLD = "tests.worlds.corridor:tests/Corridor-v0"
-EPISODE = Stretch(0, 1, 0, WORLD, "{}", 7, (1, 0, 1, 0))
+EPISODE = EpisodeClip(0, 1, 0, WORLD, "{}", 7, (1, 0, 1, 0))
 
 
 class Correcting(Desk):
@@ -42,9 +41,9 @@ class Correcting(Desk):
     offered = (EPISODE, EPISODE)
 
     def answer(self):
-        while isinstance(want := self.session.wants, WantsEpisode):
+        while isinstance(want := self.session.request, EpisodeRequest):
             there = want.number < len(self.offered)
-            self.give(Offered(self.now_ns, self.offered[want.number] if there else None))
+            self.give(ClipOffered(self.now_ns, self.offered[want.number] if there else None))
         self.show()
 
     def go(self, *keys):
@@ -61,7 +60,7 @@ def desk():
 
 
 def proven(desk):
-    return complaints(desk.events) == [] and list(differences(desk.events, World)) == []
+    return find_violations(desk.events) == [] and list(compare_replay(desk.events, World)) == []
 
 
 def test_an_episode_is_gone_through_step_by_step(desk):
@@ -85,7 +84,7 @@ def test_from_a_step_on_somebody_shows_what_should_have_been_done(desk):
     assert [(step.step, step.action) for step in desk.of(CorrectionStepped)] == [(2, 1), (3, 0)]
     assert [end.outcome for end in desk.of(CorrectionEnded)] == ["stopped"]
     assert desk.session.phase is Phase.LOOKING
-    (corrected,) = corrections(desk.events)
+    (corrected,) = gather_corrections(desk.events)
     assert (corrected.episode, corrected.step, corrected.before.tolist()) == (0, 1, [1])
     assert corrected.actions.tolist() == [1, 0]
     with_world = World(WORLD, {})

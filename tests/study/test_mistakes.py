@@ -5,9 +5,9 @@ import re
 import pytest
 
 from minihuman.errors import ProtocolError
-from minihuman.study.protocol import decode
-from minihuman.study.rehearse import rehearse
-from minihuman.study.toml_lines import Lines
+from minihuman.experiment.plan.dry_run import check_worlds
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.protocol.validation_errors import TomlLines
 
 GOOD = """\
 [study]
@@ -39,7 +39,7 @@ episodes = 3
 actions = ["left", "right", "forward"]
 max_steps = 50
 seeds = "new"
-key_map = "fresh"
+key_map = "new"
 feedback = "{outcome}"
 
 [[blocks]]
@@ -70,8 +70,8 @@ MISTAKES = [
     ('name = "tiny"', 'name = "Tiny Study"', 2, ["'Tiny Study'", "lower-case"]),
     ('participants = 20', 'participants = 0', 5, ["is 0", "1 to 100000"]),
     ('participants = 20', 'participants = "20"', 5, ["'20'", "participants = 10"]),
-    ('participants = 20', 'participants = 20\nbreak_s = "long"', 6, ["'long'", "a number, as in break_s = 1.5"]),
-    ('participants = 20', 'participants = 20\nbreak_s = -1.0', 6, ["-1.0", "0 to 86400 s"]),
+    ('participants = 20', 'participants = 20\nmin_rest_s = "long"', 6, ["'long'", "a number, as in min_rest_s = 1.5"]),
+    ('participants = 20', 'participants = 20\nmin_rest_s = -1.0', 6, ["-1.0", "0 to 86400 s"]),
     ('[study]', '[sutdy]', 1, ["$.sutdy", "did you mean 'study'?"]),
     ('[keys]', '[[keys]]', 11, ["$.keys", "it is a table", "[keys]"]),
     ('"3", "4"]', '"3", "bogus"]', 12, ["$.keys.pool[3]", "'bogus'", "a to z"]),
@@ -81,8 +81,8 @@ MISTAKES = [
     ('pool = ["1", "2",\n  "3", "4"]', 'pool = [1, 2]', 12, ["$.keys.pool[0]", "is 1", 'pool = ["...", "..."]']),
     ('pool = ["1", "2",\n  "3", "4"]', 'pool = "1234"', 12, ["'1234'", "a list"]),
     ('pool = ["1", "2",\n  "3", "4"]', 'pool = ["1", "2"]', 26, ["block 'g'", "has 3 for 2 keys", "add keys"]),
-    ('[keys]', '[keys]\nspare = "nothing"', 12, ["'nothing'", "ignore, distractor"]),
-    ('[keys]', '[keys]\nspare = "distractor"', 24, ["block 'g'", "distractors", "is empty"]),
+    ('[keys]', '[keys]\nspare_keys = "nothing"', 12, ["'nothing'", "ignore, distractor"]),
+    ('[keys]', '[keys]\nspare_keys = "distractor"', 24, ["block 'g'", "distractors", "is empty"]),
     ('[keys]', '[keys]\ncheck = "no"', 12, ["'no'", "true or false"]),
     ('[[groups]]\nname = "late"\nblocks = ["h", "g"]\n', '', 0, []),  # no mistake: one group is a study
     ('[[groups]]\nname = "early"\nblocks = ["g", "h"]\n\n[[groups]]', '[groups]', 15, ["one table", "[[groups]]"]),
@@ -99,7 +99,7 @@ MISTAKES = [
     ('step_period_ms = 300.0', 'auto_repeat = true\nstep_period_ms = 300.0', 40, ["block 'h'", "auto_repeat"]),
     ('step_period_ms = 300.0', 'step_period_ms = 300.0\nview = "top"', 41, ["'top'", "partial, full"]),
     ('step_period_ms = 300.0', 'step_period_ms = 300.0\npalette = 3', 41, ["block 'h'", "is 3", '"classic"']),
-    ('key_map = "fresh"', 'key_map = "cary"', 30, ["block 'g'", "'cary'", "did you mean 'carry'?"]),
+    ('key_map = "new"', 'key_map = "cary_over"', 30, ["block 'g'", "'cary_over'", "did you mean 'carry_over'?"]),
     ('seeds = "new"', 'seeds = [1, 2]', 29, ["block 'g'", "2 seeds for 3", "one an episode"]),
     ('seeds = "new"', 'seeds = [1, 2, -3]', 29, ["block 'g'", "negative", "0 or more"]),
     ('"{outcome}"', '"{outcom}"', 31, ["block 'g'", "placeholder", "use outcome"]),
@@ -120,7 +120,7 @@ MISTAKES = [
 
 def mistakes(toml: str) -> tuple[str, ...]:
     try:
-        rehearse(decode(toml.encode(), "tiny.toml"), "tiny.toml")
+        check_worlds(decode_protocol(toml.encode(), "tiny.toml"), "tiny.toml")
     except ProtocolError as error:
         return error.mistakes
     return ()
@@ -153,7 +153,7 @@ def test_there_are_as_many_as_were_tried_once() -> None:
 def test_all_are_told_at_once_in_order_of_line_and_the_error_itself_is_one_line() -> None:
     wrong = GOOD.replace('version = "1"', "version = 1").replace("episodes = 3", "episodes = true")
     with pytest.raises(ProtocolError) as failed:
-        decode(wrong.replace("[[exclusions]]", "[[exclusion]]").encode(), "tiny.toml")
+        decode_protocol(wrong.replace("[[exclusions]]", "[[exclusion]]").encode(), "tiny.toml")
     lines = [int(re.match(r"tiny\.toml:(\d+)", one)[1]) for one in failed.value.mistakes]
     assert lines == sorted(lines) == [3, 26, 42]
     assert str(failed.value).endswith("(and 2 more: minihuman check tiny.toml says all)")
@@ -161,11 +161,11 @@ def test_all_are_told_at_once_in_order_of_line_and_the_error_itself_is_one_line(
 
 
 def test_a_byte_order_mark_is_no_mistake() -> None:
-    assert decode(b"\xef\xbb\xbf" + GOOD.encode()).study.name == "tiny"
+    assert decode_protocol(b"\xef\xbb\xbf" + GOOD.encode()).study.name == "tiny"
 
 
 def test_lines_are_found_past_strings_and_lists_that_go_on() -> None:
-    lines = Lines(GOOD)
+    lines = TomlLines(GOOD)
     assert lines.of("$.keys.pool[3]") == 12
     assert lines.of("$.groups[1].blocks[0]") == 21
     assert lines.of("$.blocks[1].pace") == 39

@@ -7,25 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.lab.legible import study_unreadable
-from minihuman.lab.protocol_file import read_protocol
+from minihuman.admin.legibility import find_illegible_in_study
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.display.drawing.screen import compose_screen
+from minihuman.display.text import TypefaceSet
+from minihuman.display.windows.window import VirtualClock
+from minihuman.experiment import words
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.screens import Screen, TextLocale
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.players.choose import make_player
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study import texts, words
-from minihuman.study.expand import enrol, expand
-from minihuman.study.protocol import decode
-from minihuman.study.screens import Screen, Script
-from minihuman.study.session import Session
-from minihuman.typeset.faces import Faces
-from minihuman.windows.compose import compose
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.participant import make_participant
+from minihuman.worlds.adapters.world import World
 from tests.typefaces import need_faces
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
-ENGLISH = {word.lower() for text in words.of("en").values() for word in re.findall(r"[A-Za-z]{3,}", text)}
+ENGLISH = {word.lower() for text in words.load_words("en").values() for word in re.findall(r"[A-Za-z]{3,}", text)}
 GERMAN = """
 [study]
 name = "deutsch"
@@ -46,7 +47,7 @@ name = "last"
 form = "nasa-tlx"
 [[questions]]
 name = "wissen"
-tries = 9
+max_attempts = 9
 [[questions.items]]
 name = "a"
 kind = "choice"
@@ -70,12 +71,12 @@ episodes = 2
 actions = ["left", "right", "forward"]
 max_steps = 60
 key_map = "shown"
-instruction = "Los geht es."
+instructions = "Los geht es."
 feedback = "{outcome}, {points}"
-rest = "Ruhen Sie sich aus."
+rest_text = "Ruhen Sie sich aus."
 points = { goal = 1 }
 show_points = true
-marks = true
+show_outcome = true
 fixation_ms = 100
 [[blocks]]
 name = "room"
@@ -89,18 +90,27 @@ key_map = "shown"
 
 def screens_of(protocol, session: int = 1) -> list[Screen]:
     """Every screen that a simulated participant sees."""
-    plan = expand(protocol, enrol(protocol, 0), session=session)
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0), session=session)
     clock = VirtualClock()
-    machine = Session(plan, World, {}, picture_px=None)
-    window = SimulatedWindow(make_player("human-like", np.random.default_rng(1)), machine, clock)
+    machine = SessionMachine(plan, World, {}, picture_px=None)
+    window = SimulatedWindow(make_participant("human-like", np.random.default_rng(1)), machine, clock)
     seen: list[Screen] = []
     show = window.show
     window.show = lambda screen: (seen.append(screen), show(screen))[1]  # type: ignore[method-assign]
     run_session(machine, window, MemoryRecorder(), clock)
-    its = machine._stage.words
-    around = [texts.paused, texts.unfocused, texts.quit_question, texts.abort_question, texts.getting_ready]
+    its = machine._context.words
+    around = [
+        screen_texts.build_pause_screen,
+        screen_texts.build_focus_lost_screen,
+        screen_texts.build_quit_screen,
+        screen_texts.build_abort_screen,
+        screen_texts.build_wait_screen,
+    ]
     seen += [make(its) for make in around]
-    seen += [texts.over(its, reason, "") for reason in ("complete", "quit", "screened_out", "disk_full", "world_error")]
+    seen += [
+        screen_texts.build_end_screen(its, reason, "")
+        for reason in ("complete", "quit", "screened_out", "disk_full", "world_error")
+    ]
     return seen
 
 
@@ -113,7 +123,7 @@ def strings(value) -> list[str]:
         found = [getattr(value, field.name) for field in fields(value) if field.name not in hidden]
         if hasattr(value, "legend"):
             found.append([action for _, action in value.legend])
-        return [text for inner in found for text in strings(inner)] if not isinstance(value, Script) else []
+        return [text for inner in found for text in strings(inner)] if not isinstance(value, TextLocale) else []
     if isinstance(value, tuple | list):
         if value and all(isinstance(row, tuple) and len(row) == 3 for row in value):  # labels: name, cap, what is above
             return [text for _, cap, above in value for text in (cap, above)]
@@ -124,8 +134,8 @@ def strings(value) -> list[str]:
 
 
 def test_no_english_word_is_in_any_screen_of_a_german_study():
-    shared = {word.lower() for text in words.of("de").values() for word in re.findall(r"[A-Za-z]{3,}", text)}
-    seen = screens_of(decode(GERMAN.encode()))
+    shared = {word.lower() for text in words.load_words("de").values() for word in re.findall(r"[A-Za-z]{3,}", text)}
+    seen = screens_of(decode_protocol(GERMAN.encode()))
     told = {text for screen in seen for text in strings(screen)}
     assert len(seen) > 60
     assert "Eingabetaste" in " ".join(told)
@@ -146,19 +156,19 @@ def test_every_screen_of_a_chinese_study_can_be_drawn():
     study = read_protocol(PROTOCOLS / "two-days.toml")
     seen = [screen for screen in screens_of(study) if type(screen).__name__ in ("PageScreen", "QuestionScreen")]
     for screen in seen[::7]:
-        assert compose(screen, (640, 480)).shape == (480, 640, 3)
+        assert compose_screen(screen, (640, 480)).shape == (480, 640, 3)
 
 
 def test_the_study_over_two_days_can_be_read():
     need_faces("zh")
-    assert list(study_unreadable(read_protocol(PROTOCOLS / "two-days.toml"))) == []
+    assert list(find_illegible_in_study(read_protocol(PROTOCOLS / "two-days.toml"))) == []
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
         (("Los geht es.", "Los geht es \U0010fff0."), r"grid, instruction 1: no face .*U\+10FFF0"),
-        (('rest = "Ruhen', f'rest = "{"Ruhen Sie sich aus. " * 90}'), "grid, rest: does not fit a screen"),
+        (('rest_text = "Ruhen', f'rest_text = "{"Ruhen Sie sich aus. " * 90}'), "grid, rest: does not fit a screen"),
         (("Was ist richtig?", "Was ist richtig? " * 200), "question 'a': does not fit"),
         (
             ('language = "de"', 'language = "de"\nfonts = ["Fraktur.ttf"]'),
@@ -168,13 +178,13 @@ def test_the_study_over_two_days_can_be_read():
     ],
 )
 def test_check_names_what_cannot_be_read(change, says):
-    problems = list(study_unreadable(decode(GERMAN.replace(*change).encode())))
+    problems = list(find_illegible_in_study(decode_protocol(GERMAN.replace(*change).encode())))
     assert any(re.search(says, problem) for problem in problems), problems
 
 
 def test_what_no_face_has_is_said_once_however_many_texts_have_it(monkeypatch):
-    monkeypatch.setattr(Faces, "missing", lambda self, text: text[:1])
-    problems = list(study_unreadable(decode(GERMAN.encode())))
+    monkeypatch.setattr(TypefaceSet, "missing", lambda self, text: text[:1])
+    problems = list(find_illegible_in_study(decode_protocol(GERMAN.encode())))
     without_a_face = [problem for problem in problems if "no face" in problem]
     assert len(without_a_face) <= 2, "once a group"
     assert re.search(r"and \d{2,} more texts have such characters", without_a_face[0])

@@ -3,29 +3,27 @@
 import numpy as np
 import pytest
 
-from minihuman.study import words
-from minihuman.study.events import Noted, PageShown, SessionEnded
-from minihuman.study.inputs import PointerPressed
-from minihuman.study.phases import Phase
-from minihuman.study.screens import PageScreen, Script
-from minihuman.study.words import LANGUAGES
-from minihuman.typeset.faces import faces_for
-from minihuman.typeset.lines import wrap
-from minihuman.typeset.pages import lines_on, page_lines, pages
-from minihuman.windows import theme
-from minihuman.windows.compose import compose, spot_at
+from minihuman.display.drawing import sheet
+from minihuman.display.drawing.screen import compose_screen, find_spot
+from minihuman.display.text import break_page_lines, count_page_lines, paginate_text, select_typefaces, wrap_text
+from minihuman.experiment import words
+from minihuman.experiment.machine.events import Noted, PageShown, SessionEnded
+from minihuman.experiment.machine.inputs import PointerPressed
+from minihuman.experiment.machine.screens import PageScreen, TextLocale
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.words import LANGUAGES
 from tests.counts import count
 from tests.study.sessions import Desk
 from tests.study.studies import CORRIDOR, plan_of
 from tests.typefaces import need_faces
 
 LENGTHS = (10, 100, 700, 5000)
-CONSENT = '[[pages]]\nname = "consent"\nagree = true\ntext = """{text}"""\n'
+CONSENT = '[[pages]]\nname = "consent"\nasks_consent = true\ntext = """{text}"""\n'
 
 
 def text_of(language: str, length: int) -> str:
     """So many words of the interface, in sentences and paragraphs."""
-    its = [text for key, text in words.of(language).items() if "{" not in text and key != "direction"]
+    its = [text for key, text in words.load_words(language).items() if "{" not in text and key != "direction"]
     sentences = [its[number % len(its)] for number in range(length)]
     gap = "" if language in ("zh", "ja") else " "
     return "\n\n".join(gap.join(sentences[start : start + 12]) for start in range(0, length, 12))[: length * 6]
@@ -39,20 +37,20 @@ def inked(text: str) -> str:
 @pytest.mark.parametrize("length", LENGTHS[: count(3, 4)])
 def test_every_character_is_on_some_page_and_has_a_face(language, length):
     need_faces(language)
-    text, faces = text_of(language, length), faces_for(language)
-    found = pages(text, faces)
+    text, faces = text_of(language, length), select_typefaces(language)
+    found = paginate_text(text, faces)
     assert inked("".join(found)) == inked(text)
     assert faces.missing(text) == ""
-    assert all(len(page_lines(page, faces)) <= lines_on(picture=False) for page in found)
+    assert all(len(break_page_lines(page, faces)) <= count_page_lines(picture=False) for page in found)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("size_px", [(1280, 720), (1024, 768), (1920, 1080)][: count(1, 3)])
 def test_a_full_page_leaves_its_margins_clear(language, size_px):
-    [first, *_] = pages(text_of(language, 700), faces_for(language))
-    script = Script(language, language == "ar")
-    shown = compose(PageScreen("", first, 2, 3, "", (), script=script), size_px)
-    ink = (shown != np.array(theme.BACKGROUND)).any(axis=2)
+    [first, *_] = paginate_text(text_of(language, 700), select_typefaces(language))
+    locale = TextLocale(language, language == "ar")
+    shown = compose_screen(PageScreen("", first, 2, 3, "", (), locale=locale), size_px)
+    ink = (shown != np.array(sheet.BACKGROUND)).any(axis=2)
     height, width = ink.shape
     margin = round(min(height, width * 3 / 4) * 0.02)
     assert ink.any()
@@ -65,26 +63,26 @@ def test_a_full_page_leaves_its_margins_clear(language, size_px):
 
 
 def test_lines_follow_each_other_wherever_a_page_began():
-    faces = faces_for("en")
+    faces = select_typefaces("en")
     text = " ".join(["Taking part is voluntary, and you may stop at any time."] * 90)
-    whole = page_lines(text, faces)
-    assert [line for page in pages(text, faces) for line in page_lines(page, faces)] == whole
+    whole = break_page_lines(text, faces)
+    assert [line for page in paginate_text(text, faces) for line in break_page_lines(page, faces)] == whole
 
 
 def test_chinese_signs_begin_no_line():
-    faces = faces_for("zh")
+    faces = select_typefaces("zh")
     text = "感谢您考虑参加本项研究。在您决定之前，请您仔细阅读以下内容！" * 9
     for wide_px in range(300, 360, 7):
-        lines = wrap(text, faces=faces, size_px=30, wide_px=wide_px)
+        lines = wrap_text(text, faces=faces, size_px=30, wide_px=wide_px)
         assert "".join(lines) == text
         assert all(line[0] not in "。，！" for line in lines)
 
 
 def test_a_heading_does_not_stand_alone_at_the_end_of_a_page():
-    faces = faces_for("en")
-    for fill in range(1, lines_on(picture=False) + 1):
+    faces = select_typefaces("en")
+    for fill in range(1, count_page_lines(picture=False) + 1):
         text = "\n".join(["A line of its own."] * fill + ["", "What we ask of you", "word " * 120])
-        for page in pages(text, faces)[:-1]:
+        for page in paginate_text(text, faces)[:-1]:
             assert not page.endswith("What we ask of you")
 
 
@@ -105,7 +103,7 @@ def test_a_consent_is_read_to_its_end_before_it_can_be_agreed_to():
         desk.press("enter")
     desk.press("right", "space")  # an arrow too many agrees to nothing
     assert desk.session.phase is Phase.CONSENT
-    assert desk.session.screen.prompt == words.of("en")["consent.prompt"]
+    assert desk.session.screen.prompt == words.load_words("en")["consent.prompt"]
     desk.press("enter")
     [note] = [event for event in desk.of(Noted) if event.kind == "consent"]
     assert desk.plan.consent_sha256 in note.text
@@ -124,7 +122,7 @@ def test_pages_turn_back_and_forward_by_key_and_by_button():
 def test_the_buttons_are_where_they_are_drawn():
     desk = consent(LONG)
     desk.press("enter")
-    found = {spot_at(desk.session.screen, (1280, 720), x / 200, y / 200)[0] for x in range(200) for y in range(200)}
+    found = {find_spot(desk.session.screen, (1280, 720), x / 200, y / 200)[0] for x in range(200) for y in range(200)}
     assert found == {"", "go_on", "back", "decline"}
 
 

@@ -2,11 +2,18 @@
 
 import pytest
 
-from minihuman.study.events import EpisodeEnded, EpisodesSkipped, FrameShown, Scored, SessionEnded, Stepped
-from minihuman.study.inputs import KeyDown, Shown
-from minihuman.study.phases import Phase
-from minihuman.study.screens import BlankScreen
-from minihuman.study.well_formed import complaints
+from minihuman.experiment.machine.events import (
+    EpisodeEnded,
+    EpisodesSkipped,
+    FrameShown,
+    Scored,
+    SessionEnded,
+    Stepped,
+    find_violations,
+)
+from minihuman.experiment.machine.inputs import KeyDown, ScreenShown
+from minihuman.experiment.machine.screens import BlankScreen
+from minihuman.experiment.machine.transitions import Phase
 from tests.study.sessions import MS, Desk, corridor_plan
 
 GOAL = ("forward", "forward", "forward")
@@ -25,17 +32,17 @@ def play(desk: Desk, *outcomes: str) -> None:
 
 
 def test_practice_is_over_as_soon_as_its_criterion_is_met():
-    desk = desk_with("until = { successes = 2, of = 3 }", episodes=6)
+    desk = desk_with("stop_criterion = { successes = 2, of = 3 }", episodes=6)
     play(desk, "goal", "fail", "goal")
     assert len(desk.of(EpisodeEnded)) == 3
     [skipped] = desk.of(EpisodesSkipped)
     assert (skipped.first, skipped.count, skipped.reason) == (3, 3, "criterion")
     assert desk.of(SessionEnded)[0].reason == "complete"
-    assert complaints(desk.events) == []
+    assert find_violations(desk.events) == []
 
 
 def test_only_the_last_so_many_count():
-    desk = desk_with("until = { successes = 2, of = 2 }", episodes=6)
+    desk = desk_with("stop_criterion = { successes = 2, of = 2 }", episodes=6)
     play(desk, "goal", "fail", "goal", "fail", "goal")
     assert desk.of(EpisodesSkipped) == []
     play(desk, "goal")
@@ -43,13 +50,13 @@ def test_only_the_last_so_many_count():
 
 
 def test_who_never_meets_the_criterion_goes_on_or_is_screened_out():
-    desk = desk_with('until = { successes = 2, of = 2, otherwise = "end" }', episodes=2)
+    desk = desk_with('stop_criterion = { successes = 2, of = 2, otherwise = "end" }', episodes=2)
     play(desk, "fail", "fail")
     assert desk.of(SessionEnded)[0].reason == "screened_out"
 
 
 def test_an_episode_has_a_time_limit_without_the_pauses():
-    desk = desk_with("max_s = 2.0", episodes=1)
+    desk = desk_with("max_episode_s = 2.0", episodes=1)
     desk.act("forward")
     desk.pass_ms(1000)
     desk.press("f8")
@@ -60,11 +67,11 @@ def test_an_episode_has_a_time_limit_without_the_pauses():
     desk.give(KeyDown(desk.session.next_tick_ns, "q"))
     [ended] = desk.of(EpisodeEnded)
     assert (ended.outcome, ended.cause, ended.steps) == ("timeout", "max_s", 1)
-    assert complaints(desk.events) == []
+    assert find_violations(desk.events) == []
 
 
 def test_a_block_has_a_time_limit_and_the_rest_is_skipped():
-    desk = desk_with("block_max_s = 3.0", episodes=4)
+    desk = desk_with("max_block_s = 3.0", episodes=4)
     desk.pass_ms(2000)
     desk.act("dive")
     desk.press("enter")
@@ -103,27 +110,27 @@ def test_feedback_has_a_text_for_each_outcome():
 
 
 def test_the_last_picture_is_shown_and_held_with_a_mark_and_a_sum():
-    desk = desk_with("marks = true\npoints = { goal = 10 }", hold_ms=600, episodes=1)
+    desk = desk_with("show_outcome = true\npoints = { goal = 10 }", hold_ms=600, episodes=1)
     desk.show()
     for _ in range(3):
         desk.act("forward")
         desk.show()
     held = desk.session.screen
     assert desk.session.phase is Phase.HOLD
-    assert (held.step, held.mark, held.said) == (3, "good", "+10 points")
+    assert (held.step, held.mark, held.score_text) == (3, "good", "+10 points")
     assert len(desk.of(FrameShown)) == len(desk.of(Stepped)) + 1
     desk.press("enter", "3")  # keys are for nothing now
     assert desk.session.phase is Phase.HOLD
     desk.pass_ms(600)
     assert desk.session.over
-    assert complaints(desk.events) == []
+    assert find_violations(desk.events) == []
 
 
 def test_the_hold_begins_when_the_picture_is_on_the_display():
     desk = desk_with("", hold_ms=500, episodes=1)
     desk.act("dive")
     flip_ns = desk.now_ns + 90 * MS
-    desk.give(Shown(flip_ns, desk.now_ns, flip_ns))
+    desk.give(ScreenShown(flip_ns, desk.now_ns, flip_ns))
     assert desk.session.next_tick_ns == flip_ns + 500 * MS
 
 
@@ -140,7 +147,7 @@ def test_a_question_over_the_held_picture_holds_it_anew():
 
 
 def test_an_interval_and_a_cross_come_before_each_episode():
-    desk = desk_with("interval_ms = 300\nfixation_ms = 500", episodes=2)
+    desk = desk_with("inter_trial_interval_ms = 300\nfixation_ms = 500", episodes=2)
     assert desk.session.screen == BlankScreen()
     desk.pass_ms(300)
     assert desk.session.screen == BlankScreen(cross=True)
@@ -158,11 +165,11 @@ def test_a_second_enter_meant_for_the_screen_before_does_not_skip_ready():
     early_ns = desk.now_ns + 5 * MS
     desk.press("enter")
     flip_ns = early_ns + 20 * MS
-    desk.give(Shown(flip_ns, desk.now_ns, flip_ns))  # the screen that says that something takes a moment
+    desk.give(ScreenShown(flip_ns, desk.now_ns, flip_ns))  # the screen that says that something takes a moment
     desk.pass_ms(21)
     assert desk.session.phase is Phase.READY
     ready_ns = desk.now_ns + 10 * MS
-    desk.give(Shown(ready_ns, desk.now_ns, ready_ns))
+    desk.give(ScreenShown(ready_ns, desk.now_ns, ready_ns))
     desk.give(KeyDown(early_ns, "enter"))
     assert desk.session.phase is Phase.READY
     assert desk.verdicts()[-1] == "not_playing"

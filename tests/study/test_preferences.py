@@ -2,12 +2,18 @@
 
 import pytest
 
-from minihuman.study.activities.pair_events import Offered, PairSeen, Preferred, Stretch, StretchShown, WantsStretch
-from minihuman.study.again import differences
-from minihuman.study.events import PartEnded, SessionEnded
-from minihuman.study.phases import Phase
-from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.activities.preferences import (
+    ClipOffered,
+    ClipRequest,
+    EpisodeClip,
+    PairSeen,
+    Preferred,
+    StretchShown,
+)
+from minihuman.experiment.machine.events import PartEnded, SessionEnded, find_violations
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.replay import compare_replay
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import Desk
 from tests.study.studies import CORRIDOR as BLOCK
 from tests.study.studies import plan_of
@@ -16,14 +22,14 @@ PARTS = """
 [[activities]]
 name = "compare"
 kind = "preferences"
-plan = {{ source = "corridor", pairs = {pairs}, steps = 2, step_ms = 100 }}
+settings = {{ source = "corridor", pairs = {pairs}, steps = 2, step_ms = 100 }}
 [[pages]]
 name = "after"
 text = "Well."
 """
 CORRIDOR = "tests.worlds.corridor:tests/Corridor-v0"
-ONE = Stretch(0, 1, 0, CORRIDOR, "{}", 7, (1, 1))
-OTHER = Stretch(1, 1, 0, CORRIDOR, "{}", 8, (1, 0))
+ONE = EpisodeClip(0, 1, 0, CORRIDOR, "{}", 7, (1, 1))
+OTHER = EpisodeClip(1, 1, 0, CORRIDOR, "{}", 8, (1, 0))
 
 
 class Comparing(Desk):
@@ -32,8 +38,8 @@ class Comparing(Desk):
     offered = (ONE, OTHER)
 
     def answer(self):
-        while isinstance(want := self.session.wants, WantsStretch):
-            self.give(Offered(self.now_ns, self.offered[want.place]))
+        while isinstance(want := self.session.request, ClipRequest):
+            self.give(ClipOffered(self.now_ns, self.offered[want.place]))
         self.show()
 
     def look(self, ms):
@@ -98,5 +104,5 @@ def test_a_comparison_is_well_formed_and_played_again_says_the_same(desk):
         desk.answer()
     desk.press("enter")
     assert desk.of(SessionEnded)
-    assert complaints(desk.events) == []
-    assert list(differences(desk.events, World)) == []
+    assert find_violations(desk.events) == []
+    assert list(compare_replay(desk.events, World)) == []

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from minihuman.study.events import AnswerChanged, Answered, EpisodesSkipped, PartEnded, SessionEnded
-from minihuman.study.inputs import KeyDown, PointerMoved, PointerPressed, Typed
-from minihuman.study.phases import Phase
-from minihuman.windows.compose import spot_at
+from minihuman.display.drawing.screen import find_spot
+from minihuman.experiment.machine.events import AnswerChanged, Answered, EpisodesSkipped, PartEnded, SessionEnded
+from minihuman.experiment.machine.inputs import KeyDown, PointerMoved, PointerPressed, TextInput
+from minihuman.experiment.machine.transitions import Phase
 from tests.study.sessions import Desk
 from tests.study.studies import plan_of
 
@@ -31,7 +31,7 @@ def asked(*kinds: str, more: str = "", language: str = "en", extra: str = "") ->
 
 def type_text(desk: Desk, text: str) -> None:
     desk.now_ns += 1
-    desk.give(Typed(desk.now_ns, text))
+    desk.give(TextInput(desk.now_ns, text))
 
 
 def point(desk: Desk, target: str, along: float = 0.5) -> None:
@@ -100,7 +100,7 @@ def test_every_spot_is_where_it_is_drawn(kind):
     spots = {}
     for x in range(400):
         for y in range(200):
-            name, along = spot_at(desk.session.screen, HD, x / 400, y / 200)
+            name, along = find_spot(desk.session.screen, HD, x / 400, y / 200)
             spots.setdefault(name, []).append((x, along))
     expected = {"choice": 3, "choices": 3, "likert": 7, "slider": 0}[kind]
     assert {name for name in spots if name.startswith("option")} == {f"option:{n}" for n in range(expected)}
@@ -113,7 +113,7 @@ def test_a_scale_runs_from_right_to_left_in_arabic():
     desk, arabic = asked("likert"), asked("likert", language="ar")
     places = []
     for screen in (desk.session.screen, arabic.session.screen):
-        row = [spot_at(screen, HD, x / 400, y / 100)[0] for x in range(400) for y in (46, 48, 50, 52, 54, 56)]
+        row = [find_spot(screen, HD, x / 400, y / 100)[0] for x in range(400) for y in (46, 48, 50, 52, 54, 56)]
         places.append([name for name in dict.fromkeys(row) if name])
     assert places[0] == [f"option:{n}" for n in range(7)]
     assert places[1] == places[0][::-1]
@@ -215,9 +215,9 @@ name = "how"
 text = "Read this."
 [[questions]]
 name = "quiz"
-tries = 2
-back_to = "how"
-failed = "{failed}"
+max_attempts = 2
+return_to = "how"
+on_failure = "{failed}"
 [[questions.items]]
 name = "one"
 kind = "choice"

@@ -1,12 +1,11 @@
 """Rating: two keys say good and bad of an agent that plays; the log holds when, and what was seen when."""
 
-from minihuman.study.activities.agent_events import Rated
-from minihuman.study.again import differences
-from minihuman.study.events import FrameShown, Stepped
-from minihuman.study.inputs import KeyDown
-from minihuman.study.phases import Phase
-from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.activities.agent_blocks import Rated
+from minihuman.experiment.machine.events import FrameShown, Stepped, find_violations
+from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.replay import compare_replay
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import MS, key_of
 from tests.study.test_takeover import playing
 
@@ -70,5 +69,5 @@ def test_nothing_is_joined_a_press_and_the_pictures_stand_beside_each_other():
         desk.wait_ms(248)
     assert [event.step for event in desk.of(Rated)] == [0, 1, 2]
     assert {event.step for event in desk.of(FrameShown)} == {0, 1, 2}
-    assert complaints(desk.events) == []
-    assert list(differences(desk.events, World)) == []
+    assert find_violations(desk.events) == []
+    assert list(compare_replay(desk.events, World)) == []

@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 
 from minihuman.errors import AllocationError
-from minihuman.study.events import (
+from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodeStarted,
     FrameShown,
@@ -16,13 +16,13 @@ from minihuman.study.events import (
     SessionEnded,
     SessionStarted,
     Stepped,
+    find_violations,
 )
-from minihuman.study.inputs import KeyDown, Stop
-from minihuman.study.phases import Phase
-from minihuman.study.screens import PlayScreen
-from minihuman.study.session import Session
-from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.machine.inputs import KeyDown, Stop
+from minihuman.experiment.machine.screens import PlayScreen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import MS, Desk, corridor_plan, key_of
 
 
@@ -32,7 +32,7 @@ def outcomes(desk: Desk) -> list[str]:
 
 def ended(desk: Desk) -> SessionEnded:
     assert desk.session.over
-    assert complaints(desk.events) == []
+    assert find_violations(desk.events) == []
     return desk.of(SessionEnded)[-1]
 
 
@@ -104,8 +104,8 @@ def test_a_resumed_session_goes_on_at_its_first_episode_without_asking_for_conse
 
 
 def test_a_finished_session_cannot_be_resumed():
-    with pytest.raises(AllocationError, match="has played all 2 episodes"):
-        Session(corridor_plan(first_episode=2), World, {})
+    with pytest.raises(AllocationError, match="has completed all 2 episodes"):
+        SessionMachine(corridor_plan(first_episode=2), World, {})
 
 
 def test_the_keyboard_check_wants_every_key_of_the_pool_once():
@@ -337,7 +337,7 @@ def test_a_world_that_cannot_be_made_ends_the_session_before_the_episode():
     def make(world_id, options):
         raise OSError("no such corridor")
 
-    session = Session(corridor_plan(), make, {})
+    session = SessionMachine(corridor_plan(), make, {})
     events = session.receive(KeyDown(0, "enter"))
     assert [type(event) for event in events] == [SessionStarted, PartStarted, Noted, SessionEnded]
     assert events[-1].reason == "world_error"
@@ -365,7 +365,7 @@ def test_the_legend_is_on_the_screen_only_where_keys_are_shown():
 
 
 def test_nobody_looking_means_no_pictures():
-    session = Session(corridor_plan(), World, {}, picture_px=None)
+    session = SessionMachine(corridor_plan(), World, {}, picture_px=None)
     session.receive(KeyDown(0, "enter"))
     assert session.screen.picture.shape == (0, 0, 3)
 

@@ -1,18 +1,13 @@
-from minihuman.study.events import (
-    Noted,
-    Paused,
-    Resumed,
-    Stepped,
-)
-from minihuman.study.inputs import FocusChanged
-from minihuman.study.phases import Phase
+from minihuman.experiment.machine.events import Noted, Paused, Resumed, Stepped
+from minihuman.experiment.machine.inputs import FocusChanged
+from minihuman.experiment.machine.transitions import Phase
 from tests.study.sessions import MS, Desk, corridor_plan, key_of
 
 REAL_TIME = 'pace = "real_time"\nstep_period_ms = 100\n'
 
 
 def test_real_time_steps_once_a_period_with_the_last_key_or_the_noop():
-    desk = Desk(corridor_plan(max_steps=9, more=REAL_TIME + 'noop = "stay"'))
+    desk = Desk(corridor_plan(max_steps=9, more=REAL_TIME + 'noop_action = "stay"'))
     desk.press("enter")
     assert desk.session.next_tick_ns is None  # not before the first picture
     desk.show()
@@ -39,7 +34,7 @@ def test_real_time_without_a_noop_waits_for_a_key():
 
 
 def test_periods_missed_by_a_stalled_machine_are_not_made_up_for():
-    desk = Desk(corridor_plan(more=REAL_TIME + 'noop = "stay"'))
+    desk = Desk(corridor_plan(more=REAL_TIME + 'noop_action = "stay"'))
     desk.press("enter")
     desk.show()
     start_ns = desk.now_ns
@@ -49,7 +44,7 @@ def test_periods_missed_by_a_stalled_machine_are_not_made_up_for():
 
 
 def test_a_key_after_its_period_ran_out_belongs_to_the_next():
-    desk = Desk(corridor_plan(more=REAL_TIME + 'noop = "stay"'))
+    desk = Desk(corridor_plan(more=REAL_TIME + 'noop_action = "stay"'))
     desk.press("enter")
     desk.show()
     desk.now_ns += 150 * MS
@@ -58,7 +53,7 @@ def test_a_key_after_its_period_ran_out_belongs_to_the_next():
 
 
 def test_losing_the_focus_pauses_real_time_and_is_recorded():
-    desk = Desk(corridor_plan(more=REAL_TIME + 'noop = "stay"'))
+    desk = Desk(corridor_plan(more=REAL_TIME + 'noop_action = "stay"'))
     desk.press("enter")
     desk.show()
     desk.give(FocusChanged(desk.now_ns, focused=False))

@@ -1,22 +1,21 @@
 """Takeover: who steers, from which key on, and what the log says of it."""
 
-from minihuman.study.activities.agent_events import (
+from minihuman.experiment.activities.agent_blocks import (
     Advice,
+    AdviceRequest,
     Advised,
     ControlChanged,
     LearnerAsked,
     NewPolicy,
     PolicyGiven,
-    WantsAdvice,
-    WantsPolicy,
+    PolicyRequest,
 )
-from minihuman.study.again import differences
-from minihuman.study.events import EpisodeStarted, KeyPressed, Stepped
-from minihuman.study.inputs import FocusChanged
-from minihuman.study.phases import Phase
-from minihuman.study.screens import PlayScreen
-from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed, Stepped, find_violations
+from minihuman.experiment.machine.inputs import FocusChanged
+from minihuman.experiment.machine.screens import PlayScreen
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.replay import compare_replay
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import MS, Desk, corridor_plan, key_of
 
 AGENT = """
@@ -39,11 +38,11 @@ class Beside(Desk):
     def answer(self):
         """Show the screen and give the session whatever it wants."""
         self.show()
-        while (want := self.session.wants) is not None:
+        while (want := self.session.request) is not None:
             match want:
-                case WantsPolicy():
+                case PolicyRequest():
                     self.give(NewPolicy(self.now_ns, self.policy))
-                case WantsAdvice(step=step):
+                case AdviceRequest(step=step):
                     chances = tuple(self.advice[: len(self.session.play.world.action_names)])
                     self.give(Advice(self.now_ns, step, chances))
 
@@ -74,7 +73,7 @@ def test_the_agent_steps_at_its_pace_and_its_picture_starts_each_period():
     (stepped,) = desk.of(Stepped)
     assert (stepped.key, stepped.t_ns, stepped.rt_ms) == ("", shown_ns + 500 * MS, None)
     assert desk.session.play.world.action_names[stepped.action] == "forward"
-    assert desk.session.screen.steers == "agent"
+    assert desk.session.screen.controller == "agent"
 
 
 def test_any_key_with_an_action_takes_over_at_once_and_its_action_is_done():
@@ -87,7 +86,7 @@ def test_any_key_with_an_action_takes_over_at_once_and_its_action_is_done():
     assert who(desk) == [("agent", "start", 0), ("person", "key", 0)]
     assert desk.of(ControlChanged)[1].pressed_ns == desk.now_ns
     assert isinstance(desk.session.screen, PlayScreen)
-    assert desk.session.screen.steers == "person"
+    assert desk.session.screen.controller == "person"
 
 
 def test_a_person_who_steers_is_not_hurried():
@@ -215,8 +214,8 @@ def test_a_session_with_an_agent_is_well_formed_and_played_again_says_the_same()
             desk.wait_ms(250)
         desk.press("enter")
         desk.answer()
-    assert complaints(desk.events) == []
-    assert list(differences(desk.events, World)) == []
+    assert find_violations(desk.events) == []
+    assert list(compare_replay(desk.events, World)) == []
     assert {event.verdict for event in desk.of(KeyPressed)} >= {"accepted"}
 
 
@@ -226,4 +225,4 @@ def test_an_advice_that_was_changed_is_found():
     events = list(desk.events)
     place = next(number for number, event in enumerate(events) if isinstance(event, Advised))
     events[place] = Advised(events[place].t_ns, 0, 0, 0, FORWARD[: len(events[place].probabilities)])
-    assert "action" in next(iter(differences(events, World)))
+    assert "action" in next(iter(compare_replay(events, World)))

@@ -3,8 +3,15 @@ import dataclasses
 import msgspec
 import pytest
 
-from minihuman.study.events import EpisodeEnded, KeyMapDrawn, ObservationStored, Resumed, SessionEnded, Stepped
-from minihuman.study.well_formed import complaints
+from minihuman.experiment.machine.events import (
+    EpisodeEnded,
+    KeyMapDrawn,
+    ObservationStored,
+    Resumed,
+    SessionEnded,
+    Stepped,
+    find_violations,
+)
 from minihuman.worlds.hashing import hash64
 from tests.study.sessions import Desk, corridor_plan
 
@@ -46,8 +53,8 @@ def without(events, kind, number=0):
 
 
 def test_asked_for_a_sessions_observations_come_before_their_steps(with_observations):
-    assert complaints(with_observations) == []
-    assert all(complaints(with_observations[:length]) == [] for length in range(len(with_observations)))
+    assert find_violations(with_observations) == []
+    assert all(find_violations(with_observations[:length]) == [] for length in range(len(with_observations)))
     first = [event for event in with_observations if isinstance(event, ObservationStored) and event.episode == 0]
     assert [event.step for event in first] == [0, 1, 2, 3]
     assert hash64(first[2].observation) == with_observations[place(with_observations, Stepped, 1)].observation_hash
@@ -62,12 +69,12 @@ def test_asked_for_a_sessions_observations_come_before_their_steps(with_observat
     ],
 )
 def test_a_stream_whose_observations_are_wrong_is_told(with_observations, breakage, said):
-    assert any(said in complaint for complaint in complaints(breakage(with_observations)))
+    assert any(said in complaint for complaint in find_violations(breakage(with_observations)))
 
 
 def test_a_played_session_breaks_no_rule_nor_does_one_cut_short(events):
-    assert complaints(events) == []
-    assert all(complaints(events[:length]) == [] for length in range(len(events)))
+    assert find_violations(events) == []
+    assert all(find_violations(events[:length]) == [] for length in range(len(events)))
 
 
 @pytest.mark.parametrize(
@@ -92,4 +99,4 @@ def test_a_played_session_breaks_no_rule_nor_does_one_cut_short(events):
     ],
 )
 def test_a_broken_rule_is_named(events, breakage, said):
-    assert any(said in complaint for complaint in complaints(breakage(events)))
+    assert any(said in complaint for complaint in find_violations(breakage(events)))

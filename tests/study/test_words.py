@@ -5,13 +5,14 @@ import string
 
 import pytest
 
-from minihuman.study import texts, words
-from minihuman.study.forms import FORMS, form
-from minihuman.study.words import LANGUAGES, Words
-from minihuman.typeset.faces import faces_for
+from minihuman.display.text import select_typefaces
+from minihuman.experiment import words
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
+from minihuman.experiment.words import LANGUAGES, InterfaceWords
 from tests.typefaces import need_faces
 
-ENGLISH = words.of("en")
+ENGLISH = words.load_words("en")
 OTHERS = [language for language in LANGUAGES if language != "en"]
 # printed so on keys in these countries, or the same word in both languages
 SHARED = {"Esc", "Tab", "Alt", "Ctrl", "Num", "Insert", "{points} points", "ltr", "AltGr", "Points", "Enter"}
@@ -23,14 +24,14 @@ def fields(text):
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_a_language_has_every_word_with_the_same_fields(language):
-    its = words.of(language)
+    its = words.load_words(language)
     assert its.keys() == ENGLISH.keys()
     assert {key: fields(text) for key, text in its.items()} == {key: fields(text) for key, text in ENGLISH.items()}
 
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_no_word_was_left_in_english(language):
-    its = words.of(language)
+    its = words.load_words(language)
     same = {text for key, text in its.items() if text == ENGLISH[key]}
     assert same <= SHARED
 
@@ -38,21 +39,21 @@ def test_no_word_was_left_in_english(language):
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_every_character_of_a_language_has_a_face(language):
     need_faces(language)
-    assert faces_for(language).missing("".join(words.of(language).values())) == ""
+    assert select_typefaces(language).missing("".join(words.load_words(language).values())) == ""
 
 
 @pytest.mark.parametrize("language", ["zh", "ja", "ar"])
 def test_a_language_with_another_script_has_no_latin_word_but_names_of_keys(language):
-    for key, text in words.of(language).items():
+    for key, text in words.load_words(language).items():
         if key != "direction":
             assert set(re.findall("[A-Za-z]{2,}", re.sub(r"\{\w+\}", "", text))) <= SHARED, key
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("name", FORMS)
+@pytest.mark.parametrize("name", SHIPPED_FORMS)
 def test_a_form_is_there_in_every_language(name, language):
     need_faces(language)
-    english, its = form(name, "en"), form(name, language)
+    english, its = load_form(name, "en"), load_form(name, language)
     assert [item.name for item in its.items] == [item.name for item in english.items]
     for item, other in zip(its.items, english.items, strict=True):
         assert item.ask
@@ -62,27 +63,27 @@ def test_a_form_is_there_in_every_language(name, language):
     text = its.title + "".join(
         item.ask + item.low + item.high + item.unit + "".join(item.options) for item in its.items
     )
-    assert faces_for(language).missing(text) == ""
+    assert select_typefaces(language).missing(text) == ""
 
 
 def test_any_word_can_be_replaced():
-    assert Words("de", {"ready.title": "Los?"})["ready.title"] == "Los?"
-    assert Words("de")["ready.title"] == "Bereit?"
+    assert InterfaceWords("de", {"ready.title": "Los?"})["ready.title"] == "Los?"
+    assert InterfaceWords("de")["ready.title"] == "Bereit?"
 
 
 def test_a_worlds_english_is_shown_in_english_studies_only():
-    assert Words("en").mission("go to the red ball") == "go to the red ball"
-    assert Words("de").mission("go to the red ball") == ""
-    assert Words("de").mission("reach the goal") == "Erreichen Sie das Ziel"
+    assert InterfaceWords("en").mission("go to the red ball") == "go to the red ball"
+    assert InterfaceWords("de").mission("go to the red ball") == ""
+    assert InterfaceWords("de").mission("reach the goal") == "Erreichen Sie das Ziel"
 
 
 def test_a_sign_stays_before_its_number_also_from_right_to_left():
     """Without the mark, Unicode's rules (UAX 9: a separator beside one number alone) show "0.3-" there."""
-    assert texts.score(Words("ar"), -0.3) == "\u200e-0.3 نقطة"
-    assert texts.score(Words("ar"), 2) == "\u200e+2 نقطة"
-    assert texts.score(Words("en"), -0.3) == "-0.3 points"
+    assert screen_texts.format_score(InterfaceWords("ar"), -0.3) == "\u200e-0.3 نقطة"
+    assert screen_texts.format_score(InterfaceWords("ar"), 2) == "\u200e+2 نقطة"
+    assert screen_texts.format_score(InterfaceWords("en"), -0.3) == "-0.3 points"
 
 
 def test_less_than_a_tenth_of_a_point_is_none():
-    assert texts.number(-0.04) == "0"
-    assert texts.number(-0.06) == "-0.1"
+    assert screen_texts.format_points(-0.04) == "0"
+    assert screen_texts.format_points(-0.06) == "-0.1"

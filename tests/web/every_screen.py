@@ -37,12 +37,12 @@ consent = "May we?"
 closing = "Thank you."
 [keys]
 pool = ["left", "right", "up"]
-check = true
+keyboard_check = true
 [web]
-picture_px = [160, 160]
+image_size_px = [160, 160]
 codes = { complete = "C1A2" }
 [allocation]
-stratify = "about.hand"
+stratify_by = "about.hand"
 [[groups]]
 name = "some"
 parts = ["about", "how", "walk", "teach", "rate", "correct", "compare"]
@@ -69,19 +69,19 @@ items = [
 name = "walk"
 max_steps = 3
 episodes = 1
-instruction = "Walk."
+instructions = "Walk."
 fixation_ms = 1000
-hold_ms = 1500
+final_frame_ms = 1500
 feedback = "{outcome}"
-marks = true
+show_outcome = true
 WORLD
 [[blocks]]
 name = "teach"
 kind = "takeover"
 max_steps = 6
 episodes = 1
-instruction = "Take over."
-hold_ms = 300
+instructions = "Take over."
+final_frame_ms = 300
 WORLD
 agent = { policy = "optimal:0.3", step_ms = 3000 }
 [[blocks]]
@@ -89,24 +89,24 @@ name = "rate"
 kind = "rating"
 max_steps = 4
 episodes = 1
-instruction = "J is good."
-hold_ms = 300
+instructions = "J is good."
+final_frame_ms = 300
 WORLD
 agent = { policy = "optimal:0.3", step_ms = 3000 }
 [[activities]]
 name = "correct"
 kind = "correction"
-plan = { source = "teach", episodes = 1, steps = 2 }
+settings = { source = "teach", episodes = 1, steps = 2 }
 [[activities]]
 name = "compare"
 kind = "preferences"
-plan = { source = "teach", pairs = 1, steps = 2, step_ms = 200 }
+settings = { source = "teach", pairs = 1, steps = 2, step_ms = 200 }
 """.replace(
     "WORLD",
     """world = "minihuman/MiniGrid-Empty-16x16-v0"
 actions = ["left", "right", "forward"]
 key_map = "fixed"
-fixed = { left = "left", right = "right", up = "forward" }
+fixed_keys = { left = "left", right = "right", up = "forward" }
 show_keys = true""",
 )
 _ANSWERS = {"options": "1", "slider": "right", "entry": "4", "points": "2"}

@@ -5,10 +5,10 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.study.events import KeyPressed, Stepped
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import KeyPressed, Stepped
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import Somebody, browsing
 from tests.web.protocols import GRID, study
 from tests.web.serving import Line, Serving, line, serving
@@ -34,7 +34,8 @@ def interrupt(folder: Path, *, times: int, seed: int, rtt_ms: float = 80.0, worl
     """Play through as many interruptions, then to the session's end."""
     chance = random.Random(seed)
     found = Interrupted()
-    web = "picture_px = [400, 300]\ngrace_s = 86_400\nidle_s = 0"  # the machine itself may be stopped meanwhile
+    # the machine itself may be stopped meanwhile
+    web = "image_size_px = [400, 300]\nreconnect_timeout_s = 86_400\nidle_timeout_s = 0"
     protocol = study(folder, world, episodes=max(4, times), max_steps=40, web=web)
     with (
         serving(protocol, folder) as served,
@@ -59,8 +60,8 @@ def interrupt(folder: Path, *, times: int, seed: int, rtt_ms: float = 80.0, worl
     found.logged = [press.key for press in presses]
     found.accepted = sum(press.verdict == "accepted" and press.action is not None for press in presses)
     found.steps = sum(isinstance(event, Stepped) for event in events)
-    found.complaints = list(prove(part, World))
-    found.segments = len(open_log(part.parent).segments)
+    found.complaints = list(find_log_differences(part, World))
+    found.segments = len(read_log(part.parent).segments)
     found.notes = [event.text for event in events if getattr(event, "kind", "") == "page"]
     return found
 

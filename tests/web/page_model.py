@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from minihuman.study.screens import FilmScreen, PairScreen, PlayScreen
-from minihuman.web import wire
-from minihuman.web.seat import Seat
+from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen
+from minihuman.web import messages
+from minihuman.web.session_host import SessionHost
 
 _REELS = ("pictures", "lefts", "rights")
 Press = tuple[int, str, bool]  # when, key, whether it goes down
@@ -20,9 +20,9 @@ class PageModel:
         frame_ns: how long a flip takes.
     """
 
-    def __init__(self, seat: Seat, script: Sequence[Press], *, frame_ns: int) -> None:
-        self.sent: list[wire.Numbered] = []
-        self.told: list[wire.Told | wire.Picture] = []
+    def __init__(self, seat: SessionHost, script: Sequence[Press], *, frame_ns: int) -> None:
+        self.sent: list[messages.NumberedMessage] = []
+        self.told: list[messages.ServerMessage | messages.PictureMessage] = []
         self.hears = True  # and says so
         self.pictures: set[int] = set()  # that it has
         self._scenes: dict[int, set[int]] = {}  # pictures, by episode
@@ -33,77 +33,79 @@ class PageModel:
         self._now_ns = 0
         self._heard = 0
         self._tick_ns: int | None = None
-        self._to_show: wire.Show | None = None
+        self._to_show: messages.DisplayedMessage | None = None
         self._shown: tuple[object, ...] = ()  # screen, step, who steered and what flashed
-        self._screen = wire.ToShow(0, 0, 0, None, {"kind": ""})
+        self._screen = messages.ScreenMessage(0, 0, 0, None, {"kind": ""})
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
         """Until the session is over or the script is, or something holds."""
-        self.say(wire.Time())
+        self.say(messages.TickMessage())
         while not self._seat.over and not until():
             if self._to_show is not None:
                 self._show()
             elif self._script and (self._tick_ns is None or self._script[0][0] <= max(self._tick_ns, self._now_ns)):
                 t_ns, key, down = self._script.pop(0)
                 self._now_ns = max(self._now_ns, t_ns)
-                self.say(wire.Key(key, down, t_ns))
+                self.say(messages.KeyMessage(key, down, t_ns))
             elif self._tick_ns is not None:
                 self._now_ns = max(self._now_ns, self._tick_ns)
-                self.say(wire.Time())
+                self.say(messages.TickMessage())
             else:
                 return
 
-    def say(self, what: wire.Said) -> None:
+    def say(self, what: messages.PageMessage) -> None:
         """Number it, stamp it, have it taken, and read what comes back."""
         last_ns = self.sent[-1].at if self.sent else 0
-        self.sent.append(wire.Numbered(len(self.sent) + 1, max(last_ns + 1, self._now_ns), what))
+        self.sent.append(messages.NumberedMessage(len(self.sent) + 1, max(last_ns + 1, self._now_ns), what))
         self._seat.receive(self.sent[-1].n, self.sent[-1].at, what)
         while self._seat.grow():
             pass
-        self._seat.tell_found()
+        self._seat.send_prefetched()
         self._read()
 
     def _read(self) -> None:
-        for number, message in self._seat.saying.after(self._heard):
+        for number, message in self._seat.outgoing.after(self._heard):
             self._heard = number
             self.told.append(message)
             self._keep(message)
             match message:
-                case wire.ToShow():
+                case messages.ScreenMessage():
                     self._screen, self._tick_ns = message, message.tick
                     told = message.screen
                     if told["kind"] != "play":
-                        self._to_show = wire.Show(0, 0, screen=message.id)
+                        self._to_show = messages.DisplayedMessage(0, 0, screen=message.id)
                     elif "picture" in told:
-                        self._to_show = wire.Show(0, 0, episode=told["episode"], step=told["step"])
-                case wire.Now():
+                        self._to_show = messages.DisplayedMessage(0, 0, episode=told["episode"], step=told["step"])
+                case messages.EpisodeState():
                     self._tick_ns = message.tick
                     seen = self._screen.id, message.step, message.who, self._flash
                     if message.step >= 0 and self._shown != seen:
                         self._shown = seen
-                        self._to_show = wire.Show(0, 0, episode=message.episode, step=message.step, node=message.node)
-        if self.hears and self._heard <= self._seat.saying.said:  # it may have begun anew
-            self._seat.saying.heard(self._heard)
+                        self._to_show = messages.DisplayedMessage(
+                            0, 0, episode=message.episode, step=message.step, node=message.node
+                        )
+        if self.hears and self._heard <= self._seat.outgoing.last_number:  # it may have begun anew
+            self._seat.outgoing.acknowledge(self._heard)
         self._look()
 
-    def _keep(self, message: wire.Told | wire.Picture) -> None:
+    def _keep(self, message: messages.ServerMessage | messages.PictureMessage) -> None:
         """Keep pictures, and let go of them when it is told to; every picture that is named is there."""
         named: set[int] = set()
         match message:
-            case wire.Picture():
+            case messages.PictureMessage():
                 self.pictures.add(message.number)
-            case wire.Rules():
+            case messages.EpisodeRules():
                 self._scenes = {number: found for number, found in self._scenes.items() if number >= message.episode}
                 used = _pictures_of(self._screen.screen).union(*self._onward, *self._scenes.values())
                 self.pictures = {number for number in self.pictures if number >= message.keep or number in used}
-            case wire.Ahead():
+            case messages.LookAheadUpdate():
                 named = {picture for _, picture in message.nodes}
                 self._scenes.setdefault(message.episode, set()).update(named)
-            case wire.Frame():
+            case messages.FilmFrame():
                 named = {message.picture}
-            case wire.ToShow():
+            case messages.ScreenMessage():
                 named = _pictures_of(message.screen)
-            case wire.Onward():
+            case messages.ScreenPrefetch():
                 self._onward += [_pictures_of(coming.screen) for coming in message.screens]
                 named = set().union(*self._onward)
         assert named <= self.pictures, f"{message} names {named - self.pictures}, which the page does not have"
@@ -114,10 +116,10 @@ class PageModel:
         match screen:
             case PlayScreen() if self._shown and (*self._shown[:3], screen.flash) != self._shown:
                 self._shown = *self._shown[:3], screen.flash
-                self._to_show = wire.Show(0, 0, episode=screen.episode, step=screen.step)
+                self._to_show = messages.DisplayedMessage(0, 0, episode=screen.episode, step=screen.step)
             case PairScreen() | FilmScreen() if self._shown != (screen,):
                 self._shown = (screen,)
-                self._to_show = wire.Show(0, 0, screen=self._screen.id)
+                self._to_show = messages.DisplayedMessage(0, 0, screen=self._screen.id)
 
     @property
     def _flash(self) -> str:

@@ -14,7 +14,7 @@ def study(
     max_steps: int = 20,
     more: str = "",
     block: str = "",
-    web: str = "picture_px = [400, 300]",
+    web: str = "image_size_px = [400, 300]",
 ) -> Path:
     """Write a protocol of one block; its keys are 1, 2 and 3, whatever they do."""
     path = folder / "tried.toml"
@@ -29,7 +29,7 @@ participants = 500
 
 [keys]
 pool = ["1", "2", "3"]
-check = false
+keyboard_check = false
 
 [web]
 {web}

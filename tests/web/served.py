@@ -17,10 +17,10 @@ version = "1"
 seed = 3
 consent = "May we?"
 [keys]
-check = false
+keyboard_check = false
 [web]
-picture_px = [96, 96]
-platforms = ["prolific"]
+image_size_px = [96, 96]
+recruitment_platforms = ["prolific"]
 {web}
 [[groups]]
 name = "all"
@@ -30,7 +30,7 @@ name = "walk"
 world = "minihuman/MiniGrid-Empty-5x5-v0"
 episodes = {episodes}
 max_steps = 20
-hold_ms = 0
+final_frame_ms = 0
 actions = ["left", "right", "forward"]
 {more}
 """

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.lab.recruits import Recruits
-from minihuman.seats.watch.server import WatchServer
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.recruitment import Recruitment
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.runtime.watch.dashboard import DashboardServer
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import browsing
 from tests.web.every_screen import CODE, KINDS, every_screen, go_through
 from tests.web.serving import serving
@@ -52,12 +52,12 @@ def test_no_screen_of_a_study_has_a_serious_finding_and_none_is_cut_off_at_200_p
     assert too_wide == []
     assert somebody.errors == []
     [log] = tmp_path.rglob("*.mcap")
-    assert list(prove(log, World)) == []
+    assert list(find_log_differences(log, World)) == []
 
 
 def test_the_experimenters_page_has_no_serious_finding(tmp_path: Path) -> None:
-    Recruits(tmp_path).issue(2)
-    server = WatchServer(tmp_path)
+    Recruitment(tmp_path).issue(2)
+    server = DashboardServer(tmp_path)
     thread = Thread(target=server.serve, daemon=True)
     thread.start()
     with browsing() as sit_down:
@@ -66,7 +66,7 @@ def test_the_experimenters_page_has_no_serious_finding(tmp_path: Path) -> None:
         assert serious(page) == []
         page.get_by_role("button", name="Close recruitment").click()
         page.get_by_role("button", name="Open recruitment").wait_for()
-        assert not Recruits(tmp_path).standing().recruiting
+        assert not Recruitment(tmp_path).standing().recruiting
         assert serious(page) == []
     server.stop()
     thread.join()

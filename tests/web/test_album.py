@@ -4,15 +4,17 @@ import zlib
 
 import numpy as np
 
-from minihuman.web import album
-from minihuman.web.album import JPEG, ZLIB, Album
+from minihuman.web import image_cache
+from minihuman.web.image_cache import JPEG, ZLIB, ImageCache
 
 
 def test_what_somebody_else_has_seen_is_not_packed_again(monkeypatch) -> None:
     picture = np.full((16, 16, 3), 201, np.uint8)
-    [first] = taken(Album(), picture)
-    monkeypatch.setattr(album, "_packed", lambda *_: (_ for _ in ()).throw(AssertionError("packed again")))
-    later = Album()
+    [first] = taken(ImageCache(), picture)
+    monkeypatch.setattr(
+        image_cache, "_encode_picture", lambda *_: (_ for _ in ()).throw(AssertionError("packed again"))
+    )
+    later = ImageCache()
     [second] = taken(later, picture.copy())
     assert second == first
     assert zlib.decompress(second.data) == picture.tobytes()
@@ -21,14 +23,14 @@ def test_what_somebody_else_has_seen_is_not_packed_again(monkeypatch) -> None:
 
 def test_each_study_has_its_own_encoding_of_the_same_picture() -> None:
     noise = np.random.default_rng(1).integers(0, 256, (24, 24, 3)).astype(np.uint8)
-    [small], [exact] = taken(Album("auto"), noise), taken(Album("lossless"), noise)
+    [small], [exact] = taken(ImageCache("auto"), noise), taken(ImageCache("lossless"), noise)
     assert (small.encoding, exact.encoding) == (JPEG, ZLIB)
     assert zlib.decompress(exact.data) == noise.tobytes()
 
 
 def test_what_is_kept_for_everybody_has_a_bound(monkeypatch) -> None:
-    monkeypatch.setattr(album, "_SHARED_BYTES", 20_000)
-    shared = album._Shared()
+    monkeypatch.setattr(image_cache, "_SHARED_BYTES", 20_000)
+    shared = image_cache._SharedImages()
     rng = np.random.default_rng(2)
     for number in range(50):
         noise = rng.integers(0, 256, (24, 24, 3)).astype(np.uint8)
@@ -37,6 +39,6 @@ def test_what_is_kept_for_everybody_has_a_bound(monkeypatch) -> None:
     assert (bytes([49]), "lossless") in shared._kept, "the latest stay"
 
 
-def taken(into: Album, picture: np.ndarray) -> list:
+def taken(into: ImageCache, picture: np.ndarray) -> list:
     into.number(picture)
     return into.take_new()

@@ -8,17 +8,24 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from minihuman.data.journals import ARRIVALS
+from minihuman.admin.enrolment_entries import read_enrolled
+from minihuman.admin.recruitment import IDS_FILE_NAME, PlatformId, Recruitment
+from minihuman.admin.withdrawal import withdraw_participant
+from minihuman.dataset.journal import ARRIVALS_FILE_NAME
 from minihuman.errors import AllocationError
-from minihuman.lab.recruits import IDS_FILE_NAME, PlatformId, Recruits
-from minihuman.lab.register_lines import read_register
-from minihuman.lab.withdraw import withdraw
+from minihuman.experiment.machine.events import SessionStarted
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import SessionStarted
-from minihuman.study.protocol import decode
-from minihuman.web.arrivals import Arrival, Arrivals, Refused, Seated
-from minihuman.web.links import is_token, link
-from minihuman.web.platforms import link_for, visitor
+from minihuman.web.arrivals import (
+    Admission,
+    Arrival,
+    Arrivals,
+    Rejection,
+    build_link,
+    build_platform_link,
+    identify_visitor,
+    is_token,
+)
 from tests.study.sessions import corridor_plan
 
 TOML = corridor_plan(consent="May we?").protocol_toml
@@ -26,7 +33,7 @@ PERSON = "5f2b8a1c9d3e4f5061728394"
 
 
 def arrivals(data: Path, web: str = "", *, participants: int = 100) -> Arrivals:
-    protocol = decode(TOML + f"\n[web]\n{web}\n".encode())
+    protocol = decode_protocol(TOML + f"\n[web]\n{web}\n".encode())
     study = msgspec.structs.replace(protocol.study, participants=participants)
     return Arrivals(msgspec.structs.replace(protocol, study=study), data)
 
@@ -41,14 +48,14 @@ def test_a_link_leads_to_one_slot_however_often_it_is_opened(tmp_path):
     seats = [door.arrive(Arrival(token)) for token in (first, first, second)]
     assert [seat.key for seat in seats] == ["sub-01/1", "sub-01/1", "sub-02/1"]
     assert all(seat.plan.participant.id == seat.participant for seat in seats)
-    assert len(read_register(tmp_path / "corridor")) == 2
+    assert len(read_enrolled(tmp_path / "corridor")) == 2
 
 
 def test_a_token_is_behind_the_hash_and_kept_nowhere(tmp_path):
     door = arrivals(tmp_path)
     (token,) = door.recruits.issue(1)
     assert is_token(token)
-    assert link("https://lab.example/", token) == f"https://lab.example/#t={token}"
+    assert build_link("https://lab.example/", token) == f"https://lab.example/#t={token}"
     door.arrive(Arrival(token))
     for path in tmp_path.rglob("*"):
         assert not path.is_file() or token.encode() not in path.read_bytes()
@@ -59,14 +66,14 @@ def test_a_token_is_behind_the_hash_and_kept_nowhere(tmp_path):
 def test_a_guess_gets_nothing(tmp_path, token):
     door = arrivals(tmp_path)
     door.recruits.issue(3)
-    assert door.arrive(Arrival(token)) == Refused("unknown")
-    assert read_register(tmp_path / "corridor") == ()
+    assert door.arrive(Arrival(token)) == Rejection("unknown")
+    assert read_enrolled(tmp_path / "corridor") == ()
 
 
 def test_somebody_from_prolific_has_one_slot_and_is_named_in_one_file_only(tmp_path):
-    door = arrivals(tmp_path, 'platforms = ["prolific"]')
+    door = arrivals(tmp_path, 'recruitment_platforms = ["prolific"]')
     seat = door.arrive(from_prolific())
-    assert isinstance(seat, Seated)
+    assert isinstance(seat, Admission)
     assert door.arrive(from_prolific()).key == seat.key
     assert door.arrive(from_prolific("60a7b3c4d5e6f708192a3b4c")).key == "sub-02/1"
     assert door.id_on_platform(seat.participant) == PERSON
@@ -74,13 +81,13 @@ def test_somebody_from_prolific_has_one_slot_and_is_named_in_one_file_only(tmp_p
     assert holding == [IDS_FILE_NAME]
     mode = stat.S_IMODE((tmp_path / "corridor" / IDS_FILE_NAME).stat().st_mode)
     assert mode == 0o600
-    assert PERSON not in repr(visitor({"PROLIFIC_PID": PERSON}, ("prolific",)))
+    assert PERSON not in repr(identify_visitor({"PROLIFIC_PID": PERSON}, ("prolific",)))
 
 
 def test_the_same_person_has_another_stand_in_in_another_study(tmp_path):
-    keys = {Recruits(tmp_path / name).key_of_person("prolific", PERSON) for name in ("one", "two")}
+    keys = {Recruitment(tmp_path / name).hash_platform_id("prolific", PERSON) for name in ("one", "two")}
     assert len(keys) == 2
-    assert Recruits(tmp_path / "one").key_of_person("prolific", PERSON) in keys
+    assert Recruitment(tmp_path / "one").hash_platform_id("prolific", PERSON) in keys
 
 
 @pytest.mark.parametrize(
@@ -96,34 +103,34 @@ def test_the_same_person_has_another_stand_in_in_another_study(tmp_path):
     ],
 )
 def test_a_platform_says_who_somebody_is(allowed, parameters, who):
-    found = visitor(parameters, allowed)
+    found = identify_visitor(parameters, allowed)
     assert (found and (found.platform, found.id)) == who
 
 
 def test_platforms_put_their_ids_behind_the_hash_where_they_can():
-    assert link_for("prolific", "https://a.example/") == "https://a.example/#PROLIFIC_PID={{%PROLIFIC_PID%}}"
+    assert build_platform_link("prolific", "https://a.example/") == "https://a.example/#PROLIFIC_PID={{%PROLIFIC_PID%}}"
 
 
 def test_a_preview_takes_no_slot(tmp_path):
-    door = arrivals(tmp_path, 'platforms = ["mturk"]')
+    door = arrivals(tmp_path, 'recruitment_platforms = ["mturk"]')
     looking = {"workerId": "A1B2", "assignmentId": "ASSIGNMENT_ID_NOT_AVAILABLE"}
-    assert door.arrive(Arrival(platform=looking)) == Refused("preview")
-    assert read_register(tmp_path / "corridor") == ()
+    assert door.arrive(Arrival(platform=looking)) == Rejection("preview")
+    assert read_enrolled(tmp_path / "corridor") == ()
 
 
 def test_anyone_may_come_where_the_study_says_so_and_comes_back_by_the_link_they_were_given(tmp_path):
-    assert arrivals(tmp_path).arrive(Arrival()) == Refused("unknown")
-    door = arrivals(tmp_path, "anyone = true")
+    assert arrivals(tmp_path).arrive(Arrival()) == Rejection("unknown")
+    door = arrivals(tmp_path, "open_access = true")
     seat = door.arrive(Arrival())
     assert door.arrive(Arrival(seat.token)).key == seat.key
     assert door.arrive(Arrival()).key != seat.key
 
 
 def test_anyone_may_bring_a_link_of_their_own_and_comes_back_by_it_wherever_they_arrive(tmp_path):
-    here, there = arrivals(tmp_path, "anyone = true"), arrivals(tmp_path, "anyone = true")
+    here, there = arrivals(tmp_path, "open_access = true"), arrivals(tmp_path, "open_access = true")
     mine, other = "A" * 22, "B" * 22
     seat = here.arrive(Arrival(mine))
-    assert isinstance(seat, Seated)
+    assert isinstance(seat, Admission)
     assert there.arrive(Arrival(mine)).key == seat.key
     assert there.arrive(Arrival(other)).key != seat.key
     assert there.arrive(Arrival("too short")).key not in (seat.key, "sub-02/1")
@@ -133,8 +140,8 @@ def test_closed_recruitment_lets_nobody_new_in_and_everybody_else_go_on(tmp_path
     door = arrivals(tmp_path)
     here, new = door.recruits.issue(2)
     seat = door.arrive(Arrival(here))
-    Recruits(tmp_path / "corridor").recruit(False)  # by another server
-    assert door.arrive(Arrival(new)) == Refused("closed")
+    Recruitment(tmp_path / "corridor").recruit(False)  # by another server
+    assert door.arrive(Arrival(new)) == Rejection("closed")
     assert door.arrive(Arrival(here)).key == seat.key
     door.recruits.recruit(True)
     assert door.arrive(Arrival(new)).key == "sub-02/1"
@@ -143,17 +150,17 @@ def test_closed_recruitment_lets_nobody_new_in_and_everybody_else_go_on(tmp_path
 def test_a_full_study_says_so(tmp_path):
     door = arrivals(tmp_path, participants=1)
     here, new = door.recruits.issue(2)
-    assert isinstance(door.arrive(Arrival(here)), Seated)
-    assert door.arrive(Arrival(new)) == Refused("full")
+    assert isinstance(door.arrive(Arrival(here)), Admission)
+    assert door.arrive(Arrival(new)) == Rejection("full")
 
 
 def test_who_declines_is_forgotten_and_may_think_better_of_it(tmp_path):
-    door = arrivals(tmp_path, 'platforms = ["prolific"]')
+    door = arrivals(tmp_path, 'recruitment_platforms = ["prolific"]')
     seat = door.arrive(from_prolific())
     door.decline(seat, "declined")
-    assert read_register(tmp_path / "corridor") == ()
+    assert read_enrolled(tmp_path / "corridor") == ()
     assert not any(
-        seat.participant.encode() in line for line in (tmp_path / "corridor" / ARRIVALS).read_bytes().split()
+        seat.participant.encode() in line for line in (tmp_path / "corridor" / ARRIVALS_FILE_NAME).read_bytes().split()
     )
     assert door.id_on_platform(seat.participant) == ""
     assert door.arrive(from_prolific("60a7b3c4d5e6f708192a3b4c")).participant == seat.participant
@@ -161,11 +168,11 @@ def test_who_declines_is_forgotten_and_may_think_better_of_it(tmp_path):
 
 
 def test_who_withdraws_is_forgotten_everywhere(tmp_path):
-    door = arrivals(tmp_path, 'platforms = ["prolific"]')
+    door = arrivals(tmp_path, 'recruitment_platforms = ["prolific"]')
     seat, other = door.arrive(from_prolific()), door.arrive(from_prolific("60a7b3c4d5e6f708192a3b4c"))
-    withdraw(tmp_path / "corridor", seat.participant, seal=None)
+    withdraw_participant(tmp_path / "corridor", seat.participant, seal=None)
     kept = [path.read_bytes() for path in (tmp_path / "corridor").rglob("*") if path.is_file()]
-    stand_in = door.recruits.key_of_person("prolific", PERSON).encode()
+    stand_in = door.recruits.hash_platform_id("prolific", PERSON).encode()
     assert not any(PERSON.encode() in content or stand_in in content for content in kept)
     assert door.id_on_platform(other.participant)
     assert stat.S_IMODE((tmp_path / "corridor" / IDS_FILE_NAME).stat().st_mode) == 0o600
@@ -186,7 +193,7 @@ def test_a_session_that_runs_or_was_cut_off_is_named_by_its_live_log(tmp_path):
 
 
 def test_an_id_said_twice_is_written_once(tmp_path):
-    recruits = Recruits(tmp_path)
+    recruits = Recruitment(tmp_path)
     for _ in range(3):
         recruits.remember(PlatformId("sub-01", "sona", "4711"))
     assert (tmp_path / IDS_FILE_NAME).read_bytes().count(b"\n") == 1
@@ -195,9 +202,9 @@ def test_an_id_said_twice_is_written_once(tmp_path):
 SERVER = """
 import sys
 from pathlib import Path
-from minihuman.study.protocol import decode
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.web.arrivals import Arrival, Arrivals
-door = Arrivals(decode(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))
+door = Arrivals(decode_protocol(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))
 sys.stdin.readline()
 for token in sys.argv[3:]:
     print(door.arrive(Arrival(token)).participant, flush=True)
@@ -207,7 +214,7 @@ for token in sys.argv[3:]:
 @pytest.mark.program
 def test_servers_that_share_a_folder_give_a_link_one_slot(tmp_path):
     (tmp_path / "x.toml").write_bytes(TOML)
-    tokens = Recruits(tmp_path / "corridor").issue(4)
+    tokens = Recruitment(tmp_path / "corridor").issue(4)
     servers = [
         subprocess.Popen(
             [sys.executable, "-c", SERVER, str(tmp_path / "x.toml"), str(tmp_path), *tokens],

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import open_log
-from minihuman.study.events import Answered
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import Answered
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import browsing
 from tests.web.protocols import asking
 from tests.web.serving import line, serving
@@ -40,10 +40,10 @@ def test_what_is_dragged_composed_and_pasted_is_the_answer(tmp_path: Path) -> No
         somebody.to_end()
         assert somebody.errors == []
     (path,) = tmp_path.rglob("*.mcap")
-    (segment,) = open_log(path).segments
+    (segment,) = read_log(path).segments
     given = [event.words for event in segment.part_events if isinstance(event, Answered)]
     assert given == ["60", "火山", ("line " * 400).strip()]
-    assert list(prove(path, World)) == []
+    assert list(find_log_differences(path, World)) == []
 
 
 def asked(somebody: Any, words: str) -> None:

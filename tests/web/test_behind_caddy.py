@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.web.browser import browsing
 from tests.web.protocols import study
@@ -65,7 +65,7 @@ def until_listens(port: int) -> None:
 def test_people_come_by_tls_to_two_workers_and_each_stays_with_theirs(tmp_path: Path) -> None:
     port = free_port(in_a_row=1)
     address = f"https://localhost:{port}"
-    protocol = study(tmp_path, episodes=1, max_steps=4, web="picture_px = [96, 96]\nanyone = true")
+    protocol = study(tmp_path, episodes=1, max_steps=4, web="image_size_px = [96, 96]\nopen_access = true")
     served = Serving(protocol, tmp_path, links=2, options=("--workers", "2", "--address", address))
     try:
         until_listens(served.port + 1)
@@ -87,6 +87,6 @@ def test_people_come_by_tls_to_two_workers_and_each_stays_with_theirs(tmp_path: 
         served.stop()
     logs = sorted(tmp_path.rglob("*.mcap"))
     assert len(logs) == 3
-    assert [complaint for log in logs for complaint in prove(log, World)] == []
+    assert [complaint for log in logs for complaint in find_log_differences(log, World)] == []
     written = [path.read_bytes() for path in (tmp_path / "tried").rglob("*") if path.is_file()]
     assert not any(b"127.0.0.1" in each or b"Mozilla" in each for each in written)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import read_events
-from minihuman.study.events import KeyPressed
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import KeyPressed
+from minihuman.log.read.session_reader import read_events
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.web.processes import below, runs, until
 from tests.web.served import Served, served
@@ -61,4 +61,4 @@ def test_ctrl_c_while_people_play_loses_nothing_that_was_acknowledged(tmp_path: 
         keys = [event for event in read_events(part) if isinstance(event, KeyPressed) and event.down]
         logged = sum(key.action is not None and key.phase == "playing" for key in keys)
         assert ACKED <= len(page.counts.acked_s) <= logged <= page.counts.presses
-        assert list(prove(part, World)) == []
+        assert list(find_log_differences(part, World)) == []

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import open_log
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.adapters.world import World
 from tests.web.firefox import firefox, firefox_at
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import serving
@@ -29,8 +29,8 @@ def test_a_study_is_played_to_its_end_in_firefox(tmp_path: Path, world) -> None:
             page.press(*caps or ["1" if playing else "enter"])
         assert "Thank you" in page.find("document.querySelector('#screen').innerText")
     (path,) = tmp_path.rglob("*.mcap")
-    log = open_log(path)
+    log = read_log(path)
     assert [episode.outcome for episode in log.episodes] == ["timeout", "timeout"]
     assert [len(episode.actions) for episode in log.episodes] == [STEPS, STEPS]
     assert log.facts["browser"] == "Firefox"
-    assert list(prove(path, World)) == []
+    assert list(find_log_differences(path, World)) == []

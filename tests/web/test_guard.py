@@ -4,19 +4,18 @@ import string
 
 import pytest
 
-from minihuman.study.online import Codes, Online
-from minihuman.study.words import LANGUAGES
-from minihuman.web.ending import Ending, end_of, ending
-from minihuman.web.guard import BURST, HEADERS, MESSAGES_PER_S, Allowance, is_ours
-from minihuman.web.said import all_said, said
-from minihuman.web.screening import Door, misfit
+from minihuman.experiment.protocol.specs import CompletionCodesSpec, WebSpec
+from minihuman.experiment.words import LANGUAGES
+from minihuman.web.completion import Completion, build_completion, classify_ending, get_page_texts, load_page_texts
+from minihuman.web.eligibility import BrowserProperties, check_eligibility
+from minihuman.web.limits import HEADERS, MESSAGE_BURST, MESSAGES_PER_S, RateLimit, is_same_origin
 
 
 def test_typing_is_within_the_allowance_and_a_flood_is_not():
-    typing = Allowance(0.0)
+    typing = RateLimit(0.0)
     assert all(typing.take(number / 40) for number in range(4000))
-    flood = Allowance(0.0)
-    assert sum(flood.take(number / 1000) for number in range(2000)) <= BURST + 2 * MESSAGES_PER_S + 1
+    flood = RateLimit(0.0)
+    assert sum(flood.take(number / 1000) for number in range(2000)) <= MESSAGE_BURST + 2 * MESSAGES_PER_S + 1
     assert flood.take(60.0)
 
 
@@ -37,7 +36,7 @@ def test_typing_is_within_the_allowance_and_a_flood_is_not():
     ],
 )
 def test_only_our_own_page_may_open_a_socket(origin, host, ours):
-    assert is_ours(origin, host) is ours
+    assert is_same_origin(origin, host) is ours
 
 
 def test_the_page_may_load_from_nowhere_else():
@@ -50,23 +49,23 @@ def test_the_page_may_load_from_nowhere_else():
 
 
 @pytest.mark.parametrize(
-    ("web", "door", "why"),
+    ("web", "properties", "why"),
     [
-        (Online(), Door(), ""),
-        (Online(), Door(keyboard=False), "keyboard"),
-        (Online(keyboard=False), Door(keyboard=False), ""),
-        (Online(browsers=("firefox",)), Door(browser="chrome"), "browser"),
-        (Online(min_window_px=(800, 600)), Door(window_px=(800, 599)), "window"),
-        (Online(max_rtt_ms=200), Door(rtt_ms=201.0), "line"),
-        (Online(max_rtt_ms=200), Door(), ""),
+        (WebSpec(), BrowserProperties(), ""),
+        (WebSpec(), BrowserProperties(keyboard=False), "keyboard"),
+        (WebSpec(require_keyboard=False), BrowserProperties(keyboard=False), ""),
+        (WebSpec(allowed_browsers=("firefox",)), BrowserProperties(browser="chrome"), "browser"),
+        (WebSpec(min_window_size_px=(800, 600)), BrowserProperties(window_px=(800, 599)), "window"),
+        (WebSpec(max_rtt_ms=200), BrowserProperties(rtt_ms=201.0), "latency"),
+        (WebSpec(max_rtt_ms=200), BrowserProperties(), ""),
     ],
 )
-def test_who_does_not_fit_is_told_why(web, door, why):
-    assert misfit(web, door) == why
+def test_who_does_not_fit_is_told_why(web, properties, why):
+    assert check_eligibility(web, properties) == why
 
 
-ONLINE = Online(
-    codes=Codes(complete="C1", declined="D2", failed_check="F3", timed_out="T4"),
+ONLINE = WebSpec(
+    completion_codes=CompletionCodesSpec(complete="C1", declined="D2", failed_check="F3", timed_out="T4"),
     redirect="https://app.example/done?cc={code}&who={id}",
 )
 
@@ -86,19 +85,22 @@ ONLINE = Online(
     ],
 )
 def test_each_end_has_its_own_code(reason, agreed, kind, code):
-    assert ending(ONLINE, end_of(reason, agreed=agreed, part_kind=kind)).code == code
+    assert build_completion(ONLINE, classify_ending(reason, agreed=agreed, part_kind=kind)).code == code
 
 
 def test_the_way_back_carries_code_and_id_and_nothing_else_gets_into_it():
-    told = ending(ONLINE, "complete", person="a&b=c")
-    assert told == Ending("complete", "C1", "https://app.example/done?cc=C1&who=a%26b%3Dc")
-    assert ending(ONLINE, "quit").url == ""
-    assert ending(Online(redirect="https://app.example/?x={id}"), "quit", person="7").url == "https://app.example/?x=7"
+    told = build_completion(ONLINE, "complete", person="a&b=c")
+    assert told == Completion("complete", "C1", "https://app.example/done?cc=C1&who=a%26b%3Dc")
+    assert build_completion(ONLINE, "quit").url == ""
+    assert (
+        build_completion(WebSpec(redirect="https://app.example/?x={id}"), "quit", person="7").url
+        == "https://app.example/?x=7"
+    )
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_page_says_everything_in_every_language(language):
-    english, its = said("en"), all_said()[language]
+    english, its = get_page_texts("en"), load_page_texts()[language]
     assert its.keys() == english.keys()
     for key, text in its.items():
         fields = sorted(name for _, name, _, _ in string.Formatter().parse(text) if name)
@@ -107,4 +109,4 @@ def test_the_page_says_everything_in_every_language(language):
 
 
 def test_a_language_of_ones_own_gets_english_around_the_study():
-    assert said("tlh") == said("en")
+    assert get_page_texts("tlh") == get_page_texts("en")

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.study.events import KeyPressed
-from minihuman.web.guard import MAX_WAITING
-from minihuman.web.wire import VERSION
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.experiment.machine.events import KeyPressed
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.web.limits import MAX_WAITING
+from minihuman.web.messages import MESSAGE_VERSION
 from tests.counts import PATIENCE_S, count
 from tests.web.served import Served, served
 from tests.web.typed_page import Counts, TypedPage
@@ -108,7 +108,13 @@ OUTER = [
     {"t": "n", "n": 1, "at": 5, "what": SAID[0]},
     {"t": "heard", "n": 0},
     {"t": "ping", "sent": 1},
-    {"t": "hello", "version": VERSION, "token": "x", "platform": {"PROLIFIC_PID": "y"}, "facts": {"browser": "z"}},
+    {
+        "t": "hello",
+        "version": MESSAGE_VERSION,
+        "token": "x",
+        "platform": {"PROLIFIC_PID": "y"},
+        "facts": {"browser": "z"},
+    },
 ]
 
 
@@ -138,7 +144,7 @@ MESSAGES = (
 
 def attack(server: Served, token: str | None, messages: list[str | bytes]) -> None:
     """Say these things on one socket after the other, with or without having said a proper hello."""
-    hello = {"t": "hello", "version": VERSION, "token": token or "", "stream": "attack"}
+    hello = {"t": "hello", "version": MESSAGE_VERSION, "token": token or "", "stream": "attack"}
     waiting = list(messages)
     while waiting:
         with suppress(WebSocketException, OSError, UnicodeError, TimeoutError), opened(server) as socket:
@@ -167,7 +173,7 @@ def test_ten_thousand_hostile_messages_change_nothing_for_anybody_else(server, t
     logged = [presses_in(part) for part in folder.glob("sub-*/ses-01/*.mcap.part")]
     assert counts.presses + counts.others in logged
     for part in folder.glob("sub-*/ses-01/*.mcap.part"):
-        assert verify(open_log(part)).difference == ""
+        assert verify_episodes(read_log(part)).difference == ""
     assert "Traceback" not in server.complaints()
     assert server.process.poll() is None
     new = files(server.said.parent) - before
@@ -208,7 +214,7 @@ def test_sockets_that_say_nothing_are_refused_when_they_are_many_and_make_room_a
     deadline_s = time.monotonic() + PATIENCE_S
     while True:  # they are gone when the server has heard of it
         with suppress(InvalidStatus), opened(server) as socket:
-            socket.send(json.dumps({"t": "hello", "version": VERSION, "token": "guess", "stream": "a"}))
+            socket.send(json.dumps({"t": "hello", "version": MESSAGE_VERSION, "token": "guess", "stream": "a"}))
             assert json.loads(socket.recv())["reason"] == "unknown"
             return
         assert time.monotonic() < deadline_s

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.log.read.open_log import read_events
-from minihuman.study.again import OF_PAGE
-from minihuman.study.events import Noted, Stepped
+from minihuman.experiment.machine.events import Noted, Stepped
+from minihuman.experiment.replay import BROWSER_NOTE
+from minihuman.log.read.session_reader import read_events
 from tests.counts import count
 from tests.web.browser import PATIENCE_MS, browsing
 from tests.web.interrupted import interrupt
@@ -66,5 +66,5 @@ def test_presses_on_the_disk_of_a_server_that_was_killed_before_it_could_say_so_
         assert somebody.errors == []
         served.stop()
     events = list(read_events(part))
-    assert [event.text for event in events if isinstance(event, Noted) and event.kind == OF_PAGE] == []
+    assert [event.text for event in events if isinstance(event, Noted) and event.kind == BROWSER_NOTE] == []
     assert sum(isinstance(event, Stepped) for event in events) == 7

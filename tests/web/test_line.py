@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import read_events
-from minihuman.study.events import FrameShown, KeyPressed, Linked, Noted, Stepped
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import FrameShown, KeyPressed, Linked, Noted, Stepped
+from minihuman.log.read.session_reader import read_events
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import browsing
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line, serving
@@ -45,4 +45,4 @@ def test_over_a_long_line_no_key_is_lost_and_pictures_do_not_wait_for_it(tmp_pat
     linked = [event for event in events if isinstance(event, Linked)]
     assert linked
     assert all(event.least_rtt_ns >= RTT_MS * 1e6 for event in linked), "the line is shorter than it is"
-    assert list(prove(log, World)) == []
+    assert list(find_log_differences(log, World)) == []

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.data.journals import URL_FILE_NAME
-from minihuman.lab.prove import prove
-from minihuman.lab.register_lines import read_register
-from minihuman.lab.seal import note_end
-from minihuman.log.read.open_log import open_log
-from minihuman.log.record.rounds import Rounds
-from minihuman.study.protocol import decode
-from minihuman.web.arrivals import Arrival, Arrivals, Seated
-from minihuman.web.seating import Disk, begin
-from minihuman.web.telling import Settings
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.enrolment_entries import read_enrolled
+from minihuman.admin.manifest import record_log_end
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.dataset.journal import URL_FILE_NAME
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.disk import GroupCommit
+from minihuman.web.arrivals import Admission, Arrival, Arrivals
+from minihuman.web.connection import HostStorage, start_host
+from minihuman.web.outbox import PageSettings
+from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.lab.database import database, fresh
 from tests.web.page_model import PageModel, Press
@@ -25,8 +25,8 @@ from tests.web.protocols import study
 pytestmark = [pytest.mark.program, pytest.mark.long]
 SERVERS, PEOPLE = count(2, 8), count(4, 1_000)
 MS = 1_000_000
-SETTINGS = Settings(picture_px=(96, 96), deepest=0)
-WEB = "picture_px = [96, 96]\nanyone = true"
+SETTINGS = PageSettings(picture_px=(96, 96), deepest=0)
+WEB = "image_size_px = [96, 96]\nopen_access = true"
 
 
 @pytest.mark.parametrize("register", ["files", "database"][count(1, 0) :])
@@ -57,7 +57,7 @@ def served_by(folders: list[Path]) -> None:
     for server in servers:
         server.join()
     assert [server.exitcode for server in servers] == [0] * SERVERS
-    lines = read_register(folders[0] / "tried")
+    lines = read_enrolled(folders[0] / "tried")
     assert sorted(line.index for line in lines) == list(range(each * SERVERS))
     logs = [path for folder in dict.fromkeys(folders) for path in folder.rglob("*.mcap")]
     played = Counter(path.name.partition("_")[0] for path in logs)
@@ -67,24 +67,24 @@ def served_by(folders: list[Path]) -> None:
 def serve(folder: str, people: int) -> None:
     """Seat people one after the other, in a process of its own; each log is proven when it is there."""
     data = Path(folder)
-    protocol = decode((data / "tried.toml").read_bytes())
-    arrivals, disk = Arrivals(protocol, data), Disk(protocol, data, Rounds())
+    protocol = decode_protocol((data / "tried.toml").read_bytes())
+    arrivals, disk = Arrivals(protocol, data), HostStorage(protocol, data, GroupCommit())
     for _ in range(people):
         seated = arrivals.arrive(Arrival())
-        assert isinstance(seated, Seated), seated
+        assert isinstance(seated, Admission), seated
         log = plays(seated, arrivals, disk)
-        assert list(prove(log, World)) == []
+        assert list(find_log_differences(log, World)) == []
 
 
-def plays(seated: Seated, arrivals: Arrivals, disk: Disk) -> Path:
+def plays(seated: Admission, arrivals: Arrivals, disk: HostStorage) -> Path:
     """A whole session through a seat; its log."""
-    made = begin(seated.plan or arrivals.plan(seated), disk, {"window": "web"}, SETTINGS, at_sync=lambda: None)
-    PageModel(made.seat, presses(), frame_ns=16 * MS).run()
+    made = start_host(seated.plan or arrivals.plan(seated), disk, {"window": "web"}, SETTINGS, at_sync=lambda: None)
+    PageModel(made.host, presses(), frame_ns=16 * MS).run()
     log = made.recorder.close()
-    made.seat.close()
+    made.host.close()
     assert log is not None
-    note_end(log)
-    assert open_log(log).end_reason == "complete"
+    record_log_end(log)
+    assert read_log(log).end_reason == "complete"
     return log
 
 

@@ -6,21 +6,21 @@ from typing import Any
 
 import pytest
 
+from minihuman.admin.verify.log import find_log_differences
 from minihuman.errors import WorldError
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import read_events
+from minihuman.experiment.machine.events import Answered, Noted, PageShown
+from minihuman.experiment.machine.inputs import KeyDown, ScreenShown, Tick
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.experiment.replay import copy_session
+from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.study.events import Answered, Noted, PageShown
-from minihuman.study.expand import enrol, expand
-from minihuman.study.fork import fork
-from minihuman.study.inputs import KeyDown, Shown, Tick
-from minihuman.study.protocol import Protocol, decode
-from minihuman.study.session import Session
-from minihuman.web import wire
-from minihuman.web.onward import told_of
-from minihuman.web.seat import Seat
-from minihuman.web.telling import Settings
-from minihuman.worlds.adapt.world import World
+from minihuman.web import messages
+from minihuman.web.outbox import PageSettings
+from minihuman.web.prefetch import describe_screen
+from minihuman.web.session_host import SessionHost
+from minihuman.worlds.adapters.world import World
 from tests.web.browser import browsing
 from tests.web.page_model import PageModel
 from tests.web.protocols import study
@@ -48,7 +48,9 @@ kind = "likert"
 ask = "How sure?"
 points = 5
 """
-TIMED = 'interval_ms = 120\nfixation_ms = 90\nhold_ms = 210\nrest = "Rest."\ninstruction = "Go."\n'
+TIMED = (
+    'inter_trial_interval_ms = 120\nfixation_ms = 90\nfinal_frame_ms = 210\nrest_text = "Rest."\ninstructions = "Go."\n'
+)
 KEYS = ["enter", "2", "enter", "right", "4", "page_up", "enter", "enter", "enter", "enter", "1", "2", "3"]
 
 
@@ -59,7 +61,7 @@ def protocol_in(folder: Path) -> Path:
 
 
 def protocol(folder: Path) -> Protocol:
-    return decode(protocol_in(folder).read_bytes())
+    return decode_protocol(protocol_in(folder).read_bytes())
 
 
 class Watching(PageModel):
@@ -71,31 +73,31 @@ class Watching(PageModel):
         self.right: list[str] = []
         self.wrong: list[str] = []
 
-    def say(self, what: wire.Said) -> None:
+    def say(self, what: messages.PageMessage) -> None:
         before, said = self._screen.name, _input(what)
         foreseen = self.ways.get((before, said)) if self._screen.screen["kind"] != "play" or self._tick_ns else None
         super().say(what)
         for message in self.told:
-            if isinstance(message, wire.Onward):
+            if isinstance(message, messages.ScreenPrefetch):
                 self.ways.update({(a, way): b for a, way, b in message.edges})
         if foreseen is not None:
             (self.right if foreseen == self._screen.name else self.wrong).append(said)
 
 
-def _input(what: wire.Said) -> str:
+def _input(what: messages.PageMessage) -> str:
     match what:
-        case wire.Key(down=True):
+        case messages.KeyMessage(down=True):
             return f"key:{what.key}"
-        case wire.Time():
+        case messages.TickMessage():
             return "tick"
     return ""
 
 
 def test_every_screen_that_was_foreseen_is_the_one_that_comes(tmp_path: Path) -> None:
-    plan = expand(found := protocol(tmp_path), enrol(found, 0))
-    session = Session(plan, World, {}, picture_px=(84, 84))
+    plan = expand_protocol(found := protocol(tmp_path), enrol_participant(found, 0))
+    session = SessionMachine(plan, World, {}, picture_px=(84, 84))
     page = Watching(
-        Seat(session, MemoryRecorder(), World, Settings(picture_px=(84, 84))),
+        SessionHost(session, MemoryRecorder(), World, PageSettings(picture_px=(84, 84))),
         [((number * 331 + 40) * MS + number, KEYS[number % len(KEYS)], True) for number in range(60)],
         frame_ns=16 * MS,
     )
@@ -105,25 +107,25 @@ def test_every_screen_that_was_foreseen_is_the_one_that_comes(tmp_path: Path) ->
 
 
 def test_a_fork_leaves_the_session_as_it_is(tmp_path: Path) -> None:
-    plan = expand(found := protocol(tmp_path), enrol(found, 0))
-    alone, forked = (Session(plan, World, {}, picture_px=None) for _ in range(2))
+    plan = expand_protocol(found := protocol(tmp_path), enrol_participant(found, 0))
+    alone, forked = (SessionMachine(plan, World, {}, picture_px=None) for _ in range(2))
     first = True
     for number, key in enumerate(KEYS * 3):
         t_ns = (number + 1) * 400 * MS
-        for happened in (Tick(t_ns), Shown(t_ns + MS, t_ns, t_ns + MS), KeyDown(t_ns + 9 * MS, key)):
+        for happened in (Tick(t_ns), ScreenShown(t_ns + MS, t_ns, t_ns + MS), KeyDown(t_ns + 9 * MS, key)):
             if not first:
                 try_everything(forked, t_ns)
             first = False
             assert alone.receive(happened) == forked.receive(happened)
     assert alone.phase == forked.phase
-    assert told_of(alone, lambda _: 0) == told_of(forked, lambda _: 0)
+    assert describe_screen(alone, lambda _: 0) == describe_screen(forked, lambda _: 0)
 
 
-def try_everything(session: Session, t_ns: int) -> None:
+def try_everything(session: SessionMachine, t_ns: int) -> None:
     """Go on in forks, each by another key, and then by time."""
     for key in ("enter", "1", "page_up", "escape", "f8"):
-        tried = fork(session, lambda *_: None)
-        tried.receive(Shown(t_ns + 2 * MS, t_ns, t_ns))
+        tried = copy_session(session, lambda *_: None)
+        tried.receive(ScreenShown(t_ns + 2 * MS, t_ns, t_ns))
         if tried.play is None:  # a step would be one in the session's own world
             with suppress(WorldError):
                 tried.receive(KeyDown(t_ns + 5 * MS, key))
@@ -165,4 +167,4 @@ def test_with_the_line_cut_what_is_read_answered_and_waited_for_goes_on(tmp_path
     assert all(event.shown_ns for event in events if isinstance(event, Answered))
     assert any(isinstance(event, PageShown) for event in events)
     assert [event.text for event in events if isinstance(event, Noted) and event.kind == "page"] == []
-    assert list(prove(log, World)) == []
+    assert list(find_log_differences(log, World)) == []

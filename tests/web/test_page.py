@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import open_log
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.web.browser import browsing
 from tests.web.protocols import FIRST_PERSON, GRID, study
@@ -32,7 +32,7 @@ def test_two_episodes_in_the_browser_are_a_log_that_verifies(tmp_path: Path, wor
     log = the_log(tmp_path)
     assert [episode.outcome for episode in log.episodes] == ["timeout", "timeout"]
     assert log.plan.participant.id == "sub-01"
-    assert list(prove(log.path, World)) == []
+    assert list(find_log_differences(log.path, World)) == []
 
 
 def holds(page: Any, condition: str) -> None:
@@ -45,12 +45,12 @@ def holds(page: Any, condition: str) -> None:
 
 def the_log(data: Path):
     (path,) = data.rglob("*.mcap")
-    return open_log(path)
+    return read_log(path)
 
 
 def test_who_comes_to_the_door_again_is_looked_at_again(tmp_path: Path) -> None:
     """Too small a window, too slow a line: both can be mended by who is told so."""
-    path = study(tmp_path, web="min_window_px = [900, 500]\nmax_rtt_ms = 250")
+    path = study(tmp_path, web="min_window_size_px = [900, 500]\nmax_rtt_ms = 250")
     with (
         serving(path, tmp_path) as served,
         line(served.port, rtt_ms=300) as wire,
@@ -90,3 +90,29 @@ def test_tabs_that_are_copied_and_links_that_follow_each_other_mix_nobody_up(tmp
         first.until("s.welcomed && s.kind === 'text'")
         assert len(list(tmp_path.glob("tried/sub-*"))) == 2
         assert first.errors == []
+
+
+LATE_REPORT = """
+addEventListener("hashchange", () => {  // as when a flip is reported while the page is being left
+  const state = {...kept, next: kept.next + 1};
+  sessionStorage.setItem("stream", JSON.stringify(state));
+  const what = {t: "shown", submit: state.last, flip: state.last};
+  sessionStorage.setItem(`m${kept.next}`, JSON.stringify({t: "n", n: kept.next, at: state.last, what}));
+});
+var kept = JSON.parse(sessionStorage.getItem("stream"));
+"""
+
+
+@pytest.mark.program
+def test_what_a_page_reports_while_it_is_left_does_not_keep_the_next_participant_out(tmp_path: Path) -> None:
+    with serving(study(tmp_path, max_steps=9), tmp_path, links=2) as served, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        somebody.to_play()
+        somebody.press("1", "2")
+        somebody.until("s.unsafe === 0 && s.step === 2")
+        somebody.page.evaluate(LATE_REPORT)
+        with somebody.page.expect_event("load"):
+            somebody.page.evaluate(f"location.hash = 't={served.tokens[1]}'")
+        somebody.until("s.welcomed && s.kind === 'text'")
+        assert len(list(tmp_path.glob("tried/sub-*"))) == 2
+        assert somebody.errors == []

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.recruits import IDS_FILE_NAME
-from minihuman.lab.register_lines import read_register
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.record.finish import leftovers
-from minihuman.seats.desk import Request, ask, requests_path
-from minihuman.study.events import KeyPressed
+from minihuman.admin.enrolment_entries import read_enrolled
+from minihuman.admin.recruitment import IDS_FILE_NAME
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.experiment.machine.events import KeyPressed
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.finalization import find_leftovers
+from minihuman.runtime.command_inbox import CommandRequest, inbox_path, send_command
 from tests.counts import PATIENCE_S
 from tests.web.served import Served, served
 from tests.web.typed_page import TypedPage
@@ -57,7 +57,7 @@ def at_a_stand(server: Served) -> Iterator[None]:
 
 def the_log(server: Served):
     (path,) = data(server).rglob("*.mcap")
-    return open_log(path)
+    return read_log(path)
 
 
 def test_a_whole_session_ends_with_a_code_when_the_log_is_on_the_disk(tmp_path):
@@ -68,7 +68,7 @@ def test_a_whole_session_ends_with_a_code_when_the_log_is_on_the_disk(tmp_path):
         assert (one.told["code"], one.told["url"]) == ("C1", "https://app.prolific.com/submissions/complete?cc=C1")
         log = the_log(server)  # there already, though the server still runs
         assert log.end_reason == "complete"
-        assert verify(log).difference == ""
+        assert verify_episodes(log).difference == ""
         pressed = [event.key for event in read_events(log.path) if isinstance(event, KeyPressed) and event.down]
         assert len(pressed) - pressed.count("enter") == counts.presses
         again = page(server)
@@ -91,7 +91,7 @@ def test_nothing_is_written_before_the_consent_and_who_declines_leaves_nothing(t
         assert one.told["code"] == "D2"
         assert not list(data(server).glob("sub-*"))
         assert not any(PERSON.encode() in path.read_bytes() for path in data(server).rglob("*") if path.is_file())
-        assert read_register(data(server)) == ()
+        assert read_enrolled(data(server)) == ()
 
 
 def test_who_comes_after_somebody_declined_gets_the_slot_and_not_their_goodbye(tmp_path):
@@ -122,7 +122,7 @@ def test_who_reads_the_consent_is_in_no_file_yet(tmp_path):
 
 
 def test_who_presses_nothing_for_long_is_timed_out_with_a_code_of_its_own(tmp_path):
-    with served(tmp_path, web=f"idle_s = 3\n{CODES}", episodes=50) as server:
+    with served(tmp_path, web=f"idle_timeout_s = 3\n{CODES}", episodes=50) as server:
         one = page(server, most_presses=8)
         takes_part(one)
         quiet = page(server)
@@ -133,7 +133,7 @@ def test_who_presses_nothing_for_long_is_timed_out_with_a_code_of_its_own(tmp_pa
 
 
 def test_who_does_not_come_back_ends_as_connection_lost_and_can_go_on_even_so(tmp_path):
-    with served(tmp_path, web="grace_s = 1", episodes=50) as server:
+    with served(tmp_path, web="reconnect_timeout_s = 1", episodes=50) as server:
         takes_part(page(server, most_presses=8))
         deadline_s = time.monotonic() + PATIENCE_S
         while not list(data(server).rglob("*.mcap")):
@@ -148,9 +148,9 @@ def test_the_experimenters_note_and_abort_reach_the_page_and_the_log(tmp_path):
         while one.counts.presses < 5:
             await asyncio.sleep(0.05)
         log = data(server) / "sub-01" / "ses-01" / "sub-01_ses-01.mcap"
-        ask(log, Request("note", "the phone rang"))
-        ask(log, Request("abort", "it burns"))
-        assert requests_path(log).exists()
+        send_command(log, CommandRequest("note", "the phone rang"))
+        send_command(log, CommandRequest("abort", "it burns"))
+        assert inbox_path(log).exists()
         return await asyncio.wait_for(playing, PATIENCE_S)
 
     with served(tmp_path, episodes=50) as server:
@@ -161,11 +161,11 @@ def test_the_experimenters_note_and_abort_reach_the_page_and_the_log(tmp_path):
             "note: the phone rang",
             "abort: it burns",
         ]
-        assert verify(log).difference == ""
+        assert verify_episodes(log).difference == ""
 
 
 def test_who_does_not_fit_is_told_why_and_gets_a_code_back(tmp_path):
-    with served(tmp_path, web=f'browsers = ["firefox"]\n{CODES}') as server:
+    with served(tmp_path, web=f'allowed_browsers = ["firefox"]\n{CODES}') as server:
         one = page(server)
         assert takes_part(one).refused == "browser"
         assert "firefox" in one.told["words"]
@@ -222,8 +222,8 @@ def test_a_full_disk_ends_the_session_and_says_so_and_what_was_written_is_kept(t
         one = page(server)
         assert takes_part(one).over == "broken"
         assert "Traceback" not in server.complaints()
-    parts = leftovers(data(server))
-    logs = [open_log(path) for path in (*parts, *data(server).rglob("*.mcap"))]
+    parts = find_leftovers(data(server))
+    logs = [read_log(path) for path in (*parts, *data(server).rglob("*.mcap"))]
     assert logs
     assert sum(len(episode.actions) for log in logs for episode in log.episodes) > 0
     assert json.loads((data(server) / "register.jsonl").read_text().splitlines()[0])["participant"] == "sub-01"

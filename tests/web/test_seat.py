@@ -7,36 +7,45 @@ from typing import Any
 
 import pytest
 
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.machine.events import (
+    Event,
+    KeyPressed,
+    Linked,
+    Noted,
+    SessionStarted,
+    Stepped,
+    find_violations,
+)
+from minihuman.experiment.machine.inputs import KeyDown, KeyUp, Stop
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.replay import compare_replay, resume_from_events
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.seats.run import run_session
-from minihuman.study.again import differences, taken_up
-from minihuman.study.events import Event, KeyPressed, Linked, Noted, SessionStarted, Stepped
-from minihuman.study.expand import enrol, expand
-from minihuman.study.inputs import KeyDown, KeyUp, Stop
-from minihuman.study.protocol import decode
-from minihuman.study.session import Session
-from minihuman.study.well_formed import complaints
-from minihuman.web import wire
-from minihuman.web.guard import KEPT
-from minihuman.web.seat import Seat
-from minihuman.web.telling import Settings
-from minihuman.windows.scripted import ScriptedWindow, VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.web import messages
+from minihuman.web.limits import PREFETCH_BACKLOG
+from minihuman.web.outbox import PageSettings
+from minihuman.web.session_host import SessionHost
+from minihuman.worlds.adapters.world import World
 from tests.web.page_model import PageModel, Press
 from tests.web.protocols import GRID, study
 
 MS = 1_000_000
 FRAME_NS = 16 * MS
-SETTINGS = Settings(picture_px=(84, 84))
-TIMED = "interval_ms = 120\nfixation_ms = 90\nhold_ms = 210\n"
-REAL_TIME = 'pace = "real_time"\nstep_period_ms = 150\nnoop = "done"\n'
-PAGES = 'instruction = "Go."\nrest = "Rest."\n'
+SETTINGS = PageSettings(picture_px=(84, 84))
+TIMED = "inter_trial_interval_ms = 120\nfixation_ms = 90\nfinal_frame_ms = 210\n"
+REAL_TIME = 'pace = "real_time"\nstep_period_ms = 150\nnoop_action = "done"\n'
+PAGES = 'instructions = "Go."\nrest_text = "Rest."\n'
 WITH_DONE = GRID[0], (*GRID[1], "done")
 
 
 def plan_of(folder: Path, block: str, world: Any = GRID):
-    protocol = decode(study(folder, world, max_steps=9, block=block).read_bytes().replace(b'"3"]', b'"3", "4"]'))
-    return expand(protocol, enrol(protocol, 0))
+    protocol = decode_protocol(
+        study(folder, world, max_steps=9, block=block).read_bytes().replace(b'"3"]', b'"3", "4"]')
+    )
+    return expand_protocol(protocol, enrol_participant(protocol, 0))
 
 
 def script(*, every_ms: int = 170, count: int = 90) -> list[Press]:
@@ -54,14 +63,14 @@ def through_window(plan, presses: Sequence[Press]) -> list[Event]:
     clock, recorder = VirtualClock(), MemoryRecorder()
     inputs = [(KeyDown if down else KeyUp)(t_ns, key) for t_ns, key, down in presses]
     window = ScriptedWindow(inputs, clock, frame_ns=FRAME_NS)
-    run_session(Session(plan, World, {"window": "scripted"}, picture_px=(84, 84)), window, recorder, clock)
+    run_session(SessionMachine(plan, World, {"window": "scripted"}, picture_px=(84, 84)), window, recorder, clock)
     return recorder.events
 
 
 def through_seat(plan, presses: Sequence[Press], *, closes: bool = True) -> tuple[list[Event], PageModel]:
     recorder = MemoryRecorder()
-    session = Session(plan, World, {"window": "web"}, picture_px=(84, 84), draws_steps=False)
-    seat = Seat(session, recorder, World, SETTINGS)
+    session = SessionMachine(plan, World, {"window": "web"}, picture_px=(84, 84), renders_steps=False)
+    seat = SessionHost(session, recorder, World, SETTINGS)
     page = PageModel(seat, presses, frame_ns=FRAME_NS)
     page.run()
     if closes and not seat.over:
@@ -89,28 +98,30 @@ def about(event: Event) -> tuple[Any, ...]:
 def test_the_same_inputs_give_the_same_events_as_in_a_window_but_for_facts(tmp_path: Path, block: str, world) -> None:
     plan, presses = plan_of(tmp_path, block, world), script()
     window, (seat, page) = through_window(plan, presses), through_seat(plan, presses)
-    pictures = [told for told in page.told if isinstance(told, wire.Picture)]
+    pictures = [told for told in page.told if isinstance(told, messages.PictureMessage)]
     assert {(picture.width, picture.height) for picture in pictures} == {(84, 84)}, "nothing undrawn is shown"
     for one, other in zip(seat[1:], window[1:], strict=False):
         assert about(one) == about(other)
     assert len(seat) == len(window)
     assert sum(isinstance(event, Stepped) for event in seat) > 9
     assert isinstance(seat[0], SessionStarted)
-    assert complaints(seat) == []
-    assert list(differences(seat, World)) == []
+    assert find_violations(seat) == []
+    assert list(compare_replay(seat, World)) == []
 
 
 def test_word_of_a_picture_and_of_the_line_is_answered_with_nothing(tmp_path: Path) -> None:
-    session = Session(plan_of(tmp_path, ""), World, {"window": "web"}, picture_px=(84, 84), draws_steps=False)
-    seat = Seat(session, MemoryRecorder(), World, SETTINGS)
+    session = SessionMachine(plan_of(tmp_path, ""), World, {"window": "web"}, picture_px=(84, 84), renders_steps=False)
+    seat = SessionHost(session, MemoryRecorder(), World, SETTINGS)
     page = PageModel(seat, [(t_ns * MS, "enter", True) for t_ns in (400, 800)], frame_ns=FRAME_NS)
     page.run()
-    number, at_ns, said = page.sent[-1].n, page.sent[-1].at, seat.saying.said
-    shown = wire.Show(at_ns, at_ns, episode=0, step=0)
-    for more, what in enumerate((shown, wire.Link(1, 2, 3, 4, 4), shown, wire.Key("1", True, at_ns)), 1):
-        assert seat.saying.said == said
+    number, at_ns, said = page.sent[-1].n, page.sent[-1].at, seat.outgoing.last_number
+    shown = messages.DisplayedMessage(at_ns, at_ns, episode=0, step=0)
+    for more, what in enumerate(
+        (shown, messages.RoundTripMessage(1, 2, 3, 4, 4), shown, messages.KeyMessage("1", True, at_ns)), 1
+    ):
+        assert seat.outgoing.last_number == said
         seat.receive(number + more, at_ns + more, what)
-    [now] = [message for _, message in seat.saying.after(said) if isinstance(message, wire.Now)]
+    [now] = [message for _, message in seat.outgoing.after(said) if isinstance(message, messages.EpisodeState)]
     assert (now.through, now.step) == (number + 4, 1)
     seat.close()
 
@@ -122,23 +133,25 @@ def test_killed_after_any_event_it_goes_on_where_it_was(tmp_path: Path, block: s
     events, page = through_seat(plan, script(count=24), closes=False)
     for kept in [*range(1, len(events), 7), *range(len(events) - 3, len(events))]:
         logged = events[:kept]
-        session, unwritten = taken_up(logged, World, picture_px=(84, 84))
+        session, unwritten = resume_from_events(logged, World, picture_px=(84, 84))
         recorder = MemoryRecorder()
         recorder.write(logged)
-        seat = Seat(session, recorder, World, SETTINGS, logged=logged, unwritten=unwritten)
-        seat.begin_again()
+        seat = SessionHost(session, recorder, World, SETTINGS, logged=logged, unwritten=unwritten)
+        seat.restart()
         for said in page.sent:
             seat.receive(said.n, said.at, said.what)
         seat.close()
         assert recorder.events[: len(events)] == events, kept
 
 
-def a_seat(folder: Path, block: str = "") -> tuple[Seat, MemoryRecorder]:
+def a_seat(folder: Path, block: str = "") -> tuple[SessionHost, MemoryRecorder]:
     recorder = MemoryRecorder()
-    return Seat(Session(plan_of(folder, block), World, {}, picture_px=(84, 84)), recorder, World, SETTINGS), recorder
+    return SessionHost(
+        SessionMachine(plan_of(folder, block), World, {}, picture_px=(84, 84)), recorder, World, SETTINGS
+    ), recorder
 
 
-def playing(folder: Path) -> tuple[Seat, MemoryRecorder, PageModel]:
+def playing(folder: Path) -> tuple[SessionHost, MemoryRecorder, PageModel]:
     """A seat in its first episode."""
     seat, recorder = a_seat(folder)
     page = PageModel(seat, [(300 * MS, "enter", True)], frame_ns=FRAME_NS)
@@ -149,14 +162,14 @@ def playing(folder: Path) -> tuple[Seat, MemoryRecorder, PageModel]:
 
 def test_word_of_a_wrong_scene_is_noted(tmp_path: Path) -> None:
     _, recorder, page = playing(tmp_path)
-    page.say(wire.Show(400 * MS, 410 * MS, episode=0, step=0, node=12345))
+    page.say(messages.DisplayedMessage(400 * MS, 410 * MS, episode=0, step=0, node=12345))
     [note] = [event for event in recorder.events if isinstance(event, Noted) and event.kind == "page"]
     assert "step 0 of episode 1 was shown as scene 12345" in note.text
 
 
 def test_keys_that_no_finger_pressed_are_noted(tmp_path: Path) -> None:
     _, recorder, page = playing(tmp_path)
-    page.say(wire.Key("2", True, 520 * MS, trusted=False))
+    page.say(messages.KeyMessage("2", True, 520 * MS, trusted=False))
     note, press = [event for event in recorder.events if isinstance(event, Noted | KeyPressed)][-2:]
     assert isinstance(note, Noted)
     assert "made by a script" in note.text
@@ -165,14 +178,16 @@ def test_keys_that_no_finger_pressed_are_noted(tmp_path: Path) -> None:
 
 def test_a_keys_time_is_the_events_though_it_came_later(tmp_path: Path) -> None:
     seat, recorder, page = playing(tmp_path)
-    seat.receive(len(page.sent) + 1, 900 * MS, wire.Key("2", True, 880 * MS))
+    seat.receive(len(page.sent) + 1, 900 * MS, messages.KeyMessage("2", True, 880 * MS))
     press = next(event for event in reversed(recorder.events) if isinstance(event, KeyPressed))
     assert (press.t_ns, press.waited_ns) == (900 * MS, 20 * MS)
 
 
 def test_the_line_is_measured_by_its_quickest_message(tmp_path: Path) -> None:
     seat, recorder, page = playing(tmp_path)
-    page.say(wire.Link(sent=100 * MS, received=5120 * MS, answered=5121 * MS, back=151 * MS, latest=80 * MS))
+    page.say(
+        messages.RoundTripMessage(sent=100 * MS, received=5120 * MS, answered=5121 * MS, back=151 * MS, latest=80 * MS)
+    )
     linked = next(event for event in recorder.events if isinstance(event, Linked))
     assert (linked.least_rtt_ns, linked.rtt_ns, linked.error_ns) == (50 * MS, 80 * MS, 25 * MS)
     assert linked.offset_ns == 4995 * MS
@@ -182,27 +197,27 @@ def test_the_line_is_measured_by_its_quickest_message(tmp_path: Path) -> None:
 def test_what_led_to_no_event_is_safe_with_what_follows(tmp_path: Path) -> None:
     """When a text was shown is only in what is measured by it: it is kept by the page until that is on the disk."""
     seat, _ = a_seat(tmp_path)
-    seat.receive(1, 1 * MS, wire.Time())
+    seat.receive(1, 1 * MS, messages.TickMessage())
     assert seat.safe() == 1
-    seat.receive(2, 20 * MS, wire.Show(1 * MS, 17 * MS, screen=1))
+    seat.receive(2, 20 * MS, messages.DisplayedMessage(1 * MS, 17 * MS, screen=1))
     assert seat.safe() == 1
-    seat.receive(3, 500 * MS, wire.Key("x", True, 500 * MS))
+    seat.receive(3, 500 * MS, messages.KeyMessage("x", True, 500 * MS))
     assert seat.safe() == 3
 
 
 def test_time_that_does_not_go_on_is_refused(tmp_path: Path) -> None:
     seat, _ = a_seat(tmp_path)
-    seat.receive(1, 5 * MS, wire.Time())
-    with pytest.raises(wire.WireError, match="the one before it was"):
-        seat.receive(2, 5 * MS, wire.Time())
+    seat.receive(1, 5 * MS, messages.TickMessage())
+    with pytest.raises(messages.MessageError, match="which is not after"):
+        seat.receive(2, 5 * MS, messages.TickMessage())
 
 
 def test_the_experimenters_wish_has_the_pages_time(tmp_path: Path) -> None:
     seat, recorder, page = playing(tmp_path)
     seat.ask("note", "sneezed")
-    page.say(wire.Echo(7))  # nobody asked for that
-    page.say(wire.Echo(1))
-    page.say(wire.Echo(1))  # said twice, it is done once
+    page.say(messages.CommandEcho(7))  # nobody asked for that
+    page.say(messages.CommandEcho(1))
+    page.say(messages.CommandEcho(1))  # said twice, it is done once
     asked = [event for event in recorder.events if isinstance(event, Noted) and event.kind == "experimenter"]
     assert [event.text for event in asked] == ["note: sneezed"]
 
@@ -211,33 +226,43 @@ def test_a_new_page_is_told_all_that_there_is_to_show(tmp_path: Path) -> None:
     seat, _, page = playing(tmp_path)
     assert seat.session.play is not None
     key = next(iter(seat.session.play.plan.key_map.keys))
-    page.say(wire.Key(key, True, 340 * MS))
-    seat.begin_again()
-    told = [message for _, message in seat.saying.after(0)]
+    page.say(messages.KeyMessage(key, True, 340 * MS))
+    seat.restart()
+    told = [message for _, message in seat.outgoing.after(0)]
     kinds = [type(message) for message in told]
-    assert kinds.index(wire.Rules) < kinds.index(wire.ToShow) < kinds.index(wire.Now)
-    assert wire.Picture in kinds
-    now = told[kinds.index(wire.Now)]
-    assert isinstance(now, wire.Now)
+    assert kinds.index(messages.EpisodeRules) < kinds.index(messages.ScreenMessage) < kinds.index(messages.EpisodeState)
+    assert messages.PictureMessage in kinds
+    now = told[kinds.index(messages.EpisodeState)]
+    assert isinstance(now, messages.EpisodeState)
     assert (now.step, now.through) == (1, len(page.sent))
 
 
 def test_a_page_that_hears_nothing_is_not_told_ever_more(tmp_path: Path) -> None:
-    plan = expand(protocol := decode(study(tmp_path, episodes=8, max_steps=30).read_bytes()), enrol(protocol, 0))
-    seat = Seat(Session(plan, World, {"window": "web"}, picture_px=(84, 84)), MemoryRecorder(), World, SETTINGS)
+    plan = expand_protocol(
+        protocol := decode_protocol(study(tmp_path, episodes=8, max_steps=30).read_bytes()),
+        enrol_participant(protocol, 0),
+    )
+    seat = SessionHost(
+        SessionMachine(plan, World, {"window": "web"}, picture_px=(84, 84)), MemoryRecorder(), World, SETTINGS
+    )
     page = PageModel(seat, script(count=300), frame_ns=FRAME_NS)
     page.hears = False
-    page.run(lambda: seat.saying.kept > KEPT)
-    assert seat.saying.kept > KEPT
+    page.run(lambda: seat.outgoing.kept > PREFETCH_BACKLOG)
+    assert seat.outgoing.kept > PREFETCH_BACKLOG
     assert not seat.grow()
-    seat.saying.heard(seat.saying.said)
-    assert seat.saying.kept == 0
+    seat.outgoing.acknowledge(seat.outgoing.last_number)
+    assert seat.outgoing.kept == 0
     seat.close()
 
 
 def test_a_page_lets_go_of_the_pictures_of_episodes_that_are_over(tmp_path: Path) -> None:
-    plan = expand(protocol := decode(study(tmp_path, episodes=8, max_steps=9).read_bytes()), enrol(protocol, 0))
-    seat = Seat(Session(plan, World, {"window": "web"}, picture_px=(84, 84)), MemoryRecorder(), World, SETTINGS)
+    plan = expand_protocol(
+        protocol := decode_protocol(study(tmp_path, episodes=8, max_steps=9).read_bytes()),
+        enrol_participant(protocol, 0),
+    )
+    seat = SessionHost(
+        SessionMachine(plan, World, {"window": "web"}, picture_px=(84, 84)), MemoryRecorder(), World, SETTINGS
+    )
     page, held = PageModel(seat, script(count=300), frame_ns=FRAME_NS), [0]
 
     def looks() -> bool:
@@ -245,7 +270,7 @@ def test_a_page_lets_go_of_the_pictures_of_episodes_that_are_over(tmp_path: Path
         return False
 
     page.run(looks)
-    sent = sum(isinstance(message, wire.Picture) for message in page.told)
+    sent = sum(isinstance(message, messages.PictureMessage) for message in page.told)
     assert seat.over
     assert max(held) < sent / 3, "it has pictures of many episodes"
     seat.close()

@@ -6,85 +6,86 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.players.agent import Agent, make_agent
-from minihuman.recorded.corrected import corrections
-from minihuman.seats.run import run_session
-from minihuman.study.activities.agent_events import (
+from minihuman.agents.agent import BaseAgent, make_agent
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
+from minihuman.experiment.activities.agent_blocks import (
     Advice,
+    AdviceRequest,
     Advised,
     ControlChanged,
     NewPolicy,
     PolicyGiven,
+    PolicyRequest,
     Rated,
-    WantsAdvice,
-    WantsPolicy,
 )
-from minihuman.study.activities.correction_events import CorrectionSeen, WantsEpisode
-from minihuman.study.activities.pair_events import Offered, PairSeen, Preferred, Stretch, WantsStretch
-from minihuman.study.activities.port import Outside, Want
-from minihuman.study.again import differences, taken_up
-from minihuman.study.events import Event, Stepped
-from minihuman.study.expand import enrol, expand
-from minihuman.study.inputs import ForPart, KeyDown, KeyUp, Stop
-from minihuman.study.play import Play
-from minihuman.study.protocol import decode
-from minihuman.study.session import Session
-from minihuman.study.well_formed import complaints
-from minihuman.web import wire
-from minihuman.web.seat import Seat
-from minihuman.windows.scripted import ScriptedWindow, VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.activities.correction import CorrectionSeen, EpisodeRequest
+from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PairSeen, Preferred
+from minihuman.experiment.machine.events import Event, Stepped, find_violations
+from minihuman.experiment.machine.inputs import ActivityInput, KeyDown, KeyUp, Stop
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.replay import compare_replay, resume_from_events
+from minihuman.log.model.teaching_events import gather_corrections
+from minihuman.log.record.recorder import MemoryRecorder
+from minihuman.runtime.session_loop import run_session
+from minihuman.web import messages
+from minihuman.web.session_host import SessionHost
+from minihuman.worlds.adapters.world import World
 from tests.web.page_model import PageModel, Press
 from tests.web.protocols import GRID, study
 from tests.web.test_seat import FRAME_NS, MS, SETTINGS, about
 
-TAKEOVER = 'kind = "takeover"\nhold_ms = 200\nagent = { policy = "optimal:0.3", step_ms = 300 }\n'
-RATING = 'kind = "rating"\nhold_ms = 200\nagent = { policy = "optimal:0.3", step_ms = 300 }\n'
+TAKEOVER = 'kind = "takeover"\nfinal_frame_ms = 200\nagent = { policy = "optimal:0.3", step_ms = 300 }\n'
+RATING = 'kind = "rating"\nfinal_frame_ms = 200\nagent = { policy = "optimal:0.3", step_ms = 300 }\n'
 LEARNING = 'kind = "takeover"\nagent = { policy = "optimal:0.3", learner = "any", step_ms = 300, wait_s = 5 }\n'
 PAIRS = """
 [[activities]]
 name = "compare"
 kind = "preferences"
-plan = { source = "tried", pairs = 3, steps = 2, step_ms = 100 }
+settings = { source = "tried", pairs = 3, steps = 2, step_ms = 100 }
 """
 ANSWERS = (PolicyGiven, Advised)
-STRETCHES = tuple(Stretch(0, 1, 0, GRID[0], "{}", seed, (2, 2)) for seed in (1, 2))
+STRETCHES = tuple(EpisodeClip(0, 1, 0, GRID[0], "{}", seed, (2, 2)) for seed in (1, 2))
 CORRECTIONS = """
 [[activities]]
 name = "correct"
 kind = "correction"
-plan = { source = "tried", episodes = 2, steps = 4 }
+settings = { source = "tried", episodes = 2, steps = 4 }
 """
-FILMS = tuple(Stretch(number, 1, 0, GRID[0], "{}", 3 + number, (2, 0, 2, 2)) for number in (0, 1))
+FILMS = tuple(EpisodeClip(number, 1, 0, GRID[0], "{}", 3 + number, (2, 0, 2, 2)) for number in (0, 1))
 
 
-class Beside(Outside):
+class Beside(RequestHandler):
     """Answers at once, as whoever plays beside the person does; a learner after it was asked so often."""
 
     def __init__(self, learns_after: int = 3) -> None:
         self.closed = False
         self.asked = 0
         self._learns_after = learns_after
-        self._agent: Agent | None = None
+        self._agent: BaseAgent | None = None
         self._episode = -1
 
-    def answer(self, want: Want, play: Play | None, t_ns: int) -> ForPart | None:
+    def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         match want:
-            case WantsPolicy(learning=True):
+            case PolicyRequest(learning=True):
                 self.asked += 1
                 return NewPolicy(t_ns, "optimal:0") if self.asked % self._learns_after == 0 else None
-            case WantsPolicy():
+            case PolicyRequest():
                 return NewPolicy(t_ns, want.policy)
-            case WantsStretch():
-                return Offered(t_ns, STRETCHES[want.place])
-            case WantsEpisode():
-                return Offered(t_ns, FILMS[want.number])
-            case WantsAdvice() if play is not None:
+            case ClipRequest():
+                return ClipOffered(t_ns, STRETCHES[want.place])
+            case EpisodeRequest():
+                return ClipOffered(t_ns, FILMS[want.number])
+            case AdviceRequest() if play is not None:
                 if self._agent is None or play.plan.episode != self._episode:
                     self._agent, self._episode = make_agent(want.policy), play.plan.episode
                     self._agent.begin(play.plan, play.world)
-                return Advice(t_ns, want.step, tuple(float(chance) for chance in self._agent.advise(play.world)))
+                return Advice(
+                    t_ns, want.step, tuple(float(chance) for chance in self._agent.action_probabilities(play.world))
+                )
         return None
 
     def close(self) -> None:
@@ -95,8 +96,8 @@ def plan_of(folder: Path, block: str, more: str = "", parts: str = ""):
     text = study(folder, GRID, max_steps=9, block=block, more="").read_text() + more
     if parts:
         text = text.replace('blocks = ["tried"]', f"parts = {parts}")
-    protocol = decode(text.encode())
-    return expand(protocol, enrol(protocol, 0))
+    protocol = decode_protocol(text.encode())
+    return expand_protocol(protocol, enrol_participant(protocol, 0))
 
 
 def script(keys: Sequence[str], *, every_ms: int = 370, count: int = 60) -> list[Press]:
@@ -112,15 +113,15 @@ def through_window(plan, presses: Sequence[Press]) -> list[Event]:
     clock, recorder = VirtualClock(), MemoryRecorder()
     inputs = [(KeyDown if down else KeyUp)(t_ns, key) for t_ns, key, down in presses]
     window = ScriptedWindow(inputs, clock, frame_ns=FRAME_NS)
-    session = Session(plan, World, {"window": "scripted"}, picture_px=(84, 84))
+    session = SessionMachine(plan, World, {"window": "scripted"}, picture_px=(84, 84))
     run_session(session, window, recorder, clock, agent=Beside())
     return recorder.events
 
 
 def through_seat(plan, presses: Sequence[Press], *, closes: bool = True) -> tuple[list[Event], PageModel]:
     recorder = MemoryRecorder()
-    session = Session(plan, World, {"window": "web"}, picture_px=(84, 84))
-    seat = Seat(session, recorder, World, SETTINGS, agent=Beside())
+    session = SessionMachine(plan, World, {"window": "web"}, picture_px=(84, 84))
+    seat = SessionHost(session, recorder, World, SETTINGS, agent=Beside())
     page = PageModel(seat, presses, frame_ns=FRAME_NS)
     page.run()
     if closes and not seat.over:
@@ -153,13 +154,13 @@ def test_with_an_agent_the_same_inputs_give_the_same_events_as_in_a_window(
     assert_alike(seat, window)
     assert sum(isinstance(event, expected) for event in seat) > 4
     assert any(isinstance(event, Stepped) and not event.key for event in seat), "the agent made no step"
-    assert complaints(seat) == []
-    assert list(differences(seat, World)) == []
+    assert find_violations(seat) == []
+    assert list(compare_replay(seat, World)) == []
 
 
 def assert_whole(page: PageModel, name: int, reels: list[list[int]], *, length: int) -> None:
     """A film came with the picture that is seen, and the others one at a time."""
-    frames = [message for message in page.told if isinstance(message, wire.Frame) and message.name == name]
+    frames = [message for message in page.told if isinstance(message, messages.FilmFrame) and message.name == name]
     for side, reel in enumerate(reels):
         assert len(reel) == length
         assert sum(picture >= 0 for picture in reel) == 1
@@ -172,11 +173,15 @@ def test_films_are_told_once_a_pair_and_every_picture_of_theirs_is_logged(tmp_pa
     plan = plan_of(tmp_path, 'kind = "play"\n', PAIRS, '["compare"]')
     presses = script(["x", "x", "f", "x", "r", "x", "j"], count=30)
     seat, page = through_seat(plan, presses)
-    assert complaints(seat) == []
-    assert list(differences(seat, World)) == []
+    assert find_violations(seat) == []
+    assert list(compare_replay(seat, World)) == []
     assert sum(isinstance(event, Preferred) for event in seat) == 3
     assert sum(isinstance(event, PairSeen) for event in seat) > 12
-    told = [message for message in page.told if isinstance(message, wire.ToShow) and message.screen["kind"] == "pair"]
+    told = [
+        message
+        for message in page.told
+        if isinstance(message, messages.ScreenMessage) and message.screen["kind"] == "pair"
+    ]
     assert len(told) == 3
     for message in told:
         assert_whole(page, message.name, [message.screen["lefts"], message.screen["rights"]], length=3)
@@ -186,14 +191,18 @@ def test_an_episode_is_told_whole_and_gone_through_and_corrected_as_in_a_window(
     plan = plan_of(tmp_path, 'kind = "play"\n', CORRECTIONS, '["correct", "tried"]')
     keys = ["period", "period", "comma", "space", "1", "3", "space", "period", "space", "3", "3", "3", "3", "enter"]
     events, page = through_seat(plan, script(keys, count=28))
-    assert complaints(events) == []
-    assert list(differences(events, World)) == []
-    corrected = corrections(events)
+    assert find_violations(events) == []
+    assert list(compare_replay(events, World)) == []
+    corrected = gather_corrections(events)
     assert [(its.episode, its.step, len(its.actions)) for its in corrected][:2] == [(0, 1, 2), (0, 2, 4)]
-    told = [message for message in page.told if isinstance(message, wire.ToShow) and message.screen["kind"] == "film"]
+    told = [
+        message
+        for message in page.told
+        if isinstance(message, messages.ScreenMessage) and message.screen["kind"] == "film"
+    ]
     for message in told[:2]:
         assert_whole(page, message.name, [message.screen["pictures"]], length=5)
-    shown = [message for message in page.told if isinstance(message, wire.Now) and message.step > 0]
+    shown = [message for message in page.told if isinstance(message, messages.EpisodeState) and message.step > 0]
     assert all(message.node > 0 for message in shown), "what a key of a correction leads to is not told ahead"
 
 
@@ -212,11 +221,11 @@ def test_killed_after_any_event_a_seat_goes_on_where_it_was(
     events, page = through_seat(plan, script(keys, count=16), closes=False)
     for kept in [*range(1, len(events), 5), *range(len(events) - 3, len(events))]:
         logged = events[:kept]
-        session, unwritten = taken_up(logged, World, picture_px=(84, 84))
+        session, unwritten = resume_from_events(logged, World, picture_px=(84, 84))
         recorder = MemoryRecorder()
         recorder.write(logged)
-        seat = Seat(session, recorder, World, SETTINGS, agent=Beside(), logged=logged, unwritten=unwritten)
-        seat.begin_again()
+        seat = SessionHost(session, recorder, World, SETTINGS, agent=Beside(), logged=logged, unwritten=unwritten)
+        seat.restart()
         for said in page.sent:
             seat.receive(said.n, said.at, said.what)
         seat.close()
@@ -235,9 +244,9 @@ def test_the_agents_next_action_and_where_it_leads_are_told_before_its_step(tmp_
     scene, seen = -1, 0
     for message in page.told:
         match message:
-            case wire.Ahead():
+            case messages.LookAheadUpdate():
                 known |= {(origin, action) for origin, action, *_ in message.edges}
-            case wire.Now(action=action, node=node) if action >= 0:
+            case messages.EpisodeState(action=action, node=node) if action >= 0:
                 scene, seen = node, seen + 1
                 assert (scene, action) in known
     assert seen > 3
@@ -245,14 +254,16 @@ def test_the_agents_next_action_and_where_it_leads_are_told_before_its_step(tmp_
 
 def test_what_a_learner_made_is_taken_when_the_page_says_so(tmp_path: Path) -> None:
     recorder = MemoryRecorder()
-    seat = Seat(Session(plan_of(tmp_path, LEARNING), World, {}), recorder, World, SETTINGS, agent=(beside := Beside()))
+    seat = SessionHost(
+        SessionMachine(plan_of(tmp_path, LEARNING), World, {}), recorder, World, SETTINGS, agent=(beside := Beside())
+    )
     page = PageModel(seat, script(["enter", "1"], every_ms=200, count=24), frame_ns=FRAME_NS)
-    page.run(lambda: isinstance(seat.session.wants, WantsPolicy))
+    page.run(lambda: isinstance(seat.session.request, PolicyRequest))
     assert [seat.poll() for _ in range(4)] == [False, False, True, False]
-    ask = next(message for _, message in seat.saying.after(0) if isinstance(message, wire.Ask))
-    seat.begin_again()  # another page, before the first one said anything
-    assert any(isinstance(message, wire.Ask) for _, message in seat.saying.after(0))
-    page.say(wire.Echo(ask.number))
+    ask = next(message for _, message in seat.outgoing.after(0) if isinstance(message, messages.CommandMessage))
+    seat.restart()  # another page, before the first one said anything
+    assert any(isinstance(message, messages.CommandMessage) for _, message in seat.outgoing.after(0))
+    page.say(messages.CommandEcho(ask.number))
     given = [event for event in recorder.events if isinstance(event, PolicyGiven)]
     assert [event.policy for event in given] == ["optimal:0.3", "optimal:0"]
     assert given[1].t_ns == page.sent[-1].at

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import open_log
-from minihuman.study.events import Answered, PartEnded, PointerUsed
-from minihuman.web.said import all_said
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import Answered, PartEnded, PointerUsed
+from minihuman.log.read.session_reader import read_log
+from minihuman.web.completion import load_page_texts
+from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import serving
@@ -28,11 +28,11 @@ PATIENCE_S = count(1_200, 5_400)
 
 def study_in(folder: Path, *, shortened: bool = True) -> Path:
     """The study with its second day on the first; shortened to an episode a block, of a few steps."""
-    text = STUDY.read_text().replace("days_after = [1, 3]", "days_after = [0, 3]")
+    text = STUDY.read_text().replace("days_after_previous = [1, 3]", "days_after_previous = [0, 3]")
     if shortened:
         text = re.sub(r"episodes = \d+", "episodes = 1", text)
         text = re.sub(r"max_steps = \d+", "max_steps = 5", text)
-        text = re.sub(r"until = .*\n", "", text)
+        text = re.sub(r"stop_criterion = .*\n", "", text)
     path = folder / "two-days.toml"
     path.write_text(text)
     return path
@@ -130,7 +130,7 @@ def both_days(folder: Path, *, shortened: bool, mouse: tuple[bool, bool]) -> lis
 def check(paths: list[Path], *, episodes: tuple[int, int], mouse: tuple[bool, bool]) -> None:
     """Both logs hold all that was asked and played, and are proven."""
     assert [path.name for path in paths] == ["sub-01_ses-01.mcap", "sub-01_ses-02.mcap"]
-    first, second = map(open_log, paths)
+    first, second = map(read_log, paths)
     for log, least, clicked in zip((first, second), episodes, mouse, strict=True):
         assert log.end_reason == "complete"
         assert "abandoned" not in [episode.outcome for episode in log.episodes]
@@ -144,7 +144,7 @@ def check(paths: list[Path], *, episodes: tuple[int, int], mouse: tuple[bool, bo
     maps = {tuple(sorted(episode.plan.key_map.keys.items())) for episode in chain(first.episodes, second.episodes)}
     assert len(maps) == 1, "the keys of the second day are those of the first"
     for path in paths:
-        assert list(prove(path, World)) == []
+        assert list(find_log_differences(path, World)) == []
 
 
 def told(*words: str) -> str:
@@ -178,7 +178,7 @@ seed = 1
 language = "zh"
 closing = ""
 [keys]
-check = false
+keyboard_check = false
 [[groups]]
 name = "all"
 [[sessions]]
@@ -187,7 +187,7 @@ parts = ["page"]
 [[sessions]]
 name = "second"
 parts = ["page"]
-days_after = [1, 3]
+days_after_previous = [1, 3]
 [[pages]]
 name = "page"
 text = "您好"
@@ -205,7 +205,7 @@ def test_the_second_day_is_refused_before_its_time_in_the_studys_language(tmp_pa
         served.again()
         early = sit_down(address)
         early.until("s.finished")
-        assert early.screen().strip() == all_said()["zh"]["not_today"]
+        assert early.screen().strip() == load_page_texts()["zh"]["not_today"]
 
 
 @pytest.mark.long

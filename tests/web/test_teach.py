@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import open_log
-from minihuman.recorded.taught import Taught
-from minihuman.study.events import Noted
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import Noted
+from minihuman.log.model.teaching_events import TeachingRecord
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S, count
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import line, serving
@@ -82,14 +82,14 @@ def test_a_person_teaches_in_the_browser_and_the_log_verifies(tmp_path: Path, rt
         take_part(somebody)
         assert somebody.errors == []
     [path] = tmp_path.rglob("*.mcap")
-    log = open_log(path)
+    log = read_log(path)
     assert log.end_reason == "complete"
-    assert list(prove(path, World)) == []
+    assert list(find_log_differences(path, World)) == []
     assert [note.text for note in log.notes if isinstance(note, Noted) and note.kind == "page"] == []
     teaching = [episode.taught for episode in log.episodes[:2]]
-    assert all(isinstance(taught, Taught) and taught.by_person.any() for taught in teaching)
+    assert all(isinstance(taught, TeachingRecord) and taught.by_person.any() for taught in teaching)
     assert any("hand_back" in [change.reason for change in taught.controls] for taught in teaching if taught)
     assert all(episode.taught and episode.taught.ratings for episode in log.episodes[2:])
     assert log.corrections
     assert {its.episode for its in log.corrections} <= {0, 1}
-    assert [compared.said.answer for compared in log.comparisons] == ["left", "left"]
+    assert [compared.preference.answer for compared in log.comparisons] == ["left", "left"]

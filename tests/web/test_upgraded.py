@@ -13,16 +13,16 @@ import pytest
 from websockets.sync.client import connect
 
 import minihuman
+from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.verify.log import find_log_differences
 from minihuman.errors import LogError
-from minihuman.lab.next_session import next_session
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import open_log
-from minihuman.log.record.rounds import Rounds
-from minihuman.study.protocol import decode
-from minihuman.web.seating import Disk, Made, begin, go_on
-from minihuman.web.telling import Settings
-from minihuman.web.wire import VERSION
-from minihuman.worlds.adapt.world import World
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.disk import GroupCommit
+from minihuman.web.connection import HostedSession, HostStorage, resume_host, start_host
+from minihuman.web.messages import MESSAGE_VERSION
+from minihuman.web.outbox import PageSettings
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.web.page_model import PageModel
 from tests.web.protocols import study
@@ -31,7 +31,7 @@ from tests.web.typed_page import TypedPage
 
 MS = 1_000_000
 RULES = {"rules": "ours", "pictures": "2", "version_minihuman": "1"}
-SETTINGS = Settings(picture_px=(96, 96), deepest=0)
+SETTINGS = PageSettings(picture_px=(96, 96), deepest=0)
 
 
 def installed_in(folder: Path) -> Path:
@@ -76,8 +76,8 @@ def test_a_server_goes_on_as_it_began_while_its_package_is_replaced(
         logs = sorted(server.said.parent.rglob("*.mcap"))
     assert len(logs) == 2
     for path in logs:
-        assert open_log(path).end_reason == "complete"
-        assert list(prove(path, World)) == []
+        assert read_log(path).end_reason == "complete"
+        assert list(find_log_differences(path, World)) == []
 
 
 async def _plays_across(page: TypedPage, package: Path) -> None:
@@ -95,7 +95,7 @@ _CAPTURED = {"capture_output": True, "text": True, "check": True}
 @pytest.mark.program
 def test_a_page_of_another_release_is_told_to_load_itself_again(tmp_path: Path) -> None:
     with served(tmp_path) as server, connect(f"ws://{server.host}/socket", origin=f"http://{server.host}") as socket:
-        socket.send(json.dumps({"t": "hello", "version": VERSION + 1, "token": server.links[0], "stream": "a"}))
+        socket.send(json.dumps({"t": "hello", "version": MESSAGE_VERSION + 1, "token": server.links[0], "stream": "a"}))
         assert json.loads(socket.recv())["reason"] == "old"
         with pytest.raises(Exception, match="4002"):
             socket.recv()
@@ -105,25 +105,25 @@ def test_a_page_of_another_release_is_told_to_load_itself_again(tmp_path: Path) 
 def test_a_log_is_gone_on_with_by_the_rules_that_it_began_with_or_in_a_segment_of_its_own(
     tmp_path: Path, changed: str
 ) -> None:
-    protocol = decode(study(tmp_path).read_bytes())
-    disk = Disk(protocol, tmp_path, Rounds())
-    made = begin(next_session(protocol, tmp_path), disk, RULES, SETTINGS, at_sync=lambda: None)
+    protocol = decode_protocol(study(tmp_path).read_bytes())
+    disk = HostStorage(protocol, tmp_path, GroupCommit())
+    made = start_host(plan_next_session(protocol, tmp_path), disk, RULES, SETTINGS, at_sync=lambda: None)
     keys = ["enter", "1", "2", "3", "1"]
     presses = [(number * 400 * MS, key, True) for number, key in enumerate(keys, 1)]
-    PageModel(made.seat, presses, frame_ns=16 * MS).run()
+    PageModel(made.host, presses, frame_ns=16 * MS).run()
     leave(made)
     [part] = tmp_path.rglob("*.part")
-    again = go_on(part, disk, RULES, SETTINGS, at_sync=lambda: None)
-    assert again.seat.session.play is not None
-    assert again.seat.session.play.steps > 0
+    again = resume_host(part, disk, RULES, SETTINGS, at_sync=lambda: None)
+    assert again.host.session.play is not None
+    assert again.host.session.play.steps > 0
     leave(again)
-    with pytest.raises(LogError, match=f"began with {changed}"):
-        go_on(part, disk, {**RULES, changed: "theirs"}, SETTINGS, at_sync=lambda: None)
-    later = next_session(protocol, tmp_path, participant="sub-01")
+    with pytest.raises(LogError, match=f"was recorded with {changed}"):
+        resume_host(part, disk, {**RULES, changed: "theirs"}, SETTINGS, at_sync=lambda: None)
+    later = plan_next_session(protocol, tmp_path, participant="sub-01")
     assert (later.segment, later.first_episode) == (2, 0), "the episode is begun again, in a segment of its own"
 
 
-def leave(made: Made) -> None:
-    made.seat.close()
+def leave(made: HostedSession) -> None:
+    made.host.close()
     for file in made.files:
         file.leave()

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.prove import prove
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.study.events import KeyPressed
-from minihuman.worlds.adapt.world import World
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import KeyPressed
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S, count
 from tests.web.browser import Somebody, browsing
 from tests.web.processes import below, runs, until
@@ -74,10 +74,10 @@ def test_a_worker_that_is_killed_is_started_again_and_takes_its_people_up(tmp_pa
     paths = sorted(tmp_path.rglob("*.mcap"))
     assert [path.name for path in paths] == ["sub-01_ses-01.mcap", "sub-02_ses-01.mcap"]
     for path in paths:
-        log = open_log(path)
+        log = read_log(path)
         assert len(log.segments) == 1
         assert [len(episode.actions) for episode in log.episodes] == [STEPS, STEPS]
-        assert list(prove(path, World)) == []
+        assert list(find_log_differences(path, World)) == []
     assert pressed(paths[1])[:5] == ["1", "2", "1", "2", "3"]
 
 
@@ -106,7 +106,7 @@ def test_told_to_end_it_takes_its_workers_and_its_watch_with_it_and_logs_are_who
     parts = sorted(tmp_path.rglob("*.mcap.part"))
     assert len(parts) == 2, "both sessions are left to be gone on with"
     for part, page in zip(parts, pages, strict=True):
-        assert list(prove(part, World)) == []
+        assert list(find_log_differences(part, World)) == []
         assert len([key for key in pressed(part) if key in "123"]) == page.counts.presses
 
 
@@ -116,7 +116,7 @@ def pressed(path: Path) -> list[str]:
 
 
 def test_whoever_comes_without_a_link_is_sent_to_the_same_worker_in_every_tab(tmp_path: Path) -> None:
-    protocol = study(tmp_path, web="picture_px = [96, 96]\nanyone = true")
+    protocol = study(tmp_path, web="image_size_px = [96, 96]\nopen_access = true")
     served = Serving(protocol, tmp_path, links=0)
     try:
         with browsing() as sit_down:

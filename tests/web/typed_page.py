@@ -14,7 +14,7 @@ from typing import Any
 
 from websockets.asyncio.client import ClientConnection, connect
 
-from minihuman.web.wire import VERSION
+from minihuman.web.messages import MESSAGE_VERSION
 from tests.counts import PATIENCE_S
 
 FACTS = {"browser": "Chromium", "browser_version": "156", "window_px": "1366 x 768", "mouse": True, "touch": False}
@@ -97,7 +97,7 @@ class TypedPage:
             "ping_interval": None,
         }  # a ping draws from `random`, which Hypothesis watches over
         async with connect(address, origin=origin, max_size=None, open_timeout=PATIENCE_S, **quiet) as socket:
-            hello = {"t": "hello", "version": VERSION, "token": self._token, "platform": self._platform}
+            hello = {"t": "hello", "version": MESSAGE_VERSION, "token": self._token, "platform": self._platform}
             await socket.send(json.dumps({**hello, "stream": f"{id(self):x}", "facts": FACTS}))
             doing = [asyncio.create_task(work) for work in (self._hear(socket), self._send(socket), self._live(socket))]
             waiting = asyncio.create_task(self._done.wait())

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from minihuman.display.drawing.play_screens import Box
+from minihuman.display.drawing.screen import compose_screen
+from minihuman.display.drawing.sheet import Size
+from minihuman.display.windows.blocking_window import BlockingWindow
 from minihuman.errors import LogError
-from minihuman.study.inputs import Input
-from minihuman.study.screens import TextScreen
-from minihuman.windows.blocking import BlockingWindow
-from minihuman.windows.compose import Box, Size, compose
+from minihuman.experiment.machine.inputs import Input
+from minihuman.experiment.machine.screens import TextScreen
 
 SIZE_PX = (320, 240)
 
@@ -65,4 +67,4 @@ def test_what_was_drawn_and_could_not_be_written_leaves_no_trace() -> None:
     assert np.array_equal(window.display, before)
     said = TextScreen("one", "no room", "")
     window.show(said)
-    assert np.array_equal(window.display, compose(said, SIZE_PX))
+    assert np.array_equal(window.display, compose_screen(said, SIZE_PX))

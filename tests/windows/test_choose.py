@@ -5,14 +5,14 @@ import time
 
 import pytest
 
+from minihuman.display.windows.blocking_window import list_windows, open_window
 from minihuman.errors import WindowError
-from minihuman.windows.choose import open_window, window_names
 
 pytestmark = pytest.mark.program
 
 
 def test_both_toolkits_are_installed_pygame_first() -> None:
-    assert window_names()[:2] == ("pygame", "pyglet")
+    assert list_windows()[:2] == ("pygame", "pyglet")
 
 
 def test_an_unknown_window_is_named_with_those_there_are() -> None:

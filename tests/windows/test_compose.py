@@ -3,17 +3,16 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from minihuman.study.keycaps import caption_word as caption
-from minihuman.study.keycaps import label
-from minihuman.study.keys import KEY_NAMES
-from minihuman.study.screens import PlayScreen, Screen, TextScreen
-from minihuman.windows import theme
-from minihuman.windows.compose import compose, picture_size_px, repaint
-from minihuman.windows.keycaps import arrange
+from minihuman.display.drawing import sheet
+from minihuman.display.drawing.keycaps import arrange_keycaps
+from minihuman.display.drawing.screen import compose_screen, picture_size_px, repaint_screen
+from minihuman.experiment.keys import KEY_NAMES, key_label
+from minihuman.experiment.keys import key_caption as caption
+from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 
 SIZES = ((1280, 720), (1024, 768), (1920, 1080), (640, 360))
 HD = SIZES[0]
-BACKGROUND = np.array(theme.BACKGROUND, np.uint8)
+BACKGROUND = np.array(sheet.BACKGROUND, np.uint8)
 
 
 def lit_pixels(picture: np.ndarray, colour: Sequence[int]) -> int:
@@ -32,27 +31,27 @@ def test_a_screen_fills_the_window(size_px: tuple[int, int]) -> None:
         PlayScreen(np.zeros((56, 56, 3), np.uint8), "mission", "progress"),
     )
     for screen in screens:
-        picture = compose(screen, size_px)
+        picture = compose_screen(screen, size_px)
         assert picture.shape == (size_px[1], size_px[0], 3)
         assert picture.dtype == np.uint8
 
 
 def test_the_same_screen_gives_the_same_picture_and_the_callers_may_draw_on_it() -> None:
     screen = PlayScreen(np.full((56, 56, 3), 200, np.uint8), "mission", "progress", (("1", "left"),))
-    first = compose(screen, HD)
+    first = compose_screen(screen, HD)
     kept = first.copy()
     first[:] = 0
-    assert np.array_equal(compose(screen, HD), kept)
+    assert np.array_equal(compose_screen(screen, HD), kept)
     words = TextScreen("Title", "Body", "Prompt")
-    compose(words, HD)[:] = 0
-    assert compose(words, HD).any()
+    compose_screen(words, HD)[:] = 0
+    assert compose_screen(words, HD).any()
 
 
 def test_from_step_to_step_only_the_worlds_picture_is_painted() -> None:
     dark, light = (PlayScreen(np.full((7, 9, 3), shade, np.uint8), "mission", "1 of 2") for shade in (10, 200))
-    frame = compose(dark, HD)
-    left, top, width, height = repaint(frame, dark, light)
-    assert np.array_equal(frame, compose(light, HD))
+    frame = compose_screen(dark, HD)
+    left, top, width, height = repaint_screen(frame, dark, light)
+    assert np.array_equal(frame, compose_screen(light, HD))
     assert (width, height) < picture_size_px(HD)
     assert (frame[top : top + height, left : left + width] == 200).all()
 
@@ -68,14 +67,14 @@ def test_from_step_to_step_only_the_worlds_picture_is_painted() -> None:
 )
 def test_whatever_else_changes_the_whole_frame_is_painted(next_screen: Screen) -> None:
     shown = PlayScreen(np.full((7, 9, 3), 90, np.uint8), "mission", "1 of 2")
-    frame = compose(shown, HD)
-    assert repaint(frame, shown, next_screen) == (0, 0, *HD)
-    assert np.array_equal(frame, compose(next_screen, HD))
+    frame = compose_screen(shown, HD)
+    assert repaint_screen(frame, shown, next_screen) == (0, 0, *HD)
+    assert np.array_equal(frame, compose_screen(next_screen, HD))
 
 
 def test_a_small_picture_is_enlarged_by_a_whole_number_and_centred() -> None:
     colours = np.random.default_rng(0).integers(1, 255, (7, 7, 3), dtype=np.uint8)
-    shown = compose(PlayScreen(colours, "", ""), HD)
+    shown = compose_screen(PlayScreen(colours, "", ""), HD)
     scale = picture_size_px(HD)[1] // 7
     rows, columns = np.nonzero((shown != BACKGROUND).any(axis=2))
     cut = shown[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
@@ -86,7 +85,7 @@ def test_a_small_picture_is_enlarged_by_a_whole_number_and_centred() -> None:
 def test_a_large_picture_is_averaged_into_the_room_it_has() -> None:
     picture = np.zeros((2000, 3000, 3), np.uint8)
     picture[:, ::2] = 255
-    shown = compose(PlayScreen(picture, "", ""), HD)
+    shown = compose_screen(PlayScreen(picture, "", ""), HD)
     width, height = picture_size_px(HD)
     columns = np.nonzero((shown != BACKGROUND).any(axis=(0, 2)))[0]
     assert columns.max() - columns.min() + 1 <= width
@@ -105,17 +104,19 @@ def test_first_person_pictures_get_640_by_480_in_the_usual_window() -> None:
 @pytest.mark.parametrize("paragraphs", [1, 3, 8])
 def test_long_texts_stay_on_the_page(size_px: tuple[int, int], paragraphs: int) -> None:
     body = "\n\n".join(["You may stop at any time without giving a reason. " * 3] * paragraphs)
-    shown = compose(TextScreen("Consent", body, "Press Enter if you agree, Escape if you do not"), size_px)
+    shown = compose_screen(TextScreen("Consent", body, "Press Enter if you agree, Escape if you do not"), size_px)
     assert edge_is_empty(shown)
-    assert lit_pixels(shown, theme.ACCENT) > 0
+    assert lit_pixels(shown, sheet.ACCENT) > 0
 
 
 def test_a_word_longer_than_the_line_is_broken() -> None:
-    assert edge_is_empty(compose(TextScreen("", "x" * 400, ""), HD))
+    assert edge_is_empty(compose_screen(TextScreen("", "x" * 400, ""), HD))
 
 
 def test_no_last_word_stands_alone() -> None:
-    shown = compose(TextScreen("", "Press each of these keys once. A key lights up when it has arrived.", ""), HD)
+    shown = compose_screen(
+        TextScreen("", "Press each of these keys once. A key lights up when it has arrived.", ""), HD
+    )
     rows = (shown != BACKGROUND).any(axis=2)
     inked = np.nonzero(rows.any(axis=1))[0]
     gap = int(np.argmax(np.diff(inked)))
@@ -127,7 +128,9 @@ def test_no_last_word_stands_alone() -> None:
 def test_a_key_lights_up_when_it_has_been_pressed() -> None:
     pool = tuple(str(digit) for digit in range(1, 10))
     lit = [
-        lit_pixels(compose(TextScreen("", "", "", keys=tuple((key, key <= last) for key in pool)), HD), theme.LIT)
+        lit_pixels(
+            compose_screen(TextScreen("", "", "", keys=tuple((key, key <= last) for key in pool)), HD), sheet.HIGHLIGHT
+        )
         for last in ("0", "4", "9")
     ]
     assert lit[0] == 0
@@ -135,7 +138,7 @@ def test_a_key_lights_up_when_it_has_been_pressed() -> None:
 
 
 def test_every_key_of_the_vocabulary_can_be_drawn_apart() -> None:
-    caps, width, height = arrange(sorted(KEY_NAMES))
+    caps, width, height = arrange_keycaps(sorted(KEY_NAMES))
     assert {cap.key for cap in caps} == KEY_NAMES
     for cap in caps:
         assert 0 <= cap.x <= cap.x + cap.width <= width
@@ -146,35 +149,39 @@ def test_every_key_of_the_vocabulary_can_be_drawn_apart() -> None:
             if other is not cap and other.y == cap.y and cap.x < other.x + other.width and other.x < cap.x + cap.width
         ]
         assert overlapping == []
-    assert edge_is_empty(compose(TextScreen("", "", "", keys=tuple((key, True) for key in sorted(KEY_NAMES))), HD))
+    assert edge_is_empty(
+        compose_screen(TextScreen("", "", "", keys=tuple((key, True) for key in sorted(KEY_NAMES))), HD)
+    )
 
 
 def test_no_two_keys_say_the_same() -> None:
-    words = [(label(key), caption(key)) for key in sorted(KEY_NAMES)]
+    words = [(key_label(key), caption(key)) for key in sorted(KEY_NAMES)]
     assert len(set(words)) == len(words)
 
 
 def test_keys_lie_as_on_a_keyboard() -> None:
-    caps, width, height = arrange(("1", "2", "9"))
+    caps, width, height = arrange_keycaps(("1", "2", "9"))
     assert [(cap.x, cap.y) for cap in caps] == [(0.0, 0.0), (1.0, 0.0), (8.0, 0.0)]
     assert (width, height) == (9.0, 1.0)
-    places = {cap.key: (cap.x, cap.y) for cap in arrange(("up", "left", "down", "right"))[0]}
+    places = {cap.key: (cap.x, cap.y) for cap in arrange_keycaps(("up", "left", "down", "right"))[0]}
     assert places == {"up": (1.0, 0.0), "left": (0.0, 1.0), "down": (1.0, 1.0), "right": (2.0, 1.0)}
 
 
 def test_a_legend_of_many_actions_stays_on_the_page() -> None:
     legend = tuple((key, f"a_long_action_name_{key}") for key in "123456789")
     picture = np.full((56, 56, 3), 9, np.uint8)
-    assert edge_is_empty(compose(PlayScreen(picture, "", "", legend), HD))
-    assert lit_pixels(compose(PlayScreen(picture, "", "", legend), HD), theme.SURFACE) > 0
+    assert edge_is_empty(compose_screen(PlayScreen(picture, "", "", legend), HD))
+    assert lit_pixels(compose_screen(PlayScreen(picture, "", "", legend), HD), sheet.SURFACE) > 0
 
 
 def test_words_stand_out_from_the_page() -> None:
-    def luminance(colour: theme.Colour) -> float:
+    def luminance(colour: sheet.Colour) -> float:
         linear = [c / 3294 if c <= 10 else ((c / 255 + 0.055) / 1.055) ** 2.4 for c in colour]
         return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
-    page = luminance(theme.BACKGROUND)
-    contrast = {colour: (luminance(colour) + 0.05) / (page + 0.05) for colour in (theme.INK, theme.QUIET, theme.ACCENT)}
-    assert contrast[theme.INK] > 10
+    page = luminance(sheet.BACKGROUND)
+    contrast = {
+        colour: (luminance(colour) + 0.05) / (page + 0.05) for colour in (sheet.INK, sheet.MUTED_INK, sheet.ACCENT)
+    }
+    assert contrast[sheet.INK] > 10
     assert all(ratio > 4.5 for ratio in contrast.values())  # WCAG 2.2, level AA

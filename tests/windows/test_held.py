@@ -1,9 +1,9 @@
-from minihuman.study.inputs import KeyDown, KeyUp
-from minihuman.windows.held import REPEAT_DELAY_NS, REPEAT_PERIOD_NS, HeldKeys
+from minihuman.display.windows.blocking_window import REPEAT_DELAY_NS, REPEAT_PERIOD_NS, KeyRepeater
+from minihuman.experiment.machine.inputs import KeyDown, KeyUp
 
 
 def test_a_press_of_a_key_that_is_down_is_the_systems_repeat() -> None:
-    held = HeldKeys()
+    held = KeyRepeater()
     assert held.press(1, "1", "1") == [KeyDown(1, "1", "1")]
     assert held.press(2, "1", "1") == []
     assert held.release(3, "1", "1") == [KeyUp(3, "1", "1")]
@@ -11,7 +11,7 @@ def test_a_press_of_a_key_that_is_down_is_the_systems_repeat() -> None:
 
 
 def test_a_held_key_repeats_after_the_delay_then_each_period() -> None:
-    held = HeldKeys()
+    held = KeyRepeater()
     held.press(0, "1", "1")
     assert held.repeats(REPEAT_DELAY_NS - 1) == []
     assert held.repeats(REPEAT_DELAY_NS) == [KeyDown(REPEAT_DELAY_NS, "1", "1", repeat=True)]
@@ -19,7 +19,7 @@ def test_a_held_key_repeats_after_the_delay_then_each_period() -> None:
 
 
 def test_a_loop_that_comes_late_gets_one_repeat() -> None:
-    held = HeldKeys()
+    held = KeyRepeater()
     held.press(0, "1", "1")
     late_ns = REPEAT_DELAY_NS + 10 * REPEAT_PERIOD_NS
     assert len(held.repeats(late_ns)) == 1
@@ -28,7 +28,7 @@ def test_a_loop_that_comes_late_gets_one_repeat() -> None:
 
 
 def test_the_last_key_pressed_is_the_one_that_repeats() -> None:
-    held = HeldKeys()
+    held = KeyRepeater()
     held.press(0, "1", "1")
     held.press(1, "2", "2")
     held.release(2, "1", "1")
@@ -39,7 +39,7 @@ def test_the_last_key_pressed_is_the_one_that_repeats() -> None:
 
 
 def test_when_the_focus_goes_nothing_is_held() -> None:
-    held = HeldKeys()
+    held = KeyRepeater()
     held.press(0, "1", "1")
     held.forget()
     assert held.next_repeat_ns is None

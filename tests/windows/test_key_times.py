@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from minihuman.study.inputs import KeyDown, KeyUp
-from minihuman.study.screens import TextScreen
-from minihuman.windows.blocking import TITLE
-from minihuman.windows.x11_time import when_ns
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.display.windows.keyboard import convert_server_time
+from minihuman.experiment.machine.inputs import KeyDown, KeyUp
+from minihuman.experiment.machine.screens import TextScreen
 from tests.window_host import HostedWindow
 from tests.xserver import Typist
 
@@ -69,13 +69,13 @@ def test_the_windows_say_where_the_times_are_from(window: tuple[HostedWindow, Ty
 def test_a_stamp_that_cannot_be_true_gives_the_time_now() -> None:
     now_ns = time.monotonic_ns()
     ahead = (now_ns // MS + 5_000) % 2**32
-    assert when_ns(ahead, time.monotonic_ns) >= now_ns
-    assert when_ns((now_ns // MS - 120_000) % 2**32, time.monotonic_ns) >= now_ns
+    assert convert_server_time(ahead, time.monotonic_ns) >= now_ns
+    assert convert_server_time((now_ns // MS - 120_000) % 2**32, time.monotonic_ns) >= now_ns
 
 
 def test_a_stamp_is_late_by_a_millisecond_at_most_also_when_the_servers_count_begins_again() -> None:
     now_ns = time.monotonic_ns()
     for age_ms in (0, 1, 250):
         happened_ns = now_ns - age_ms * MS
-        stamp_ns = when_ns((happened_ns // MS) % 2**32, time.monotonic_ns)
+        stamp_ns = convert_server_time((happened_ns // MS) % 2**32, time.monotonic_ns)
         assert happened_ns <= stamp_ns <= happened_ns + MS

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from minihuman.study.screens import PlayScreen, Screen, TextScreen
-from minihuman.windows.blocking import TITLE
-from minihuman.windows.compose import compose
+from minihuman.display.drawing.screen import compose_screen
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from tests.desktop import Desktop, desktop
 from tests.window_host import HostedWindow
 
@@ -31,7 +31,7 @@ class Managed:
         while time.monotonic() < until_s:
             self.window.wait(time.monotonic_ns() + 50_000_000)
             seen = self.desk.inside(TITLE)
-            if seen.size and np.array_equal(seen, compose(screen, (seen.shape[1], seen.shape[0]))):
+            if seen.size and np.array_equal(seen, compose_screen(screen, (seen.shape[1], seen.shape[0]))):
                 return True
         return False
 

@@ -7,10 +7,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from minihuman.study.inputs import Input, KeyDown, PointerMoved, PointerPressed, PointerReleased, Typed
-from minihuman.study.screens import Choices, Entry, QuestionScreen, Screen, Slider, TextScreen
-from minihuman.windows.blocking import TITLE
-from minihuman.windows.compose import spot_at
+from minihuman.display.drawing.screen import find_spot
+from minihuman.display.windows.blocking_window import TITLE
+from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, PointerReleased, TextInput
+from minihuman.experiment.machine.screens import OptionList, QuestionScreen, Screen, Slider, TextField, TextScreen
 from tests.window_host import HostedWindow
 from tests.xserver import Typist
 
@@ -18,9 +18,9 @@ pytestmark = pytest.mark.program
 
 SIZE_PX = (640, 360)
 MS = 1_000_000
-CHOICE = QuestionScreen("", "Which one?", Choices(("this", "that"), frozenset(), 0), "")
+CHOICE = QuestionScreen("", "Which one?", OptionList(("this", "that"), (), 0), "")
 SLIDER = QuestionScreen("", "How much?", Slider("little", "much", None, "", 10), "")
-ENTRY = QuestionScreen("", "What?", Entry("", 0, False), "")
+ENTRY = QuestionScreen("", "What?", TextField("", 0, False), "")
 PLAIN = TextScreen("Words", "to read", "Press Enter")
 
 
@@ -45,7 +45,7 @@ def middle_of(screen: Screen, name: str) -> tuple[float, float]:
     inside = [
         (x, y)
         for x, y in product(np.linspace(0, 1, 160), np.linspace(0, 1, 90))
-        if spot_at(screen, SIZE_PX, float(x), float(y))[0] == name
+        if find_spot(screen, SIZE_PX, float(x), float(y))[0] == name
     ]
     x, y = np.mean(inside, axis=0)
     return float(x), float(y)
@@ -91,7 +91,7 @@ def test_text_is_told_of_where_it_is_wanted_beside_the_keys(desk: tuple[HostedWi
     hear(window)
     typist.tap("a", "7", "enter")
     heard = hear(window)
-    assert "".join(one.text for one in heard if isinstance(one, Typed)) == "a7"
+    assert "".join(one.text for one in heard if isinstance(one, TextInput)) == "a7"
     assert [one.key for one in heard if isinstance(one, KeyDown)] == ["a", "7", "enter"]
 
 
@@ -104,5 +104,5 @@ def test_elsewhere_neither_mouse_nor_text_is_told_of(desk: tuple[HostedWindow, T
     typist.button(False)
     typist.tap("b")
     heard = hear(window)
-    assert not [one for one in heard if isinstance(one, Typed | PointerPressed | PointerMoved | PointerReleased)]
+    assert not [one for one in heard if isinstance(one, TextInput | PointerPressed | PointerMoved | PointerReleased)]
     assert [one.key for one in heard if isinstance(one, KeyDown)] == ["b"]

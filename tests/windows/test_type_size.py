@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minihuman.seats.screens import screens_of
-from minihuman.study import texts
-from minihuman.study.expand import enrol, expand
-from minihuman.study.plan import SessionPlan
-from minihuman.study.protocol import decode
-from minihuman.study.screens import PairScreen, PlayScreen, Screen
-from minihuman.study.words import LANGUAGES, Words
-from minihuman.typeset.line import draw_line
-from minihuman.windows import draw_play, draw_steering, keycaps, sheet
-from minihuman.windows.compose import compose, spot_at
-from minihuman.windows.draw_pair import draw_pair
+from minihuman.display.drawing import keycaps, play_screens, sheet
+from minihuman.display.drawing.play_screens import draw_pair
+from minihuman.display.drawing.screen import compose_screen, find_spot
+from minihuman.display.text import draw_line
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.screens import PairScreen, PlayScreen, Screen
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.words import LANGUAGES, InterfaceWords
+from minihuman.runtime.screenshots import render_screens
 from tests.typefaces import need_faces
 
 SIZES_PX = [(1024, 768), (1280, 720)]
@@ -48,7 +48,7 @@ form = "nasa-tlx"
 [[questions]]
 name = "quiz"
 title = "{long}"
-tries = 2
+max_attempts = 2
 [[questions.items]]
 name = "a"
 kind = "choices"
@@ -67,12 +67,12 @@ episodes = 1
 actions = ["left", "right", "forward", "pickup", "drop", "toggle"]
 max_steps = 3
 key_map = "shown"
-instruction = "?"
+instructions = "?"
 feedback = "{{outcome}}"
 mission = "{long}"
 points = {{ goal = 10 }}
 show_points = true
-marks = true
+show_outcome = true
 """
 LONG = {"zh": "很长的标题" * 12, "ja": "長い題名です" * 11, "ar": "عنوان طويل جدا " * 6}
 
@@ -87,27 +87,37 @@ def smallest(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, str]]:
             told.append((size_px, words))
         draw_line(draw, place, words, size_px=size_px, **settings)
 
-    for module in (sheet, draw_play, draw_steering, keycaps):
+    for module in (sheet, play_screens, play_screens, keycaps):
         monkeypatch.setattr(module, "draw_line", seen)
     return told
 
 
 def plan_in(language: str) -> SessionPlan:
     long = LONG.get(language, "A title of many long words that goes on for quite a while, and then on " * 2)
-    study = decode(STUDY.format(language=language, long=long.strip()).encode())
-    return expand(study, enrol(study, 0))
+    study = decode_protocol(STUDY.format(language=language, long=long.strip()).encode())
+    return expand_protocol(study, enrol_participant(study, 0))
 
 
 def all_screens(plan: SessionPlan) -> list[Screen]:
     """Those of a whole session, and those that something has to happen for."""
-    words = Words(plan.language, plan.words, plan.fonts)
-    screens = [screen for _, screen in screens_of(plan, (1024, 768))]
-    screens += [texts.paused(words), texts.unfocused(words), texts.quit_question(words), texts.abort_question(words)]
-    screens += [texts.wrong(words, ""), texts.rest(words, "", 9), texts.learning(words), texts.getting_ready(words)]
-    screens += [texts.over(words, reason, "") for reason in ("world_error", "disk_full", "complete")]
+    words = InterfaceWords(plan.language, plan.words, plan.fonts)
+    screens = [screen for _, screen in render_screens(plan, (1024, 768))]
+    screens += [
+        screen_texts.build_pause_screen(words),
+        screen_texts.build_focus_lost_screen(words),
+        screen_texts.build_quit_screen(words),
+        screen_texts.build_abort_screen(words),
+    ]
+    screens += [
+        screen_texts.build_wrong_answer_screen(words, ""),
+        screen_texts.build_rest_screen(words, "", 9),
+        screen_texts.build_learning_screen(words),
+        screen_texts.build_wait_screen(words),
+    ]
+    screens += [screen_texts.build_end_screen(words, reason, "") for reason in ("world_error", "disk_full", "complete")]
     play = next(screen for screen in screens if isinstance(screen, PlayScreen) and screen.legend)
     for who in ("agent", "person"):
-        screens.append(replace(play, steers=who, steers_said=words[f"steers.{who}"]))
+        screens.append(replace(play, controller=who, controller_text=words[f"steers.{who}"]))
     return screens
 
 
@@ -121,17 +131,17 @@ def test_no_screen_of_a_language_has_type_below_a_fortieth_of_its_height(
         least = round(min(size_px[1], size_px[0] * 3 / 4) / 40)
         for screen in screens:
             smallest.clear()
-            compose(screen, size_px)
+            compose_screen(screen, size_px)
             if not isinstance(screen, PlayScreen):
-                spot_at(screen, size_px, 0.5, 0.5)
+                find_spot(screen, size_px, 0.5, 0.5)
             small = [(px, line) for px, line in smallest if px < least]
             assert not small, f"{type(screen).__name__} of {size_px}: {small}"
     assert smallest
 
 
 def test_a_pair_has_type_of_a_fortieth_too(smallest: list[tuple[int, str]]) -> None:
-    words, picture = Words("en"), np.zeros((40, 40, 3), np.uint8)
+    words, picture = InterfaceWords("en"), np.zeros((40, 40, 3), np.uint8)
     title = "Which of the two did better, and is there anything that you would like to say of it before you go on?" * 2
-    pair = PairScreen(words.script, (picture,), (picture,), 0, title, title, title)
+    pair = PairScreen(words.locale, (picture,), (picture,), 0, title, title, title)
     draw_pair(pair, (1024, 768))
     assert min(smallest)[0] >= 19

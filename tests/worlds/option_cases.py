@@ -10,14 +10,13 @@ import threading
 from contextlib import suppress
 from typing import Any
 
-from minihuman.worlds.catalogue import ENTRIES
+from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.parameters import DEFAULTS
+from minihuman.worlds.grid.babyai.levels import LEVELS
 from minihuman.worlds.grid.engine import GridEngine
-from minihuman.worlds.grid.env import GridEnv
-from minihuman.worlds.grid.families import FAMILIES
-from minihuman.worlds.grid.levels.table import LEVELS
-from minihuman.worlds.grid.transfer import GoToObj
+from minihuman.worlds.grid.env import FAMILIES, GridEnv
+from minihuman.worlds.grid.layouts.go_to_obj import GoToObjGrid
 
 LIMIT_S = 60.0  # for one case, on a machine that others use too
 
@@ -76,16 +75,16 @@ Case = tuple[str, dict[str, Any]]
 
 def options_of(world_id: str, *, general: bool = True) -> list[str]:
     """Every option that a world takes; without those that all take."""
-    (entry,) = (each for each in ENTRIES if each.id == world_id)
+    (entry,) = (each for each in WORLDS if each.id == world_id)
     grid = "MiniGrid" in world_id
     if level := LEVELS.get(entry.kwargs.get("family")):
         free = level.sizes.keys() - set(level.fixed) | _names(level.trace)
-        return sorted(free - {"house"} | (_names(type(level).__call__) | {"mission"} if general else set()))
+        return sorted(free - {"builder"} | (_names(type(level).__call__) | {"mission"} if general else set()))
     if "layout" in entry.kwargs:
         own: list[Any] = list(_class(entry.kwargs["layout"]).__mro__)
         own = own[: own.index(FirstPersonEnv)]
     else:
-        own = [FAMILIES[entry.kwargs["family"]] if "family" in entry.kwargs else GoToObj]
+        own = [FAMILIES[entry.kwargs["family"]] if "family" in entry.kwargs else GoToObjGrid]
     names = _names(*own)
     if general and grid:
         names |= _names(GridEnv, GridEngine) - {"width", "height", "actions"} | {"view", "obs_width", "obs_height"}
@@ -101,7 +100,7 @@ def _names(*makers: Any) -> set[str]:
 def one_world_a_kind() -> list[str]:
     """One id for each family, each level and each class of 3D world."""
     found: dict[str, str] = {}
-    for entry in ENTRIES:
+    for entry in WORLDS:
         found.setdefault(str(entry.kwargs.get("family", entry.kwargs.get("layout", entry.id))), entry.id)
     return list(found.values())
 

@@ -7,17 +7,17 @@ import traceback
 import numpy as np
 from msgspec.structs import replace
 
+from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import MinihumanError, WorldError
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.dry_run import check_worlds
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.players.choose import make_player
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study.expand import enrol, expand
-from minihuman.study.protocol import decode
-from minihuman.study.rehearse import rehearse
-from minihuman.study.session import Session
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.participant import make_participant
+from minihuman.worlds.adapters.world import World
 
 TOML = """
 [study]
@@ -40,10 +40,10 @@ actions = [{action!r}]
 
 def outcome(world_id: str, options: dict[str, object]) -> str:
     action = "turn_left" if "MiniWorld" in world_id else "left"
-    protocol = decode(TOML.format(world=world_id, action=action).encode())
+    protocol = decode_protocol(TOML.format(world=world_id, action=action).encode())
     protocol = replace(protocol, blocks=(replace(protocol.blocks[0], options=options),))
     try:
-        rehearse(protocol, "study.toml")
+        check_worlds(protocol, "study.toml")
     except MinihumanError as error:
         said = str(error)
         if "\n" in said or "$.blocks[0]" not in said:
@@ -53,16 +53,16 @@ def outcome(world_id: str, options: dict[str, object]) -> str:
     world = World(world_id, options)
     world.reset(0)
     try:
-        world.way(), world.bounds()
+        world.shortest_path(), world.path_length_bounds()
     except WorldError as error:  # it may say that it would take too long
         return f"played; {str(error).splitlines()[0]}"
     return "played"
 
 
 def simulate(protocol) -> None:
-    plan = expand(protocol, enrol(protocol, 0))
-    clock, session = VirtualClock(), Session(plan, World, {}, picture_px=None)
-    window = SimulatedWindow(make_player("random", np.random.default_rng(0)), session, clock)
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0))
+    clock, session = VirtualClock(), SessionMachine(plan, World, {}, picture_px=None)
+    window = SimulatedWindow(make_participant("random", np.random.default_rng(0)), session, clock)
     run_session(session, window, MemoryRecorder(), clock)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minihuman.errors import WorldError
-from minihuman.worlds.adapt.world import World
+from minihuman.worlds.adapters.world import World
 
 CORRIDOR = "tests.worlds.corridor:tests/Corridor-v0"
 DOOR_KEY = "minigrid:MiniGrid-DoorKey-8x8-v0"
@@ -92,7 +92,7 @@ def test_a_world_without_names_counts_its_actions_and_has_neither_pose_nor_map()
 def test_an_action_that_does_not_exist_is_refused():
     world = World(CORRIDOR)
     world.reset(0)
-    with pytest.raises(WorldError, match="action 5 does not exist; it has 5"):
+    with pytest.raises(WorldError, match="action 5 does not exist; actions are 0 to 4"):
         world.step(5)
 
 
@@ -102,9 +102,9 @@ def test_an_action_that_does_not_exist_is_refused():
     [
         ("NoSuchWorld-v0", {}, "NoSuchWorld"),
         ("no_such_package:Maze-v0", {}, "install the package"),
-        ("tests.worlds.corridor:tests/PictureLess-v0", {}, "no picture to show a person"),
+        ("tests.worlds.corridor:tests/PictureLess-v0", {}, "no render mode 'rgb_array'"),
         ("Pendulum-v1", {}, "Discrete"),
-        (CORRIDOR, {"length": 3}, "options {'length': 3} do not fit"),
+        (CORRIDOR, {"length": 3}, "options {'length': 3} are invalid"),
     ],
 )
 def test_a_world_that_cannot_be_played_says_why_in_one_line(world_id, options, said):

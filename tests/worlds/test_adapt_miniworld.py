@@ -9,7 +9,7 @@ import pytest
 _COMPARE = """
 import pyglet
 pyglet.options["headless"] = True
-from minihuman.worlds.adapt.world import World
+from minihuman.worlds.adapters.world import World
 theirs, ours = World("miniworld:MiniWorld-FourRooms-v0"), World("minihuman/MiniWorld-FourRooms-v0")
 theirs.reset(5), ours.reset(5)
 assert theirs.action_names == ours.action_names

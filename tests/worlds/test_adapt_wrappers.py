@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import WorldError
-from minihuman.log.read.open_log import open_log
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.players.choose import make_player
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study.session import Session
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.participant import make_participant
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 from tests.log.samples import STARTED_NS, session_plan
 
@@ -60,7 +60,7 @@ def test_what_a_wrapper_keeps_is_saved_and_hashed():
 def test_a_wrapper_that_keeps_what_nobody_can_compare_is_refused():
     world = made("Secret")
     world.step(RIGHT)
-    with pytest.raises(WorldError, match="Secretive keeps 'last', a object, in an episode"):
+    with pytest.raises(WorldError, match=r"Secretive\.last is a object"):
         world.state_hash()
 
 
@@ -79,9 +79,9 @@ def test_a_world_that_does_not_close_leaves_a_finished_log(tmp_path, caplog):
     planned = session_plan(episodes=1)
     episodes = tuple(replace(each, world="tests.worlds.wrapped:tests/Failing-v0") for each in planned.episodes)
     planned = replace(planned, episodes=episodes)
-    clock, session = VirtualClock(), Session(planned, World, {}, picture_px=None)
-    window = SimulatedWindow(make_player("random", np.random.default_rng(0)), session, clock)
+    clock, session = VirtualClock(), SessionMachine(planned, World, {}, picture_px=None)
+    window = SimulatedWindow(make_participant("random", np.random.default_rng(0)), session, clock)
     log = run_session(session, window, McapRecorder(tmp_path, planned, started_ns=STARTED_NS), clock)
     assert log is not None
-    assert open_log(log).clean
+    assert read_log(log).clean
     assert "the world did not close: RuntimeError: the lights stay on" in caplog.text

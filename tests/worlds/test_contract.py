@@ -6,17 +6,17 @@ import pytest
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.adapt.world import World
-from minihuman.worlds.catalogue import ENTRIES
-from minihuman.worlds.contract import UNKNOWN, Bounds
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.catalogue import WORLDS
+from minihuman.worlds.contract import UNKNOWN_BOUNDS, PathLengthBounds
 from minihuman.worlds.first_person.layouts.one_room import OneRoom
-from minihuman.worlds.grid.items import door, goal, key, wall
 from minihuman.worlds.grid.layout import Layout
+from minihuman.worlds.grid.object_kinds import door, goal, key, wall
 from minihuman.worlds.grid.world import GridWorld
 from tests.counts import count
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # some ids are kept for their published results
-IDS = [entry.id for entry in ENTRIES]
+IDS = [entry.id for entry in WORLDS]
 
 
 def made(world_id: str, **options):
@@ -101,19 +101,19 @@ class Judged(GridWorld):
         grid.put(goal(), 7, 7)
         grid.put_agent(1, 1, 0)
 
-    def judge(self, action, reward, terminated):
+    def reward_and_done(self, action, reward, terminated):
         return 1.0, True
 
 
 class Helped(Judged):
     """It knows how."""
 
-    def way(self):
+    def shortest_path(self):
         return [0]
 
 
 class JudgedRoom(OneRoom):
-    def judge(self, action):
+    def reward_and_done(self, action):
         return 1.0, True
 
 
@@ -121,21 +121,75 @@ class JudgedRoom(OneRoom):
 def test_of_a_world_that_judges_itself_nothing_is_claimed(world):
     env = world()
     env.reset(seed=0)
-    assert env.way() is None
-    assert env.bounds() == UNKNOWN
+    assert env.shortest_path() is None
+    assert env.path_length_bounds() == UNKNOWN_BOUNDS
 
 
 def test_a_world_may_say_its_way_itself():
     env = Helped()
     env.reset(seed=0)
-    assert list(env.way()) == [0]
-    assert env.bounds() == Bounds(None, 1)
+    assert list(env.shortest_path()) == [0]
+    assert env.path_length_bounds() == PathLengthBounds(None, 1)
+
+
+def class_with_old_names():
+    class Old(Judged):
+        def judge(self, action, reward, terminated):
+            return super().judge(action, reward, terminated)[0] / 2, True
+
+        def way(self):
+            return [1]
+
+    return Old
+
+
+def test_the_names_of_the_last_release_still_work_and_warn():
+    with pytest.warns(DeprecationWarning, match="is called") as warned:
+        old = class_with_old_names()
+    assert [str(one.message).split(";")[0].split("Old.")[1] for one in warned] == [
+        "way is called shortest_path now",
+        "judge is called reward_and_done now",
+    ]
+    env = old()
+    env.reset(seed=0)
+    with pytest.warns(DeprecationWarning, match=r"judge\(\) is called reward_and_done\(\)"):
+        assert env.step(0)[1:3] == (0.5, True)
+    env.reset(seed=0)
+    assert env.shortest_path() == env.way() == [1]
+    with pytest.warns(DeprecationWarning, match="path_length_bounds"):
+        assert env.bounds() == PathLengthBounds(None, 1)
+    with pytest.warns(DeprecationWarning, match="subgoals"):
+        assert env.clauses() == ()
+
+
+def test_a_class_with_old_names_below_one_with_new_names_is_asked():
+    class Twice(Helped):
+        def reward_and_done(self, action, reward, terminated):
+            return 2 * super().reward_and_done(action, reward, terminated)[0], True
+
+    with pytest.warns(DeprecationWarning, match="judge"):
+
+        class Below(Twice):
+            def judge(self, action, reward, terminated):
+                return 3 * super().reward_and_done(action, reward, terminated)[0], True
+
+    env = Below()
+    env.reset(seed=0)
+    assert env.step(0)[1] == 6.0
+    assert env.shortest_path() is None  # Twice's rules are not Helped's
+
+
+def test_a_session_world_answers_to_the_old_names_too():
+    world = World("minihuman/MiniGrid-Empty-5x5-v0")
+    world.reset(0)
+    with pytest.warns(DeprecationWarning, match="shortest_path"):
+        assert world.way() == world.shortest_path()
 
 
 def follow(world: World, most: int) -> float:
     """What a world's own way earns, made anew where it ends."""
     for _ in range(most):
-        for name in world.way():
+        for name in world.shortest_path():
             made = world.step(world.action_names.index(name))
             if made.terminated or made.truncated:
                 return made.reward
@@ -148,7 +202,7 @@ def test_the_way_leads_to_success_in_both_views(name, view):
     world = World(f"minihuman/MiniGrid-{name}", {"view": view})
     for seed in range(count(3, 50)):
         world.reset(seed)
-        bounds, way = world.bounds(), world.way()
+        bounds, way = world.path_length_bounds(), world.shortest_path()
         assert len(way) == bounds.at_least == bounds.feasible
         assert follow(world, 1) > 0
 
@@ -174,7 +228,7 @@ class Wide(GridWorld):
 def test_wide_grids_with_doors_are_planned_right(size):
     env = Wide(size)
     env.reset(seed=0)
-    way = env.way()
+    way = env.shortest_path()
     walked = (size - 4) + (size - 2 - size // 2) + (size - 3) + (size // 2 - 1)  # to the key, to the door's row, on, up
     assert len(way) == walked + 1 + 1 + 4  # taking the key, opening the door, four turns
     for action in way:

@@ -17,9 +17,9 @@ from Xlib.display import Display
 
 import minihuman  # noqa: F401  # registers the worlds
 from minihuman.errors import WorldError
-from minihuman.worlds.catalogue import ENTRIES
+from minihuman.worlds.catalogue import WORLDS
 
-IDS = tuple(entry.id for entry in ENTRIES)
+IDS = tuple(entry.id for entry in WORLDS)
 GRID = "minihuman/MiniGrid-GoToObject-6x6-N2-v0"  # a mission with choices
 ROOMS = "minihuman/MiniWorld-OneRoomS6Fast-v0"
 INSIDE = (GRID, {"view": "first_person"})

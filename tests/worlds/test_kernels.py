@@ -1,5 +1,7 @@
 """Compiled code is never older than its sources, and a person who waits for the compiler reads why."""
 
+import ast
+import inspect
 import os
 import shutil
 import subprocess
@@ -8,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.worlds.kernels import LINE
+from minihuman.worlds import kernels
+from minihuman.worlds.kernels import COMPILE_NOTICE
 
 ROOT = Path(__file__).parents[2]
 compiles = pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled then")
@@ -28,7 +31,7 @@ for action in (2, 2, 1, 2, 2):
 print(reward, hash64(pictures), env.state_hash())
 """
 # by an edit in this one file, that the kernels of others are compiled from, a step down is two cells
-EDITED = "minihuman/worlds/grid/core/directions.py"
+EDITED = "minihuman/worlds/grid/core/cells.py"
 BEFORE, AFTER = "y + (2 - direction) * (direction % 2)", "y + 2 * (2 - direction) * (direction % 2)"
 REWARDS = "0.955", "0.964"  # for the fifth and for the fourth step of 100
 
@@ -100,7 +103,7 @@ def test_worlds_follow_a_wheel_installed_over_another(tmp_path: Path, cache: Pat
 @compiles
 @pytest.mark.program
 def test_compiling_is_announced_once_and_never_again_on_this_machine(tmp_path: Path) -> None:
-    assert run(CODE, tmp_path)[1].splitlines() == [LINE]
+    assert run(CODE, tmp_path)[1].splitlines() == [COMPILE_NOTICE]
     assert run(CODE, tmp_path)[1] == ""
 
 
@@ -110,7 +113,7 @@ def test_damaged_code_is_compiled_anew(tmp_path: Path) -> None:
     run(CODE, tmp_path)
     (one, *_) = (tmp_path / "minihuman" / "kernels").iterdir()
     one.write_bytes(one.read_bytes()[:-100])
-    assert run(CODE, tmp_path)[1].splitlines() == [LINE]
+    assert run(CODE, tmp_path)[1].splitlines() == [COMPILE_NOTICE]
     assert run(CODE, tmp_path)[1] == ""
 
 
@@ -130,7 +133,7 @@ def test_a_digest_follows_whatever_a_module_imports_and_nothing_else(tmp_path: P
     (lab / "between.py").write_text("if True:\n    from . import (  # a reason\n        numbers,\n    )\n")
 
     def digest() -> str:
-        said = "from minihuman.worlds.sources import module_digest; print(module_digest('lab.rules'))"
+        said = "from minihuman.worlds.source_digest import module_digest; print(module_digest('lab.rules'))"
         return run(said, tmp_path, path=tmp_path)[0]
 
     (lab / "numbers.py").write_text("STEP = 1\n")
@@ -164,7 +167,7 @@ def with_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
         text=True,
         check=True,
     )
-    assert LINE in made.stderr
+    assert COMPILE_NOTICE in made.stderr
     shutil.copytree(cache / "minihuman" / "kernels", checkout / "minihuman" / "worlds" / "compiled")
     return checkout
 
@@ -172,9 +175,9 @@ def with_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def runs_v3() -> bool:
     from llvmlite import binding
 
-    from minihuman.worlds.shipped import made_for
+    from minihuman.worlds.kernels import shipped_target
 
-    return made_for(binding.get_process_triple(), binding.get_host_cpu_features()) is not None
+    return shipped_target(binding.get_process_triple(), binding.get_host_cpu_features()) is not None
 
 
 @compiles
@@ -186,7 +189,7 @@ def runs_v3() -> bool:
 def test_shipped_code_is_found_on_any_processor_that_runs_it_and_by_its_own_versions_alone(
     tmp_path: Path, with_code: Path, before: str, found: bool
 ) -> None:
-    assert (LINE not in run(before + CODE, tmp_path, path=with_code)[1]) == found
+    assert (COMPILE_NOTICE not in run(before + CODE, tmp_path, path=with_code)[1]) == found
 
 
 @compiles
@@ -196,12 +199,33 @@ def test_shipped_code_is_refused_after_one_changed_line_and_where_another_proces
     tmp_path: Path, with_code: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
-    assert LINE in run(CODE, tmp_path, path=with_code)[1]
+    assert COMPILE_NOTICE in run(CODE, tmp_path, path=with_code)[1]
     monkeypatch.delenv("NUMBA_CPU_NAME")
     edited = tmp_path / "edited"
     shutil.copytree(with_code, edited)
     source = edited / "minihuman/worlds/grid/core/cells.py"
     source.write_text(source.read_text().replace("\n\n\n", "\n\n\n# one line more\n", 1))
     (cache := tmp_path / "empty").mkdir()
-    assert LINE not in run(CODE, cache, path=with_code)[1]
-    assert LINE in run(CODE, cache, path=edited)[1]
+    assert COMPILE_NOTICE not in run(CODE, cache, path=with_code)[1]
+    assert COMPILE_NOTICE in run(CODE, cache, path=edited)[1]
+
+
+def test_the_docstring_lists_all_that_is_used_of_the_inside_of_numba():
+    tree = ast.parse(inspect.getsource(kernels))
+    inside = [
+        name.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(("numba.core", "numba.misc", "numba.np"))
+        for name in node.names
+    ]
+    private = [
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and node.attr.startswith("_")
+        and not node.attr.startswith("__")
+        and not (isinstance(node.value, ast.Name) and node.value.id == "self")
+    ]
+    assert len(inside) > 5
+    assert len(private) > 2
+    assert [name for name in (*inside, *private) if name not in kernels.__doc__] == []

@@ -4,8 +4,8 @@ import gymnasium
 import pytest
 
 import minihuman  # noqa: F401  # registers the worlds
-from minihuman.worlds.grid.tokens import Tokens
-from minihuman.worlds.sentences import words_in
+from minihuman.worlds.grid.missions import words_in
+from minihuman.worlds.grid.wrappers import Tokens
 from tests.worlds.test_gymnasium import GRID, IDS, ROOMS, id_of
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # v0 of worlds that have a v1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from minihuman.errors import WorldError
-from minihuman.worlds.go_to_obj import WALLS, arrange
+from minihuman.worlds.go_to_obj import WALLS, draw_arrangement
 from tests.counts import count
 
 GRID = "minihuman/MiniGrid-GoToObj-Transfer-v0"
@@ -28,7 +28,7 @@ def make(world_id, **options):
 
 
 def wall_of_target(seed, **options):
-    return WALLS[arrange(np.random.default_rng(seed), **options).target]
+    return WALLS[draw_arrangement(np.random.default_rng(seed), **options).target]
 
 
 @pytest.mark.parametrize(("world_id", "most"), [(GRID, 484), (FIRST_PERSON, 100)])
@@ -79,14 +79,14 @@ def test_the_same_seed_is_the_same_task_in_both_worlds():
 
 def test_missions_are_unambiguous_by_construction():
     rng = np.random.default_rng(1)
-    assert all(arrange(rng).matches == 1 for _ in range(2000))
+    assert all(draw_arrangement(rng).matches == 1 for _ in range(2000))
 
 
 @pytest.mark.long
 def test_the_published_ambiguity_is_an_option():
     rng = np.random.default_rng(1)
     tries = count(5_000, 100_000)
-    share = np.mean([arrange(rng, ambiguous=True).matches > 1 for _ in range(tries)])
+    share = np.mean([draw_arrangement(rng, ambiguous=True).matches > 1 for _ in range(tries)])
     expected = 1 - (17 / 18) ** 3
     assert share == pytest.approx(expected, abs=4 * math.sqrt(expected * (1 - expected) / tries))
     world = make(GRID, ambiguous=True)
@@ -96,7 +96,7 @@ def test_the_published_ambiguity_is_an_option():
 
 def test_all_missions_are_about_equally_likely():
     rng = np.random.default_rng(2)
-    missions = [arrange(rng).mission for _ in range(3600)]
+    missions = [draw_arrangement(rng).mission for _ in range(3600)]
     counts = [missions.count(mission) for mission in set(missions)]
     assert len(counts) == 18
     assert min(counts) > 140
@@ -115,9 +115,9 @@ def test_the_3d_world_can_take_the_published_agents_seven_actions():
 
 
 def test_a_room_without_space_is_refused():
-    with pytest.raises(WorldError, match="size is 10; it is an odd number, 5 to"):
+    with pytest.raises(WorldError, match="size is 10; it must be an odd number, 5 to"):
         make(GRID, size=10)
-    with pytest.raises(WorldError, match="size is 3; it is a number, 5 to"):
+    with pytest.raises(WorldError, match="size is 3; it must be a number, 5 to"):
         make(FIRST_PERSON, size=3)
 
 
@@ -129,7 +129,7 @@ def test_the_grid_plays_like_the_same_world_on_minigrid():
     rng = np.random.default_rng(3)
     for seed in range(count(6, 200)):
         seen, _ = ours.reset(seed=seed)
-        drawn = arrange(np.random.default_rng(seed))
+        drawn = draw_arrangement(np.random.default_rng(seed))
         theirs = UpstreamGrid(drawn)
         expected, _ = theirs.reset(seed=seed)
         ended = False

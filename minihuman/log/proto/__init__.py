@@ -1,1 +1,4 @@
-"""The log's messages. ``minihuman_v1.proto`` is the one source; its first lines say how the Python is made from it."""
+"""Protobuf messages of the log.
+
+``minihuman_v1.proto`` is the one source; its first lines say how the Python is generated from it.
+"""

@@ -40,7 +40,7 @@ class KeyMap(_message.Message):
     def __init__(self, keys: _Optional[_Iterable[_Union[Binding, _Mapping]]] = ..., spare_keys: _Optional[_Iterable[str]] = ..., spare: _Optional[str] = ..., seed: _Optional[int] = ...) -> None: ...
 
 class EpisodePlan(_message.Message):
-    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations")
+    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations", "onset_at_reset")
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     BLOCK_FIELD_NUMBER: _ClassVar[int]
     BLOCK_NAME_FIELD_NUMBER: _ClassVar[int]
@@ -60,6 +60,7 @@ class EpisodePlan(_message.Message):
     VIEW_FIELD_NUMBER: _ClassVar[int]
     PALETTE_FIELD_NUMBER: _ClassVar[int]
     RECORD_OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
+    ONSET_AT_RESET_FIELD_NUMBER: _ClassVar[int]
     episode: int
     block: int
     block_name: str
@@ -79,7 +80,8 @@ class EpisodePlan(_message.Message):
     view: str
     palette: str
     record_observations: bool
-    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ...) -> None: ...
+    onset_at_reset: bool
+    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ..., onset_at_reset: bool = ...) -> None: ...
 
 class BlockText(_message.Message):
     __slots__ = ("instruction", "feedback", "rest", "rest_s")
@@ -260,7 +262,7 @@ class Map(_message.Message):
     def __init__(self, unit: _Optional[str] = ..., bounds: _Optional[_Union[Wall, _Mapping]] = ..., walls: _Optional[_Iterable[_Union[Wall, _Mapping]]] = ..., things: _Optional[_Iterable[_Union[Thing, _Mapping]]] = ...) -> None: ...
 
 class EpisodeStart(_message.Message):
-    __slots__ = ("t_ns", "plan", "action_names", "mission", "map", "pose", "state_hash", "observation_hash")
+    __slots__ = ("t_ns", "plan", "action_names", "mission", "map", "pose", "state_hash", "observation_hash", "onset")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     PLAN_FIELD_NUMBER: _ClassVar[int]
     ACTION_NAMES_FIELD_NUMBER: _ClassVar[int]
@@ -269,6 +271,7 @@ class EpisodeStart(_message.Message):
     POSE_FIELD_NUMBER: _ClassVar[int]
     STATE_HASH_FIELD_NUMBER: _ClassVar[int]
     OBSERVATION_HASH_FIELD_NUMBER: _ClassVar[int]
+    ONSET_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     plan: EpisodePlan
     action_names: _containers.RepeatedScalarFieldContainer[str]
@@ -277,7 +280,8 @@ class EpisodeStart(_message.Message):
     pose: Pose
     state_hash: int
     observation_hash: int
-    def __init__(self, t_ns: _Optional[int] = ..., plan: _Optional[_Union[EpisodePlan, _Mapping]] = ..., action_names: _Optional[_Iterable[str]] = ..., mission: _Optional[str] = ..., map: _Optional[_Union[Map, _Mapping]] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ...) -> None: ...
+    onset: bool
+    def __init__(self, t_ns: _Optional[int] = ..., plan: _Optional[_Union[EpisodePlan, _Mapping]] = ..., action_names: _Optional[_Iterable[str]] = ..., mission: _Optional[str] = ..., map: _Optional[_Union[Map, _Mapping]] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ..., onset: bool = ...) -> None: ...
 
 class KeyEvent(_message.Message):
     __slots__ = ("t_ns", "key", "symbol", "down", "action", "verdict", "phase", "waited_ns")
@@ -300,7 +304,7 @@ class KeyEvent(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., key: _Optional[str] = ..., symbol: _Optional[str] = ..., down: bool = ..., action: _Optional[int] = ..., verdict: _Optional[str] = ..., phase: _Optional[str] = ..., waited_ns: _Optional[int] = ...) -> None: ...
 
 class Step(_message.Message):
-    __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash")
+    __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash", "onset")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
@@ -315,6 +319,7 @@ class Step(_message.Message):
     RT_MS_FIELD_NUMBER: _ClassVar[int]
     STATE_HASH_FIELD_NUMBER: _ClassVar[int]
     OBSERVATION_HASH_FIELD_NUMBER: _ClassVar[int]
+    ONSET_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     episode: int
     step: int
@@ -329,7 +334,8 @@ class Step(_message.Message):
     rt_ms: float
     state_hash: int
     observation_hash: int
-    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ...) -> None: ...
+    onset: bool
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ..., onset: bool = ...) -> None: ...
 
 class Observation(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "png", "msgpack")

@@ -1,1 +1,1 @@
-"""Reading: a log's file back to events, and to a session of episodes."""
+"""Read a log file back to events, or to a session of episodes."""

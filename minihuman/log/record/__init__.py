@@ -1,1 +1,1 @@
-"""Recording: events appended to a live file, finished into a session's log."""
+"""Record events to a live file, and finalize it into a session's log."""

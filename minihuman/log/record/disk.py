@@ -1,83 +1,278 @@
-"""Bytes on their way to the disk: handed over in order, durable some time later, and nothing lost without a word.
+"""Write live files: append bytes in order, make them durable soon after, and report every failure.
 
-Where a picture waits for its write, two threads stand between a session and its file (`WaitedDisk`). Where nobody waits
-for a write, since only what is durable counts, one thread does the work for all files (`SharedDisk`).
+Where a frame waits for its write, two threads serve one file: one writes, which survives the process; one fsyncs behind
+it, which survives a power cut. No frame waits for a slow disk longer than a bound.
+
+Where only durable bytes count, one thread serves all files (``GroupCommit``): writes that arrive for a file within a
+moment are one write, and files that are due together are made durable together. A thread per file would pass the
+interpreter lock back and forth at each write, and a slow disk takes a few hundred fsyncs per second.
 """
 
+import ctypes
+import fcntl
+import logging
+import os
+import queue
+import shutil
 import threading
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import time
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from minihuman.errors import LogError
-from minihuman.log.record.appended_file import AppendedFile
-from minihuman.log.record.live_file import Piece
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.log.record.file_lock import is_file_at, sync_folder
+from minihuman.log.record.live_log import AppendBlock
 
-BACKLOG = 65_536  # writes that may wait; at a hundred a second a disk may stall for ten minutes
+STEP_BYTES = 2_048  # a step with its key events, frame and pose takes about 900 bytes live; twice that, to be safe
+OBSERVATION_BYTES = 32_768  # a picture of 80 x 60 is in a live log twice, as PNG of up to 15,000 bytes
+MAX_ESTIMATED_STEPS = 20_000  # more than any participant plays in one episode, whatever the protocol's limit
+RESERVE_BYTES = 16 * 1024 * 1024  # for finishing the log, floor plans, and whatever else fills the disk meanwhile
+
+
+def require_disk_space(folder: Path, episode: EpisodePlan) -> None:
+    """Refuse an episode that would not fit on a folder's disk at full length.
+
+    Raises:
+        LogError: if it does not.
+    """
+    step_bytes = STEP_BYTES + episode.record_observations * OBSERVATION_BYTES
+    needed = RESERVE_BYTES + min(episode.max_steps, MAX_ESTIMATED_STEPS) * step_bytes
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise LogError(
+            f"{folder} has {free / 2**20:.1f} MiB free; episode {episode.episode + 1} needs {needed / 2**20:.1f} MiB: "
+            "free some space, or choose another folder with --data"
+        )
+
+
+LOGGER = logging.getLogger("minihuman")
+
+
+MAX_PENDING_WRITES = 65_536  # writes that may wait; at a hundred a second a disk may stall for ten minutes
+WRITE_BOUND_S = 0.1  # the longest that a write holds a picture up
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderSettings:
+    """How a recorder uses its disk.
+
+    Args:
+        bound_s: how long ``settle`` waits for a write that the disk does not take.
+        backlog: how many writes may wait for the disk before the recorder gives up.
+        group: writes and syncs many recorders' files, where no picture waits for a write; None: threads of its own.
+        on_sync: called, by another thread, whenever more has become durable.
+        put: writes to a file descriptor and returns how many bytes it took.
+        sync: makes a file descriptor's writes durable.
+    """
+
+    bound_s: float = WRITE_BOUND_S
+    backlog: int = MAX_PENDING_WRITES
+    group: "GroupCommit | None" = None
+    on_sync: Callable[[], None] = lambda: None
+    put: Callable[[int, memoryview], int] = os.write
+    sync: Callable[[int], None] = os.fsync
+
+
+class LiveFile:
+    """A live file that its owner has made and locked. One thread writes it, another may make it durable.
+
+    Args:
+        fd: its descriptor, which stays its owner's.
+        part: where it is.
+        settings: how it is written.
+        crc: of what it holds already.
+    """
+
+    def __init__(self, fd: int, part: Path, settings: "RecorderSettings", *, crc: int = 0) -> None:
+        self.fd = fd
+        self.crc = crc  # of all that was written
+        self._part = part
+        self._settings = settings
+        self._whole = threading.Lock()  # held while it is written, or written again
+
+    def append(self, pieces: Iterable[AppendBlock]) -> None:
+        """Hand pieces to the operating system.
+
+        Raises:
+            LogError: if there is too little room.
+            OSError: if the disk does not take them.
+        """
+        for piece in _joined(pieces):
+            if piece.room_for is not None:
+                require_disk_space(self._part.parent, piece.room_for)
+            rest = memoryview(piece.data)
+            with self._whole:
+                while rest:
+                    taken = self._settings.put(self.fd, rest)
+                    rest = rest[taken:]
+                self.crc = zlib.crc32(piece.data, self.crc)
+
+    def sync(self) -> None:
+        """Make durable what was written.
+
+        Raises:
+            OSError: if it cannot be.
+        """
+        self._settings.sync(self.fd)
+
+    def restore(self) -> None:
+        """Write a file that was removed or moved again from the open handle, and make it durable.
+
+        Raises:
+            LogError: if it cannot be written again.
+        """
+        if is_file_at(self.fd, self._part):
+            return
+        try:
+            with self._whole:
+                self._part.parent.mkdir(parents=True, exist_ok=True)
+                again = os.open(self._part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, 0o644)
+                try:
+                    copied = self._copy_to(again)
+                    os.dup2(again, self.fd, inheritable=False)
+                finally:
+                    os.close(again)
+        except OSError as error:
+            raise LogError(
+                f"{self._part} was removed while it was being written and cannot be restored: {error.strerror}"
+            ) from error
+        LOGGER.warning(
+            "%s was taken away while it was being written; it is back, with all %d bytes", self._part, copied
+        )
+
+    def _copy_to(self, again: int) -> int:
+        """Copy all that was written, and make it last."""
+        fcntl.flock(again, fcntl.LOCK_EX)
+        copied = 0
+        while found := os.pread(self.fd, 1 << 20, copied):
+            copied += os.write(again, found)
+        self._settings.sync(again)
+        for folder in self._part.parents[:4]:
+            sync_folder(folder)
+        return copied
+
+
+def _joined(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
+    """The same bytes in as few writes as can be."""
+    held: list[bytes] = []
+    for piece in pieces:
+        if piece.room_for is not None and held:
+            yield AppendBlock(b"".join(held))
+            held = []
+        if piece.room_for is not None:
+            yield piece
+        else:
+            held.append(piece.data)
+    if held:
+        yield AppendBlock(b"".join(held))
 
 
 @dataclass(slots=True)
-class Job:
+class WriteJob:
     """One write."""
 
-    pieces: Sequence[Piece]
+    pieces: Sequence[AppendBlock]
     steps: int  # of the segment, with these
+    done: threading.Lock = field(default_factory=threading.Lock)  # held until it is written or has failed
+    over: bool = False  # it was written or has failed
     whole: bool = False  # it was written to its last byte
 
 
-class Disk(ABC):
-    """Has a file written by another thread.
+class FileWriter:
+    """Has a live file written and made durable by other threads: two of its own, or a ``GroupCommit``'s.
 
-    Args:
-        backlog: how many writes may wait before it gives up.
-        at_sync: called, by the thread that made it so, whenever more has become durable.
+    With a ``GroupCommit`` the file's own ``sync`` is called only where the file was taken away and is written again.
     """
 
-    def __init__(self, file: AppendedFile, *, backlog: int = BACKLOG, at_sync: Callable[[], None] = lambda: None):
+    def __init__(self, file: LiveFile, settings: RecorderSettings) -> None:
         self.file = file
         self.failure: Exception | None = None
         self.durable_steps = 0  # how many are fsynced
         self.durable_writes = 0  # likewise
         self.late = 0  # writes that a picture did not wait for to their end
         self.longest_wait_s = 0.0
-        self._backlog = backlog
-        self._at_sync = at_sync
+        self._settings = settings
         self._given = 0  # jobs
         self._written = 0
         self._settled = 0  # jobs that are durable, or never will be
         self._rest = threading.Condition()
-        self._broken = False  # the file cannot be made durable
+        self._is_broken = False  # the file cannot be made durable
+        self._last: WriteJob | None = None  # begun and not waited for
+        self._stuck: WriteJob | None = None  # the last whose wait timed out
+        self._is_expected = False  # by the group: it will write what waits
+        self._jobs: queue.SimpleQueue[WriteJob | None] = queue.SimpleQueue()
+        self._unsynced: queue.SimpleQueue[WriteJob | None] = queue.SimpleQueue()
+        # Daemons, so that a crash of the program is not held up; what was written stays and is recovered.
+        self._threads = [
+            threading.Thread(target=run, name=f"minihuman-log-{name}", daemon=True)
+            for name, run in (("write", self._write_all), ("sync", self._sync_all))
+            if settings.group is None
+        ]
+        for thread in self._threads:
+            thread.start()
 
-    def begin(self, pieces: Sequence[Piece], *, steps: int) -> None:
+    @property
+    def fd(self) -> int:
+        """The file's descriptor."""
+        return self.file.fd
+
+    def begin(self, pieces: Sequence[AppendBlock], *, steps: int) -> None:
         """Have pieces appended, behind all that were begun before; ``failure`` may say why they are not.
 
         ``steps`` is how many the file holds with these.
         """
         behind = self._given - self._written
-        if behind >= self._backlog:
+        if behind >= self._settings.backlog:
             self.failure = self.failure or TimeoutError(f"the disk is {behind} writes behind")
             return
         self._given += 1
-        self._take(pieces, steps)
+        job = WriteJob(pieces, steps)
+        group = self._settings.group
+        if group is None:
+            job.done.acquire()
+            self._last = job
+        self._jobs.put(job)
+        if group is not None and not self._is_expected:
+            self._is_expected = True
+            group.expect(self)
 
-    @abstractmethod
-    def _take(self, pieces: Sequence[Piece], steps: int) -> None:
-        """Have another thread `_write` them and `_make_durable`."""
-
-    @abstractmethod
     def settle(self) -> None:
-        """Return when whoever shows what came of the pieces may: ``failure`` says why not."""
+        """Wait for what was begun: it is written then, has had ``bound_s`` to be, or ``failure`` says why not.
+
+        With a ``GroupCommit`` it returns at once: what is shown waits for ``durable_writes``.
+        """
+        job, self._last = self._last, None
+        if job is None:
+            return
+        if self._stuck is not None and not self._stuck.over:  # a picture has waited for the disk already
+            self.late += 1
+            return
+        began_s = time.monotonic()
+        self._stuck = None if job.done.acquire(timeout=self._settings.bound_s) else job
+        self.late += self._stuck is not None
+        self.longest_wait_s = max(self.longest_wait_s, time.monotonic() - began_s)
 
     def drain(self) -> None:
         """Wait until all that was begun is durable, or never will be."""
+        if self._settings.group is not None and self._settled < self._given:
+            self._settings.group.expect(self, at_once=True)
         with self._rest:
             self._rest.wait_for(lambda: self._settled >= self._given)
 
-    @abstractmethod
     def close(self) -> None:
         """Make durable what is left, and be done with the file, which stays open."""
+        if self._settings.group is not None:
+            self.drain()
+        self._jobs.put(None)
+        for thread in self._threads:
+            thread.join()
 
-    def _write(self, jobs: Sequence[Job]) -> None:
+    def _write(self, jobs: Sequence[WriteJob]) -> None:
         if self.failure is None or isinstance(self.failure, TimeoutError):
             try:
                 self.file.append(piece for job in jobs for piece in job.pieces)
@@ -87,20 +282,184 @@ class Disk(ABC):
                 self.failure = error
         self._written += len(jobs)
 
-    def _make_durable(self, written: Sequence[Job], *, sync: Callable[[], None], closing: bool = False) -> None:
-        if not self._broken and (written or closing):
+    def _make_durable(self, written: Sequence[WriteJob], *, sync: Callable[[], None], closing: bool = False) -> None:
+        if not self._is_broken and (written or closing):
             try:
                 sync()
-                self.file.stay()
+                self.file.restore()
                 self.durable_steps = max([self.durable_steps, *(job.steps for job in written if job.whole)])
                 if all(job.whole for job in written):
                     self.durable_writes += len(written)
             except Exception as error:
-                self._broken, self.failure = True, self.failure or error
+                self._is_broken, self.failure = True, self.failure or error
                 if isinstance(error, LogError):  # the file is gone
                     self.durable_steps = 0
         if written:
-            self._at_sync()
+            self._settings.on_sync()
         with self._rest:
             self._settled += len(written)
             self._rest.notify_all()
+
+    def _write_all(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            self._write([job])
+            job.over = True
+            job.done.release()
+            self._unsynced.put(job)
+        self._unsynced.put(None)
+
+    def _sync_all(self) -> None:
+        closing = False
+        while not closing:
+            found = [self._unsynced.get(), *_take_waiting(self._unsynced)]
+            closing = found[-1] is None
+            self._make_durable([job for job in found if job is not None], sync=self.file.sync, closing=closing)
+
+    def write_waiting(self) -> bool:
+        """For a ``GroupCommit``: write all that waits; whether there was any."""
+        self._is_expected = False  # before the queue is emptied: what comes from here on has another commit
+        jobs = [job for job in _take_waiting(self._jobs) if job is not None]
+        self._write(jobs)
+        for job in jobs:
+            self._unsynced.put(job)
+        return bool(jobs)
+
+    def written_is(self, failed: Exception | None) -> None:
+        """For a ``GroupCommit``: what was written is durable, or never will be."""
+
+        def outcome() -> None:
+            if failed is not None:
+                raise failed
+
+        self._make_durable([job for job in _take_waiting(self._unsynced) if job is not None], sync=outcome)
+
+
+def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob | None]:
+    """Take all jobs that wait; the caller is the queue's only reader."""
+    found = []
+    while not jobs.empty():
+        found.append(jobs.get())
+    return found
+
+
+GATHER_S = 0.1  # so long a write waits for others of its file
+COMMIT_WINDOW_S = 0.02  # so much earlier it is done where another file's round is due
+_MAX_SINGLE_SYNCS = 12  # files that are fsynced by themselves; a disk that keeps up has seldom more in a round
+
+
+def sync_file_system(fd: int) -> None:
+    """Make everything on the file system of an open file durable.
+
+    Raises:
+        OSError: if something could not be written; also where the system has no such call.
+    """
+    call = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
+    if call is None:
+        raise OSError("this system does not support syncfs")
+    if call(fd):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+
+
+class GroupCommit:
+    """The one thread of a process's files. It begins with the first write, and ends with the process.
+
+    Args:
+        sync_one: makes one file durable.
+        sync_all: makes all files on a file's file system durable, or fails.
+    """
+
+    def __init__(
+        self, *, sync_one: Callable[[int], None] = os.fsync, sync_all: Callable[[int], None] = sync_file_system
+    ) -> None:
+        self.rounds = 0  # done so far
+        self._sync_one = sync_one
+        self._sync_all = sync_all
+        self._due: deque[tuple[float, FileWriter]] = deque()  # the earliest first
+        self._hurried: deque[FileWriter] = deque()
+        self._wake = threading.Event()
+        self._idle = False  # nothing is due, so that it has to be woken
+        self._beginning = threading.Lock()
+        self._thread: threading.Thread | None = None
+
+    def expect(self, file: FileWriter, *, at_once: bool = False) -> None:
+        """Have a file's turn come, in a moment or at once."""
+        if at_once:
+            self._hurried.append(file)
+        else:
+            self._due.append((time.monotonic() + GATHER_S, file))
+        if at_once or self._idle:
+            self._wake.set()
+        if self._thread is None:
+            self._begin()
+
+    def _begin(self) -> None:
+        with self._beginning:
+            if self._thread is None:
+                # A daemon, so that a crash of the program is not held up; what was written stays and is recovered.
+                self._thread = threading.Thread(target=self._run, name="minihuman-log-rounds", daemon=True)
+                self._thread.start()
+
+    def _run(self) -> None:
+        while True:
+            self._wait()
+            self._round(self._next())
+
+    def _wait(self) -> None:
+        """Return when a file's turn has come."""
+        while True:
+            self._wake.clear()
+            left_s = self._due[0][0] - time.monotonic() if self._due else None
+            if self._hurried or (left_s is not None and left_s <= 0):
+                return
+            self._idle = left_s is None
+            if not self._idle or not self._due:
+                self._wake.wait(left_s)
+            self._idle = False
+
+    def _next(self) -> list[FileWriter]:
+        """Those whose turn it is, each once."""
+        found: dict[FileWriter, None] = {}
+        while self._hurried:
+            found[self._hurried.popleft()] = None
+        until_s = time.monotonic() + COMMIT_WINDOW_S
+        while self._due and self._due[0][0] <= until_s:
+            found[self._due.popleft()[1]] = None
+        return list(found)
+
+    def _round(self, files: Sequence[FileWriter]) -> None:
+        written = []
+        for file in files:
+            with _isolate_failures():
+                if file.write_waiting():
+                    written.append(file)
+        failed = self._failed([file.fd for file in written])
+        self.rounds += 1
+        for file in written:
+            with _isolate_failures():
+                file.written_is(failed.get(file.fd))
+
+    def _failed(self, fds: Sequence[int]) -> dict[int, OSError]:
+        """Make files durable; which of them could not be, and why."""
+        if len(fds) > _MAX_SINGLE_SYNCS:
+            try:
+                for fd in {os.fstat(fd).st_dev: fd for fd in fds}.values():
+                    self._sync_all(fd)
+                return {}
+            except OSError:  # of any file on that file system: sync each by itself
+                pass
+        failed = {}
+        for fd in fds:
+            try:
+                self._sync_one(fd)
+            except OSError as error:
+                failed[fd] = error
+        return failed
+
+
+@contextmanager
+def _isolate_failures() -> Iterator[None]:
+    try:
+        yield
+    except Exception:  # a bug of ours, in one file's part
+        LOGGER.exception("a round failed for a file")

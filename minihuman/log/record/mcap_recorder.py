@@ -1,29 +1,106 @@
-"""The recorder on disk: every event in an MCAP file before its picture is shown, every step fsynced soon after.
+"""The recorder on disk: every event is in an MCAP file before its frame is shown, every step fsynced soon after.
 
-``write`` encodes and hands the bytes to the operating system: from then on a killed process cannot take them back.
-``begin`` and ``settle`` are its two halves, so that the picture is drawn in between.
-What makes them last through a power cut, fsync, takes 4 ms at the median and 25 ms at worst, so it has no place between
-a key and its picture, and follows on a thread of its own.
+``write`` encodes and hands the bytes to the operating system; from then on killing the process cannot lose them.
+``begin`` and ``settle`` are its two halves, so that the frame is drawn in between. fsync, which survives a power cut,
+takes 4 ms at the median and 25 ms at worst, so it runs on a thread of its own. A live file that a killed program left
+is resumed here: the same segment, without a gap.
 """
 
 import os
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from minihuman.errors import LogError, LossError
+from mcap.records import Metadata
+
+from minihuman.errors import DataLossError, LogError
+from minihuman.experiment.machine.events import Event, SessionEnded, SessionStarted
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.codec import select_decoder
+from minihuman.log.names import SEGMENT_METADATA, STEP
 from minihuman.log.paths import SegmentPath
-from minihuman.log.record.appended_file import AppendedFile
-from minihuman.log.record.claim import create
-from minihuman.log.record.disk import BACKLOG, Disk
-from minihuman.log.record.finish import Finished, Promised, finish
-from minihuman.log.record.left import Left
-from minihuman.log.record.live_file import LiveLog
+from minihuman.log.record.disk import FileWriter, LiveFile, RecorderSettings
+from minihuman.log.record.file_lock import create_live_file, open_leftover
+from minihuman.log.record.finalization import ExpectedContent, FinalizedLog, finish_log
+from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.recorder import Recorder
-from minihuman.log.record.rounds import Rounds
-from minihuman.log.record.shared_disk import SharedDisk
-from minihuman.log.record.waited_disk import WRITE_BOUND_S, WaitedDisk
-from minihuman.study.events import Event, SessionEnded
-from minihuman.study.plan import SessionPlan
+from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.scan import LogScanner
+
+_SETTINGS = RecorderSettings()
+_TORN = re.compile(r"cut off at byte (\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class LeftoverSegment:
+    """What a live file holds, and the file itself, open and locked."""
+
+    part: Path
+    fd: int
+    started_ns: int  # the wall clock at the segment's time 0, ns since 1970
+    events: tuple[Event, ...]
+    messages: int
+    steps: int
+    crc: int  # of all of its bytes
+
+    def close(self) -> None:
+        """Close it as it is."""
+        os.close(self.fd)
+
+
+def resume_segment(part: Path) -> LeftoverSegment:
+    """Lock a live file, take a torn last write off its end, and read it.
+
+    Raises:
+        LogError: if a living process writes it, it is gone, damaged, of another version, without a plan, or its session
+            is over: then ``recover`` is the way.
+    """
+    fd = open_leftover(part, os.O_RDWR | os.O_APPEND)
+    try:
+        _cut_torn_end(part, fd)
+        return _read(part, fd)
+    except BaseException:
+        os.close(fd)
+        raise
+
+
+def _cut_torn_end(part: Path, fd: int) -> None:
+    scan = LogScanner(part)
+    for _ in scan.records():
+        pass
+    if torn := _TORN.fullmatch(scan.damage):
+        os.ftruncate(fd, int(torn[1]))
+        os.fsync(fd)
+    elif scan.damage:
+        raise LogError(f"{part} is {scan.damage}; run: minihuman recover {part}")
+
+
+def _read(part: Path, fd: int) -> LeftoverSegment:
+    scan = LogScanner(part)
+    start: dict[str, str] = {}
+    events: list[Event] = []
+    messages = steps = 0
+    for record in scan:
+        match record:
+            case Metadata() if record.name == SEGMENT_METADATA:
+                start = record.metadata
+                decode = select_decoder(start, part)
+            case LogMessage():
+                event = decode(record.channel.topic, record.data)
+                if event is not None:
+                    messages = record.sequence
+                    steps += record.channel.topic == STEP
+                    events.append(event)
+    if not events:
+        raise LogError(f"{part} holds no session plan; run: minihuman recover {part}")
+    if isinstance(events[-1], SessionEnded):
+        raise LogError(f"{part} cannot be resumed: its session has ended; run: minihuman recover {part}")
+    assert isinstance(events[0], SessionStarted)
+    numbered = LiveLogEncoder.resume(events[0].plan, started_ns=0, messages=0, steps=0).channels
+    if numbered != {channel.topic: number for number, channel in scan.channels.items()}:
+        raise LogError(f"{part} was written by another version of minihuman; run: minihuman recover {part}")
+    return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc)
 
 
 class McapRecorder(Recorder):
@@ -33,13 +110,8 @@ class McapRecorder(Recorder):
         data: the data folder; file names below it follow from the plan.
         plan: what is about to be played.
         started_ns: the wall clock at the session's time 0, ns since 1970.
-        sync: makes a file descriptor's writes durable.
-        put: writes to a file descriptor, and says how many bytes it took.
-        bound_s: how long a write that the disk does not take may hold its picture up.
-        rounds: does the disk's work for many recorders, where no picture waits for a write.
-        backlog: how many writes may wait for the disk before the recorder gives up.
-        at_sync: called, by another thread, whenever more has become durable.
-        left: a live file of this segment that a killed program left, to go on with; it was locked for this.
+        settings: how it uses its disk.
+        left: a live file of this segment that a killed program left, locked, to resume.
 
     Raises:
         LogError: if the session's log exists already or is being written, or the folder cannot be written.
@@ -51,54 +123,36 @@ class McapRecorder(Recorder):
         plan: SessionPlan,
         *,
         started_ns: int,
-        sync: Callable[[int], None] = os.fsync,
-        put: Callable[[int, memoryview], int] = os.write,
-        bound_s: float = WRITE_BOUND_S,
-        rounds: Rounds | None = None,
-        backlog: int = BACKLOG,
-        at_sync: Callable[[], None] = lambda: None,
-        left: Left | None = None,
+        settings: RecorderSettings = _SETTINGS,
+        left: LeftoverSegment | None = None,
     ) -> None:
         self.where = SegmentPath.of_plan(data, plan)
         if left is None:
-            self._fd = create(self.where)
-            self._live = LiveLog(started_ns=started_ns)
+            self._fd = create_live_file(self.where)
+            self._live = LiveLogEncoder(started_ns=started_ns)
         else:
             self._fd = left.fd
-            self._live = LiveLog.going_on(plan, started_ns=started_ns, messages=left.messages, steps=left.steps)
-        file = AppendedFile(self._fd, self.where.part, sync=sync, put=put, crc=0 if left is None else left.crc)
-        self._disk: Disk = (
-            WaitedDisk(file, bound_s=bound_s, backlog=backlog, at_sync=at_sync)
-            if rounds is None
-            else SharedDisk(file, rounds, backlog=backlog, at_sync=at_sync)
-        )
+            self._live = LiveLogEncoder.resume(plan, started_ns=started_ns, messages=left.messages, steps=left.steps)
+        file = LiveFile(self._fd, self.where.part, settings, crc=0 if left is None else left.crc)
+        self._disk = FileWriter(file, settings)
         self._ended = False
         self._closed = False
 
-    def write(self, events: Sequence[Event]) -> None:
-        """Write the events of one input; when this returns they outlive the process, unless the disk stalls.
-
-        Raises:
-            LogError: if this or an earlier write failed, the disk is a whole backlog behind, or the recorder is closed.
-        """
-        self.begin(events)
-        self.settle()
-
     def begin(self, events: Sequence[Event]) -> None:
-        """Hand over the events of one input to be written: whoever shows what came of them calls ``settle`` first.
+        """Begin to write the events of one input; call ``settle`` before their picture is shown.
 
         Raises:
             LogError: if an earlier write failed, the disk is a whole backlog behind, or the recorder is closed.
         """
         self._refuse_after_failure()
         if self._closed:
-            raise LogError(f"{self.where.part} is closed; a new segment needs a new recorder")
+            raise LogError(f"{self.where.part} is closed; open a new recorder for a new segment")
         if not events:
             return
         self._ended = self._ended or any(isinstance(event, SessionEnded) for event in events)
         try:
             pieces = self._live.encode(events)
-        except Exception as error:  # a bug of ours, or a world's: the log must not go on with a hole in it
+        except Exception as error:  # a bug of ours, or a world's: the log must not continue with a gap
             self._disk.failure = error
         else:
             self._disk.begin(pieces, steps=self._live.steps)
@@ -138,7 +192,7 @@ class McapRecorder(Recorder):
         self._refuse_after_failure()
 
     def leave(self) -> None:
-        """Make durable what was written, and let go of the live file as it is, for another program to go on with it.
+        """Make durable what was written and close the live file as it is, for another process to resume.
 
         A second call, or one after ``close``, does nothing.
         """
@@ -160,21 +214,23 @@ class McapRecorder(Recorder):
         self._disk.close()
         try:
             self._refuse_after_failure()
-            promised = Promised(self._live.messages, self._disk.file.crc, self._disk.late, self._disk.longest_wait_s)
-            return self._whole(finish(self.where, clean=self._ended, promised=promised)).path
+            promised = ExpectedContent(
+                self._live.messages, self._disk.file.crc, self._disk.late, self._disk.longest_wait_s
+            )
+            return self._whole(finish_log(self.where, clean=self._ended, promised=promised)).path
         except OSError as error:
             self._disk.failure = error
             raise self._error() from error
         finally:
             os.close(self._fd)
 
-    def _whole(self, finished: Finished) -> Finished:
-        if not finished.stopped or not self._live.messages:  # nothing was written, so nothing is lost
+    def _whole(self, finished: FinalizedLog) -> FinalizedLog:
+        if not finished.damage or not self._live.messages:  # nothing was written, so nothing is lost
             return finished
-        raise LossError(
+        raise DataLossError(
             f"{finished.path}: kept {finished.steps} of {self._live.steps} steps, {finished.messages} of "
-            f"{self._live.messages} messages; somebody or something changed the live file while it was written "
-            f"({finished.stopped}); it is kept as it was found: {finished.aside}"
+            f"{self._live.messages} messages; the live file was changed during recording "
+            f"({finished.damage}); an unchanged copy is {finished.damaged_copy_path}"
         )
 
     def _refuse_after_failure(self) -> None:
@@ -186,5 +242,5 @@ class McapRecorder(Recorder):
         reason = (isinstance(failure, OSError) and failure.strerror) or str(failure)
         return LogError(
             f"recording stopped: {reason}; {self.durable_steps} steps are safe in {self.where.part}; "
-            f"put that right, then run: minihuman recover {self.where.part}"
+            f"fix the cause, then run: minihuman recover {self.where.part}"
         )

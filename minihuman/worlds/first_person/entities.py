@@ -1,6 +1,9 @@
-"""What can stand in a world: where it is, how wide and high, and what it looks like. No rules, no pictures.
+"""Entities: what can stand in a world, how wide and high it is and what it looks like; the agent among them.
 
-A position is on the floor, under the middle of the thing; of a frame it is the middle of its back, on the wall.
+A position is on the floor, under the middle of the entity; of a frame it is the middle of its back, on the wall. The
+extents of meshes are those of the files that Miniworld ships: they decide how wide a thing is once it is scaled to its
+height, and how many textures there are to draw one from, and so which moves collide and which numbers a seed yields.
+Knows no rules and draws nothing.
 """
 
 import math
@@ -9,9 +12,48 @@ from typing import ClassVar
 import numpy as np
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.colours import COLOURS, Rgb, check_colour, hex_colour
-from minihuman.worlds.first_person.extents import mesh_extents, texture_variants
+from minihuman.worlds.colours import RGB_BY_COLOUR, Rgb, check_colour, hex_colour
 from minihuman.worlds.first_person.parameters import Parameters
+from minihuman.worlds.trigonometry import cosine, sine
+
+# Half the width (x), the height (y), half the depth (z).
+_EXTENTS: dict[str, tuple[float, float, float]] = {
+    "ball": (1.284565, 2.564372, 1.285002),
+    "barrel": (0.30539, 0.882287, 0.30538952),
+    "barrier": (2.032784, 1.143, 0.4064),
+    "building": (1.84, 3.45, 1.22),
+    "cone": (10.0, 31.5229, 10.0),
+    "doom_door": (0.05, 1.0, 0.5),
+    "duckie": (0.8303055, 1.518421, 0.58813),
+    "key": (0.401406, 2.0, 2.4187405),
+    "keycard": (0.085815, 2.3173308, 0.90595853),
+    "medkit": (28.1319, 51.0648, 15.62425),
+    "office_chair": (14.544351, 47.314598, 13.73),
+    "office_desk": (33.45795, 63.6329, 16.451252),
+    "potion": (0.6400001, 2.513775, 0.6400001),
+    "tree": (13.99055, 26.541735, 10.40086),
+    "tree_pine": (2.1321554, 7.543869, 2.1399379),
+}
+_COLOURED = ("ball", "key")  # one shape, one file per colour: "ball_red"
+
+_SEVERAL = {"cardboard": 4, "concrete": 4, "door_doom": 2, "grass": 2, "lava": 2, "marble": 2, "metal_grill": 2}
+_SEVERAL |= {"water": 3, "wood": 2}
+_CHARACTER_VARIANTS = 9
+
+
+def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32] | None:
+    """Half the width, the height and half the depth of a mesh of ours, in single precision; None for another's."""
+    stem = next((name for name in _COLOURED if mesh.startswith(f"{name}_") and mesh != "keycard"), mesh)
+    if stem not in _EXTENTS:
+        return None
+    x, y, z = _EXTENTS[stem]
+    return np.float32(x), np.float32(y), np.float32(z)
+
+
+def texture_variants(texture: str) -> int:
+    """How many pictures a texture name stands for when worlds are randomised."""
+    return _CHARACTER_VARIANTS if texture.startswith("chars/") else _SEVERAL.get(texture, 1)
+
 
 Position = tuple[float, float, float]  # x, y, z in metres
 Length = float | np.float32  # metres; of a mesh in single precision, as Miniworld keeps it
@@ -28,6 +70,7 @@ class Entity:
     radius: Length = 0.0
     height: float = 0.0
     looks: ClassVar[tuple[str, ...]] = ()  # the attributes, beside these, that tell two of a kind apart
+    trig: int = 0  # whose sine and cosine turn it: 0 the host's, 1 our own, which are the same on every machine
 
     def __init__(self) -> None:
         self.pos: Position = (math.nan, math.nan, math.nan)  # not a number until it is placed
@@ -44,6 +87,8 @@ class Entity:
     @property
     def forward(self) -> tuple[float, float]:
         """Where it heads, as a step of length 1 in (x, z)."""
+        if self.trig:
+            return cosine(self.dir), -sine(self.dir)
         return math.cos(self.dir), -math.sin(self.dir)
 
     def state(self) -> tuple[object, ...]:
@@ -66,15 +111,17 @@ class Box(Entity):
         self.name = f"{colour} box"
         self.size = size if isinstance(size, tuple) else (size, size, size)
         if min(self.size) <= 0:
-            raise WorldError(f"a box of {self.size} m has no room inside; its sides are above 0")
+            raise WorldError(f"a box's size is {self.size} m; each side must be above 0")
         width, self.height, depth = self.size
         self.radius = math.sqrt(width * width + depth * depth) / 2
-        self.rgb: Rgb = COLOURS[colour]
+        self.rgb: Rgb = RGB_BY_COLOUR[colour]
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
         """Draw the shade of the colour."""
         bias = parameters.triple("obj_color_bias", rng)
-        shade = [min(max(part + add, 0.0), 1.0) for part, add in zip(COLOURS[self.colour_name], bias, strict=True)]
+        shade = [
+            min(max(part + add, 0.0), 1.0) for part, add in zip(RGB_BY_COLOUR[self.colour_name], bias, strict=True)
+        ]
         self.rgb = shade[0], shade[1], shade[2]
 
     @property
@@ -94,7 +141,7 @@ class Mesh(Entity):
     def __init__(self, mesh: str, height: float, *, static: bool = True) -> None:
         super().__init__()
         if height <= 0:
-            raise WorldError(f"the mesh {mesh!r} cannot be {height} m high; its height is above 0")
+            raise WorldError(f"the height of mesh {mesh!r} is {height} m; it must be above 0")
         self.mesh = mesh
         self.name = mesh.replace("_", " ")
         self.static = static
@@ -120,7 +167,7 @@ class ColouredMesh(Mesh):
     @property
     def colour(self) -> str:
         """The colour it has on a map, "#rrggbb"."""
-        return hex_colour(COLOURS[self.colour_name])
+        return hex_colour(RGB_BY_COLOUR[self.colour_name])
 
 
 class Ball(ColouredMesh):
@@ -165,9 +212,7 @@ class TextFrame(Entity):
     def __init__(self, pos: Position, dir: float, text: str, *, height: float = 0.15, depth: float = 0.05) -> None:
         super().__init__()
         if not all(letter == " " or (letter.isascii() and letter.isalnum()) for letter in text):
-            raise WorldError(
-                f"the sign {text!r} has a character we cannot draw; letters A to Z, digits and spaces can be"
-            )
+            raise WorldError(f"the sign {text!r} has a character that cannot be drawn; use A to Z, digits and spaces")
         self.pos = pos
         self.dir = dir
         self.text = text
@@ -188,3 +233,27 @@ class TextFrame(Entity):
             0 if rng is None or texture is None else int(rng.integers(texture_variants(texture)))
             for texture in self.textures
         )
+
+
+class Agent(Entity):
+    """The one who acts. Lengths are metres, camera angles degrees."""
+
+    name = "agent"
+    looks = ("cam_height", "cam_fwd_disp", "cam_pitch", "cam_fov_y")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.radius = 0.4
+        self.height = 1.6
+        self.cam_height = 1.5  # above the floor
+        self.cam_fwd_disp = 0.0  # in front of the body's middle
+        self.cam_pitch = 0.0  # upwards
+        self.cam_fov_y = 60.0  # how much is seen from top to bottom
+        self.carrying: Entity | None = None
+
+    def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
+        """Draw where the camera sits and how it looks."""
+        self.cam_height = parameters.number("cam_height", rng)
+        self.cam_fwd_disp = parameters.number("cam_fwd_disp", rng)
+        self.cam_pitch = parameters.number("cam_pitch", rng)
+        self.cam_fov_y = parameters.number("cam_fov_y", rng)

@@ -1,4 +1,7 @@
-"""A first-person world as a Gymnasium environment: subclass it, say what stands where and when it ends."""
+"""FirstPersonEnv: a first-person world as a Gymnasium environment.
+
+A subclass says what stands where (`build`), what a step earns and when the episode ends.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,35 +14,34 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
-from minihuman.worlds.first_person.agent import Agent
-from minihuman.worlds.first_person.building.outline import Outline, Point, outline_of, rectangle
-from minihuman.worlds.first_person.building.passages import Limits
-from minihuman.worlds.first_person.building.rooms import WALL_HEIGHT, Room
-from minihuman.worlds.first_person.compile_apart import PIECES
-from minihuman.worlds.first_person.entities import Entity, ImageFrame, Position, TextFrame
-from minihuman.worlds.first_person.map import floor_map
+from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
-from minihuman.worlds.first_person.picture import Pictures
-from minihuman.worlds.first_person.render.draw import Easel
-from minihuman.worlds.first_person.saved import Saved, put_back, take
-from minihuman.worlds.first_person.stage import Stage
-from minihuman.worlds.first_person.state import state_hash
-from minihuman.worlds.options import MOST_PIXELS, one_of, truth, whole
+from minihuman.worlds.first_person.pictures import COMPILE_PIECES, WorldRenderer
+from minihuman.worlds.first_person.render.drawing import RenderTarget
+from minihuman.worlds.first_person.rooms import (
+    WALL_HEIGHT,
+    OpeningLimits,
+    Point,
+    Room,
+    RoomOutline,
+    outline_of,
+    rectangle,
+)
+from minihuman.worlds.first_person.state import (
+    FirstPersonSnapshot,
+    WorldState,
+    floor_map,
+    restore_state,
+    save_state,
+    state_hash,
+)
+from minihuman.worlds.options import MAX_PIXELS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
-from minihuman.worlds.whole import check_action, check_max_steps
+from minihuman.worlds.step_limit import check_action, check_max_steps
 
 _NOT_STATE = frozenset(
-    {
-        "action_names",
-        "action_space",
-        "observation_space",
-        "max_steps",
-        "parameters",
-        "domain_rand",
-        "render_mode",
-        "view",
-    }
-    | {"window_px", "spec", "_pictures", "_over"}
+    {"action_names", "action_space", "observation_space", "max_steps", "parameters", "domain_rand", "render_mode"}
+    | {"view", "window_px", "spec", "trig", "_pictures", "_over"}
 )
 
 EntityT = TypeVar("EntityT", bound=Entity)
@@ -49,9 +51,9 @@ FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     """Base of all first-person worlds.
 
-    A world says in ``build`` what stands where, and in ``judge`` what a step earned and whether it ended the episode.
-    Whatever it keeps on ``self`` there is part of the state: it is saved, restored and hashed with the rest, so it is
-    made of numbers, text, entities, arrays, and tuples, lists and dicts of them.
+    ``build`` says what stands where, ``reward_and_done`` what a step earned and whether it ended the episode. What
+    they set on ``self`` is part of the state: it is saved, restored and hashed with the rest, so it is made of
+    numbers, text, entities, arrays, and tuples, lists and dicts of them.
 
     Args:
         max_steps: an episode is truncated after so many steps; None for never.
@@ -70,9 +72,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
-    compile_apart = PIECES
+    compile_pieces = COMPILE_PIECES
     drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
+    trig: int = 0  # whose sine and cosine a step uses, from the next reset on: 0 the host's, 1 `trigonometry`'s
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
     def __init__(
@@ -93,15 +96,15 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
     ) -> None:
         sizes = (("obs_width", obs_width), ("obs_height", obs_height))
         for name, pixels in (*sizes, ("window_width", window_width), ("window_height", window_height)):
-            whole(name, pixels, 1, MOST_PIXELS)
-        one_of("view", view, ("agent", "top"))
-        one_of("render_mode", render_mode, (None, "rgb_array"))
-        truth("domain_rand", domain_rand)
-        truth("contact_shadows", contact_shadows)
+            check_whole(name, pixels, 1, MAX_PIXELS)
+        check_one_of("view", view, ("agent", "top"))
+        check_one_of("render_mode", render_mode, (None, "rgb_array"))
+        check_bool("domain_rand", domain_rand)
+        check_bool("contact_shadows", contact_shadows)
         if not actions:
-            raise WorldError(f"actions is {actions!r}; a world has one or more of {', '.join(rules.ACTIONS)}")
+            raise WorldError(f"actions is {actions!r}; give one or more of {', '.join(rules.ACTIONS)}")
         if unknown := set(actions) - set(rules.ACTIONS):
-            raise WorldError(f"no action is called {', '.join(sorted(unknown))}; there are {', '.join(rules.ACTIONS)}")
+            raise WorldError(f"unknown actions {', '.join(sorted(unknown))}; use {', '.join(rules.ACTIONS)}")
         self.action_names = tuple(actions)
         self.action_space = gymnasium.spaces.Discrete(len(actions))
         self.observation_space = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
@@ -112,52 +115,52 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.view = view
         self.window_px = (window_width, window_height)
         self.step_count = 0
-        self._stage: Stage | None = None
+        self._stage: WorldState | None = None
         self._over = False  # the episode has ended
-        self._pictures = Pictures(
+        self._pictures = WorldRenderer(
             (obs_width, obs_height),
             str(assets or self.assets) if assets or self.assets else None,
             shadows=contact_shadows,
         )
 
-    # What a world says of itself.
+    # What a world defines.
 
     def build(self) -> None:
         """Add rooms, connect them, place things and the agent. Called at every reset, on an empty stage."""
-        raise NotImplementedError(f"{type(self).__name__} has no build(); say there what stands where")
+        raise NotImplementedError(f"{type(self).__name__} has no build(); define it to lay out rooms and entities")
 
-    def judge(self, action: str) -> tuple[float, bool]:
+    def reward_and_done(self, action: str) -> tuple[float, bool]:
         """After each step: what it earned, and whether it ended the episode."""
         return 0.0, False
 
     def info(self) -> dict[str, Any]:
-        """What ``reset`` and ``step`` tell beside the observation."""
+        """What ``reset`` and ``step`` return as info."""
         return {}
 
-    def sought(self) -> tuple[Entity, ...]:
-        """The things that one has to have seen before one can set out; a simulated person looks round for them.
+    def targets(self) -> tuple[Entity, ...]:
+        """The things that must have been seen before a path is taken; a simulated person looks round for them.
 
-        Without any, it sets out at once, on the way that the world knows.
+        Without any, it takes the world's shortest path at once.
         """
         return ()
 
     def off_limits(self) -> tuple[Room, ...]:
-        """The rooms that a way should not lead through, for planners."""
+        """The rooms that planned paths avoid."""
         return ()
 
     def observe(self) -> Any:
-        """What the agent is given: its view, uint8[obs_height, obs_width, 3]."""
+        """What the agent observes: its view, uint8[obs_height, obs_width, 3]."""
         return self.see()
 
     def see(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
         """The agent's view, uint8[obs_height, obs_width, 3], drawn into ``out`` if there is one."""
         return self._pictures.observation(self.stage, out)
 
-    def aimed(self) -> Easel:
-        """Where the agent's view is drawn, all in its place: for who draws many worlds' together."""
-        return self._pictures.aimed(self.stage)
+    def aim_target(self) -> RenderTarget:
+        """Where the agent's view is drawn, everything in its place: for drawing many worlds' views together."""
+        return self._pictures.aim_target(self.stage)
 
-    # The words to build a world with.
+    # What ``build`` calls.
 
     def add_rect_room(self, *, min_x: float, max_x: float, min_z: float, max_z: float, **looks: Any) -> Room:
         """Add a rectangular room; ``looks`` as in ``add_room``."""
@@ -165,7 +168,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
 
     def add_room(
         self,
-        outline: Outline | Sequence[Point],
+        outline: RoomOutline | Sequence[Point],
         *,
         wall_height: float = WALL_HEIGHT,
         floor: str = "floor_tiles_bw",
@@ -179,7 +182,9 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         Raises:
             WorldError: if the outline does not close, is not convex, or goes round the wrong way.
         """
-        shape = outline if isinstance(outline, Outline) else outline_of(tuple((float(x), float(z)) for x, z in outline))
+        shape = (
+            outline if isinstance(outline, RoomOutline) else outline_of(tuple((float(x), float(z)) for x, z in outline))
+        )
         return self.stage.add_room(Room(shape, wall_height, floor, wall, ceiling))
 
     def connect_rooms(
@@ -198,7 +203,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         Raises:
             WorldError: if the rooms do not face each other or the opening does not fit their walls.
         """
-        self.stage.connect_rooms(a, b, limits=Limits(min_x, max_x, min_z, max_z), top=max_y)
+        self.stage.connect_rooms(a, b, limits=OpeningLimits(min_x, max_x, min_z, max_z), top=max_y)
 
     def place_entity(
         self,
@@ -247,14 +252,14 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         """Is a thing within a step of touching another, or the agent?"""
         return self.stage.near(a, b or self.agent)
 
-    def prompt_reward(self) -> float:
-        """1 for an arrival at once, falling to 0.8 at the last step; where there is no last step, always 1."""
+    def success_reward(self) -> float:
+        """1 at the start, falling to 0.8 at the last step; always 1 without a step limit."""
         if self.max_steps is None:
             return 1.0
         return 1.0 - 0.2 * (self.step_count / self.max_steps)
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> WorldState:
         """The episode's world.
 
         Raises:
@@ -295,7 +300,9 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         super().reset(seed=seed)
         self.step_count = 0
         self._over = False
-        self._stage = Stage(self.np_random, self.parameters, randomised=self.domain_rand)
+        self._stage = WorldState(self.np_random, self.parameters, randomised=self.domain_rand)
+        if self.trig:
+            self._stage.agent.trig = self.trig
         self.build()
         _ = self._stage.floor  # closes the plan, or says that it has no room
         if self.agent not in self.entities:
@@ -307,11 +314,11 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.check(action)
         stage = self.stage
         if self._over:
-            raise WorldError(f"{type(self).__name__} is not in an episode; call reset() again after an end")
+            raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
         name = self.action_names[action]
         self.step_count += 1
         rules.act(stage, self.motions.get(name, name))
-        reward, terminated = self.judge(name)
+        reward, terminated = self.reward_and_done(name)
         truncated = self.max_steps is not None and self.step_count >= self.max_steps
         self._over = terminated or truncated
         return reward, terminated, truncated
@@ -363,10 +370,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         del state["step_count"]
         return state_hash(type(self).__name__, state)
 
-    def save(self) -> Saved:
+    def save(self) -> FirstPersonSnapshot:
         """An exact copy of the state; it may be pickled, and restored into any world of the same class."""
         _ = self.stage  # or there is nothing to save
-        return take(type(self).__name__, self._over, self._state())
+        return save_state(type(self).__name__, self._over, self._state())
 
     def restore(self, saved: Any) -> None:
         """Go back to a saved state.
@@ -374,11 +381,11 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
         Raises:
             WorldError: if it was saved by another kind of world.
         """
-        if not isinstance(saved, Saved) or saved.world != type(self).__name__:
-            raise WorldError(f"{saved!r} was not saved by a {type(self).__name__}; restore what this world saved")
+        if not isinstance(saved, FirstPersonSnapshot) or saved.world != type(self).__name__:
+            raise WorldError(f"{saved!r} was not saved by a {type(self).__name__}; pass what save() returned")
         for name in self._state().keys() - saved.own.plain.keys() - saved.own.rest.keys():
             delattr(self, name)
-        vars(self).update(put_back(saved, here=self._stage is saved.stage))
+        vars(self).update(restore_state(saved, here=self._stage is saved.stage))
         self._over = saved.over
 
     def _not_reset(self) -> WorldError:

@@ -1,14 +1,38 @@
-"""The parameters of a world that may vary from episode to episode or step to step (domain randomisation)."""
+"""The parameters of a world that may vary per episode or step (domain randomisation): step length, turn, camera,
+light.
 
-from collections.abc import Mapping
+`forward_step` is how far one step goes, in metres. Draws from a random stream are made here in arithmetic that is the
+same on every machine: NumPy's `Generator.uniform` may fuse the multiply and the add where the processor can; these
+never do.
+"""
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.chance import uniform
-from minihuman.worlds.options import MOST_METRES, number
+from minihuman.worlds.options import MAX_METRES, check_number
+
+
+def uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """One number in [low, high)."""
+    return low + (high - low) * rng.random()
+
+
+def weighted(rng: np.random.Generator, cumulative: Sequence[float]) -> int:
+    """An index, drawn by weights given as their running sum; the last is 1."""
+    return bisect_right(cumulative, rng.random())
+
+
+def running_sum(weights: Sequence[float]) -> tuple[float, ...]:
+    """The running sum of weights, scaled to end at 1, rounded as ``Generator.choice`` rounds it."""
+    shares = np.array(weights, dtype=float)
+    sums = np.cumsum(shares / np.sum(shares))
+    return tuple((sums / sums[-1]).tolist())
+
 
 Value = float | tuple[float, float, float]
 
@@ -49,13 +73,13 @@ class Parameters:
         for name, parameter in self._table.items():
             for value in (parameter.low, parameter.default, parameter.high):
                 for each in value if isinstance(value, tuple) else (value,):
-                    number(f"parameters.{name}", each, *LIMITS[name])
+                    check_number(f"parameters.{name}", each, *LIMITS[name])
 
     def __getitem__(self, name: str) -> Parameter:
         try:
             return self._table[name]
         except KeyError:
-            raise WorldError(f"no parameter is called {name!r}; there are {', '.join(self._table)}") from None
+            raise WorldError(f"unknown parameter {name!r}; use one of {', '.join(self._table)}") from None
 
     def __deepcopy__(self, memo: dict[int, object]) -> "Parameters":
         return self
@@ -95,13 +119,13 @@ LIMITS: Mapping[str, tuple[float, float]] = MappingProxyType(
         **dict.fromkeys(("sky_color", "light_color", "light_ambient"), (0, 10)),
         "light_pos": (-1e6, 1e6),
         "obj_color_bias": (-1, 1),
-        "forward_step": (0.001, MOST_METRES),
-        "forward_drift": (-MOST_METRES, MOST_METRES),
+        "forward_step": (0.001, MAX_METRES),
+        "forward_drift": (-MAX_METRES, MAX_METRES),
         "turn_step": (0.1, 360),
         "bot_radius": (0.001, 100),
         "cam_pitch": (-80, 80),
         "cam_fov_y": (5, 170),
-        "cam_height": (0, MOST_METRES),
+        "cam_height": (0, MAX_METRES),
         "cam_fwd_disp": (-10, 10),
     }
 )

@@ -1,9 +1,9 @@
-"""What the eight actions do to a stage. Exactly Miniworld's rules: whole moves that happen or don't."""
+"""What the eight actions do to a state: Miniworld's rules exactly, whole moves that happen or do not."""
 
 import math
 
 from minihuman.worlds.first_person.entities import Entity, Position
-from minihuman.worlds.first_person.stage import Stage
+from minihuman.worlds.first_person.state import WorldState
 
 ACTIONS = ("turn_left", "turn_right", "move_forward", "move_back", "pickup", "drop", "toggle", "done")
 MOVES = ACTIONS[:3]
@@ -11,7 +11,7 @@ MOVES = ACTIONS[:3]
 _RADIANS = math.pi / 180
 
 
-def act(stage: Stage, action: str) -> None:
+def act(stage: WorldState, action: str) -> None:
     """Do one action; step length, drift and turn are drawn first, whatever the action."""
     ahead = stage.parameters.number("forward_step", stage.varying)
     drift = stage.parameters.number("forward_drift", stage.varying)
@@ -35,7 +35,7 @@ def act(stage: Stage, action: str) -> None:
         carried.dir = stage.agent.dir
 
 
-def carrying_position(stage: Stage, pos: Position, carried: Entity) -> Position:
+def carrying_position(stage: WorldState, pos: Position, carried: Entity) -> Position:
     """Where a carried thing floats when the agent stands at ``pos``: in front, below the middle of the picture."""
     agent = stage.agent
     distance = float(agent.radius + carried.radius + stage.reach)
@@ -44,7 +44,7 @@ def carrying_position(stage: Stage, pos: Position, carried: Entity) -> Position:
     return pos[0] + ahead_x * 1.05 * distance, pos[1] + rise, pos[2] + ahead_z * 1.05 * distance
 
 
-def _move(stage: Stage, ahead: float, drift: float) -> None:
+def _move(stage: WorldState, ahead: float, drift: float) -> None:
     agent = stage.agent
     x, y, z = agent.pos
     ahead_x, ahead_z = agent.forward
@@ -60,7 +60,7 @@ def _move(stage: Stage, ahead: float, drift: float) -> None:
     agent.pos = there
 
 
-def _turn(stage: Stage, angle: float) -> None:
+def _turn(stage: WorldState, angle: float) -> None:
     agent = stage.agent
     before = agent.dir
     agent.dir += angle
@@ -75,7 +75,7 @@ def _turn(stage: Stage, angle: float) -> None:
     carried.dir = agent.dir
 
 
-def _pick_up(stage: Stage) -> None:
+def _pick_up(stage: WorldState) -> None:
     agent = stage.agent
     if agent.carrying is not None:
         return
@@ -88,7 +88,7 @@ def _pick_up(stage: Stage) -> None:
         agent.carrying = found
 
 
-def _drop(stage: Stage) -> None:
+def _drop(stage: WorldState) -> None:
     carried = stage.agent.carrying
     if carried is not None:
         carried.pos = carried.pos[0], 0.0, carried.pos[2]

@@ -1,14 +1,153 @@
-"""The hash of a first-person state: equal states, equal hashes, on every machine."""
+"""The state of a first-person world: rooms, entities and agent; building it, its hash, its map, save and restore.
 
-from typing import Any
+Equal states have equal hashes on every machine; class and attribute names of worlds enter the hash, so they are format.
+Saving takes a few microseconds: only what can change is copied, the attributes of the state, of each thing and of the
+world itself, and where the random stream is. Restored into the world it came from, the things stay the same objects;
+elsewhere they are made anew.
+"""
+
+import copy
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.building.rooms import Room
-from minihuman.worlds.first_person.entities import Entity
-from minihuman.worlds.first_person.stage import Stage
+from minihuman.worlds.first_person.entities import Agent, Entity, Length, Position
+from minihuman.worlds.first_person.parameters import Parameters, uniform, weighted
+from minihuman.worlds.first_person.rooms import (
+    FloorPlan,
+    OpeningLimits,
+    Room,
+    check_convex,
+    find_passage,
+    finish_floor_plan,
+)
+from minihuman.worlds.first_person.walls import touches_wall
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.pose import Map, Thing
+
+_MOST_TRIES = 100_000  # a world that needs more to place one thing has no room for it
+
+WALL = "wall"
+
+
+class WorldState:
+    """One episode's world. Rooms come first; the floor plan closes when the first thing is placed.
+
+    With ``randomised``, the parameters are drawn from their ranges; otherwise they keep their defaults.
+    """
+
+    def __init__(self, rng: np.random.Generator, parameters: Parameters, *, randomised: bool) -> None:
+        self.rng = rng
+        self.parameters = parameters
+        self.randomised = randomised
+        self.agent = Agent()
+        self.entities: list[Entity] = []  # the agent among them, once it is placed
+        self.reach = parameters.largest("forward_step")  # the longest step, metres
+        self._rooms: list[Room] = []
+        self._floor: FloorPlan | None = None
+
+    @property
+    def varying(self) -> np.random.Generator | None:
+        """The stream that parameters are drawn from; None where nothing varies."""
+        return self.rng if self.randomised else None
+
+    @property
+    def floor(self) -> FloorPlan:
+        """The floor plan; asking for it closes it."""
+        if self._floor is None:
+            self._floor = finish_floor_plan(self._rooms, self.varying)
+        return self._floor
+
+    def add_room(self, room: Room) -> Room:
+        """Add a room to the floor plan.
+
+        Raises:
+            WorldError: if its outline is not convex and counter-clockwise, or a thing was placed already.
+        """
+        check_convex(room.outline)
+        self._check_open()
+        room.number = len(self._rooms)
+        self._rooms.append(room)
+        return room
+
+    def connect_rooms(self, a: Room, b: Room, *, limits: OpeningLimits, top: float | None) -> None:
+        """Open the walls by which two rooms face each other, and add a passage where there is a gap between them."""
+        self._check_open()
+        between = find_passage(a, b, limits=limits, top=top, number=len(self._rooms))
+        if between is not None:
+            self._rooms.append(between)
+
+    def place(
+        self,
+        entity: Entity,
+        *,
+        room: Room | None,
+        dir: float | None,
+        x: tuple[float | None, float | None],
+        z: tuple[float | None, float | None],
+    ) -> None:
+        """Put a thing where it touches nothing, evenly by chance in a room, in a part of one, or anywhere.
+
+        Raises:
+            WorldError: if no free place is found.
+        """
+        floor = self.floor
+        radius = float(entity.radius)
+        for _ in range(_MOST_TRIES):
+            chosen = (floor.rooms[weighted(self.rng, floor.room_weights)] if room is None else room).outline
+            low_x = (chosen.min_x if x[0] is None else x[0]) - radius
+            high_x = (chosen.max_x if x[1] is None else x[1]) + radius
+            low_z = (chosen.min_z if z[0] is None else z[0]) - radius
+            high_z = (chosen.max_z if z[1] is None else z[1]) + radius
+            at_x = uniform(self.rng, low_x, high_x)
+            self.rng.random()  # Miniworld draws a height too, between 0 and 0
+            at_z = uniform(self.rng, low_z, high_z)
+            if chosen.contains(at_x, at_z) and self.blocker(entity, at_x, at_z, entity.radius) is None:
+                break
+        else:
+            raise WorldError(f"no free place for {entity.name} (radius {entity.radius:.2f} m); make the room larger")
+        self.put(entity, (at_x, 0.0, at_z), dir)
+
+    def put(self, entity: Entity, pos: Position, dir: float | None) -> None:
+        """Put a thing at an exact place, whatever it touches; without a heading, one is drawn."""
+        self._floor = self.floor  # the plan closes before the heading is drawn
+        entity.dir = uniform(self.rng, -math.pi, math.pi) if dir is None else dir
+        entity.pos = pos
+        self.entities.append(entity)
+
+    def blocker(self, entity: Entity, x: float, z: float, radius: Length) -> Entity | str | None:
+        """What a thing of this radius would touch at this place: WALL, another thing, or nothing (None)."""
+        if touches_wall(self.floor.walls, x, z, float(radius)):
+            return WALL
+        for other in self.entities:
+            if other is entity:
+                continue
+            dx, dz = other.pos[0] - x, other.pos[2] - z
+            if math.sqrt(dx * dx + dz * dz) < float(radius + other.radius):
+                return other
+        return None
+
+    def near(self, a: Entity, b: Entity) -> bool:
+        """Are two things within a step of touching?"""
+        (ax, ay, az), (bx, by, bz) = a.pos, b.pos
+        distance = math.sqrt((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
+        return distance < float(a.radius + b.radius + 1.1 * self.reach)
+
+    def randomise(self) -> None:
+        """Draw what varies from episode to episode: sky, light, then each thing in the order it was placed."""
+        rng = self.varying
+        self.sky_colour = self.parameters.triple("sky_color", rng)
+        self.light_pos = self.parameters.triple("light_pos", rng)
+        self.light_colour = self.parameters.triple("light_color", rng)
+        self.light_ambient = self.parameters.triple("light_ambient", rng)
+        for entity in self.entities:
+            entity.randomise(self.parameters, rng)
+
+    def _check_open(self) -> None:
+        if self._floor is not None:
+            raise WorldError("the floor plan is closed; add and connect all rooms before placing the first thing")
 
 
 def state_hash(kind: str, state: dict[str, Any]) -> int:
@@ -20,7 +159,7 @@ def state_hash(kind: str, state: dict[str, Any]) -> int:
         WorldError: if an attribute holds something without a canonical form.
     """
     stage = state["_stage"]
-    if not isinstance(stage, Stage):
+    if not isinstance(stage, WorldState):
         raise WorldError(f"{kind} has not been reset; call reset(seed=...) first")
     places = {id(entity): place for place, entity in enumerate(stage.entities)}
     own = {
@@ -63,6 +202,111 @@ def _plain(value: Any, places: dict[int, int], where: str) -> Any:
             return [_plain(inner, places, where) for inner in value]
         case _:
             raise WorldError(
-                f"{where} is a {type(value).__name__}; a world keeps numbers, text, entities, arrays, "
+                f"{where} is a {type(value).__name__}; a world's state may hold numbers, text, entities, arrays, "
                 "and tuples, lists and dicts of them"
             )
+
+
+def floor_map(stage: WorldState) -> Map:
+    """Walls that stop a body, and everything placed but the agent, where it stands now. Metres."""
+    return Map(
+        unit="m",
+        bounds=stage.floor.bounds,
+        walls=tuple((x0, z0, x1, z1) for x0, z0, x1, z1 in stage.floor.walls.tolist()),
+        things=tuple(
+            Thing(entity.name, entity.pos[0], entity.pos[2], float(entity.radius), entity.colour)
+            for entity in stage.entities
+            if entity is not stage.agent
+        ),
+    )
+
+
+_UNCHANGING = frozenset(
+    {int, float, bool, str, bytes, type(None), np.float32, np.float64, np.int64, np.bool_, FloorPlan, Room, Parameters}
+)
+
+
+class _Held(NamedTuple):
+    """What a thing, the stage or the world held: what can be given back as it is, and what has to be copied."""
+
+    plain: dict[str, Any]
+    rest: dict[str, Any]
+
+
+class FirstPersonSnapshot(NamedTuple):
+    """A state of one world in mid-episode; made by ``save`` and read by ``restore`` only."""
+
+    world: str
+    over: bool
+    stage: WorldState  # the one it was saved from, to be known again: what it held then is on the shelf
+    own: _Held
+    shelf: tuple[tuple[Any, _Held], ...]  # the stage and each thing
+    streams: tuple[tuple[np.random.Generator, Any], ...]
+
+
+def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnapshot:
+    """Copy a world's state, the attributes that make it up."""
+    shelf: dict[int, tuple[Any, _Held]] = {}
+    streams: dict[int, tuple[np.random.Generator, Any]] = {}
+
+    def held(attributes: dict[str, Any], into: _Held) -> _Held:
+        plain, rest = into
+        for name, value in attributes.items():
+            kind = type(value)
+            if kind in _UNCHANGING or (kind is tuple and _UNCHANGING.issuperset(map(type, value))):
+                plain[name] = value
+            else:
+                rest[name] = taken(value)
+        return into
+
+    def taken(value: Any) -> Any:
+        kind = type(value)
+        if kind in _UNCHANGING:
+            return value
+        if kind is tuple or kind is list:
+            return kind(map(taken, value))
+        if isinstance(value, Entity | WorldState):
+            if id(value) not in shelf:
+                shelf[id(value)] = value, (empty := _Held({}, {}))  # first, as what it holds may lead back to it
+                held(vars(value), empty)
+            return value
+        if isinstance(value, np.random.Generator):
+            if id(value) not in streams:
+                streams[id(value)] = value, value.bit_generator.state
+            return value
+        return {name: taken(each) for name, each in value.items()} if kind is dict else copy.deepcopy(value)
+
+    own = held(state, _Held({}, {}))
+    return FirstPersonSnapshot(world, over, state["_stage"], own, tuple(shelf.values()), tuple(streams.values()))
+
+
+def restore_state(saved: FirstPersonSnapshot, *, here: bool) -> dict[str, Any]:
+    """The attributes of a saved state, to be given to a world; the copy is not consumed.
+
+    With ``here``, the things that were there get back what they held; otherwise things like them are made.
+    """
+    instead: dict[int, Any] = {}
+    if not here:
+        instead = {id(thing): object.__new__(type(thing)) for thing, _ in saved.shelf}
+        instead |= {id(each): np.random.Generator(type(each.bit_generator)()) for each, _ in saved.streams}
+
+    def given(value: Any) -> Any:
+        kind = type(value)
+        if kind in _UNCHANGING:
+            return value
+        if kind is tuple or kind is list:
+            return kind(map(given, value))
+        if isinstance(value, Entity | WorldState | np.random.Generator):
+            return instead.get(id(value), value)
+        return {name: given(each) for name, each in value.items()} if kind is dict else copy.deepcopy(value)
+
+    def give(held: _Held) -> dict[str, Any]:
+        return held.plain | {name: given(value) for name, value in held.rest.items()}
+
+    for stream, state in saved.streams:
+        instead.get(id(stream), stream).bit_generator.state = state
+    for thing, held in saved.shelf:
+        attributes = vars(instead.get(id(thing), thing))
+        attributes.clear()
+        attributes.update(give(held))
+    return give(saved.own)

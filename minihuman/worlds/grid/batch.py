@@ -1,6 +1,7 @@
-"""GridBatch: many worlds of one kind in one call. Its states are a matrix, one row a world, stepped in one kernel.
+"""GridBatch: many worlds of one kind in one call, as a Gymnasium vector environment.
 
-Each world of a batch is the world it would be alone: same layouts, draws, observations, rewards and ends.
+Its states are a matrix, one row per world, stepped in one kernel. Each world of a batch is the world it would be alone:
+same layouts, draws, observations, rewards and ends.
 """
 
 from collections.abc import Callable
@@ -14,8 +15,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.batch_seeds import Seeds, seeds_of
-from minihuman.worlds.grid.core.chance import Words, read_words, write_words
+from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
+from minihuman.worlds.grid.babyai.verifier import act_instructed, hand_over
+from minihuman.worlds.grid.core.rewards import INSTRUCTED
+from minihuman.worlds.grid.core.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
@@ -30,15 +33,12 @@ from minihuman.worlds.grid.core.state import (
     State,
     clear,
 )
-from minihuman.worlds.grid.core.tasks import INSTRUCTED
 from minihuman.worlds.grid.core.view import see
-from minihuman.worlds.grid.engine import Saved
+from minihuman.worlds.grid.engine import GridSnapshot
 from minihuman.worlds.grid.env import GridEnv
-from minihuman.worlds.grid.instructions.rules import act_as_told
-from minihuman.worlds.grid.instructions.space import InstructionSpace
-from minihuman.worlds.grid.instructions.verify import hand_over
-from minihuman.worlds.grid.recipe import Recipe
-from minihuman.worlds.kernels import inlined, kernel
+from minihuman.worlds.grid.layout import Recipe
+from minihuman.worlds.kernels import inline, kernel
+from minihuman.worlds.options import BatchSeeds, seeds_per_world
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
@@ -50,7 +50,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
     """A batch of ``num_envs`` worlds of a family, all alike but for their seeds.
 
     Args:
-        family: One of ``families.FAMILIES``.
+        family: One of ``env.FAMILIES``.
         num_envs: How many worlds.
         autoreset_mode: What happens after an episode's end, in Gymnasium's words: "NextStep", "SameStep" or "Disabled".
         options: What `GridEnv` takes.
@@ -65,11 +65,9 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         **options: Any,
     ) -> None:
         if num_envs < 1:
-            raise WorldError(f"num_envs is {num_envs!r}; a batch has 1 world or more")
+            raise WorldError(f"num_envs is {num_envs!r}; a batch needs 1 world or more")
         if options.pop("view", "grid") != "grid":
-            raise WorldError(
-                "a batch shows the grid's own view; make it with vectorization_mode='sync' to look from inside"
-            )
+            raise WorldError("a batch has no first-person view; make it with vectorization_mode='sync'")
         self._world = GridEnv(family, **options)  # what all have in common: spaces, recipe, settings
         self._mode = MODES.index(AutoresetMode(autoreset_mode))
         self.metadata = {**self._world.metadata, "autoreset_mode": MODES[self._mode]}
@@ -81,7 +79,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._instructed = isinstance(self._world.mission_space, InstructionSpace)
         self._rows = np.tile(self._world.state.row, (num_envs, 1))
-        self._words: Words = np.zeros((num_envs, 6), np.uint64)
+        self._rng_states: RngState = np.zeros((num_envs, 6), np.uint64)
         self._missions = (self._world.mission,) * num_envs
         self._seeds = [-1] * num_envs
 
@@ -90,13 +88,13 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """The state of each world, readable by name."""
         return [State(row) for row in self._rows]
 
-    @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one a world too
+    @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Each world's random stream as it is now, to look at; drawing from it draws nothing from the world."""
-        generators = tuple(np.random.default_rng(0) for _ in self._words)
-        for words, generator in zip(self._words, generators, strict=True):
-            if words.any():
-                write_words(words, generator)
+        generators = tuple(np.random.default_rng(0) for _ in self._rng_states)
+        for rng_state, generator in zip(self._rng_states, generators, strict=True):
+            if rng_state.any():
+                write_rng_state(rng_state, generator)
         return generators
 
     @property
@@ -104,25 +102,27 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """The seed each world was last given, or drew; -1 before its first reset."""
         return tuple(self._seeds)
 
-    def reset(self, *, seed: Seeds = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+    def reset(
+        self, *, seed: BatchSeeds = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
         """Lay out new episodes, of all worlds or of those in ``options["reset_mask"]`` (bool[n]).
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing. ``options["mission"]``
         is what is to be done in all of them until they are laid out again, as in `GridEnv.reset`.
         """
-        seeds = seeds_of(seed, self.num_envs)
+        seeds = seeds_per_world(seed, self.num_envs)
         mission = (options or {}).get("mission")
         recipe = self._world.recipe if mission is None else self._world.recipe.about(mission)
         mask = np.ones(self.num_envs, np.bool_)
         if options is not None and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-                raise WorldError(f"reset_mask is {mask.dtype}{mask.shape}; it is bool({self.num_envs},)")
+                raise WorldError(f"reset_mask is {mask.dtype}{mask.shape}; it must be bool({self.num_envs},)")
         for i in np.flatnonzero(mask).tolist():
-            row, words = self._rows[i], self._words[i]
-            if seeds[i] is not None or not words.any():
+            row, rng_state = self._rows[i], self._rng_states[i]
+            if seeds[i] is not None or not rng_state.any():
                 generator, self._seeds[i] = seeding.np_random(seeds[i])
-                read_words(generator, words)
+                read_rng_state(generator, rng_state)
             clear(row)
         images = np.zeros((self.num_envs, *self._world.image_shape), np.uint8)
         directions = np.zeros(self.num_envs, np.int64)
@@ -135,12 +135,12 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """Act in every world.
 
         Raises:
-            WorldError: if the actions are not one number a world in range, before `reset`, and, where autoreset is
+            WorldError: if the actions are not one number per world in range, before `reset`, and, where autoreset is
                 disabled, after an episode's end. No world has been changed then.
         """
         given = np.asarray(actions)
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise WorldError(f"actions are {given.dtype}{given.shape}; they are {self.num_envs} whole numbers")
+            raise WorldError(f"actions are {given.dtype}{given.shape}; give {self.num_envs} whole numbers")
         n = self.num_envs
         images = np.empty((n, *self._world.image_shape), np.uint8)
         directions = np.empty(n, np.int64)
@@ -149,7 +149,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         count = STEPS[self._instructed](
             self._rows,
             np.ascontiguousarray(given, np.int64),
-            self._words,
+            self._rng_states,
             self._mode,
             images,
             directions,
@@ -177,8 +177,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if self.render_mode is None:
             return None
         rendered = []
-        for row, words, mission in zip(self._rows, self._words, self._missions, strict=True):
-            self._world.restore(Saved(row, words, mission, {}))
+        for row, rng_state, mission in zip(self._rows, self._rng_states, self._missions, strict=True):
+            self._world.restore(GridSnapshot(row, rng_state, mission, {}))
             rendered.append(self._world.render())
         return tuple(rendered)
 
@@ -186,7 +186,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         phase, count = self._rows[world, PHASE], self._rows[world, ACTIONS]
         if phase == NEW or (phase == OVER and self._mode != NEXT_STEP):
             return WorldError(f"world {world} is not in an episode; call reset() before step()")
-        return WorldError(f"action {actions[world]!r} of world {world} is none of its; they are 0 to {count - 1}")
+        return WorldError(f"action {actions[world]!r} does not exist in world {world}; actions are 0 to {count - 1}")
 
     def _lay_out(
         self,
@@ -199,10 +199,12 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """Lay out the cleared worlds that were over, and observe those to be seen."""
         worlds = np.flatnonzero(over).tolist()
         for i in worlds:
-            recipe.lay_out(self._rows[i], self._words[i])
+            recipe.lay_out(self._rows[i], self._rng_states[i])
         failed = begin_many(self._rows, over, seen, images, directions)
         if failed >= 0:
-            raise WorldError(f"world {failed} of {self._world} found no free place for something it lays out")
+            raise WorldError(
+                f"world {failed} of {self._world} has no free cell for something it places; make the grid larger"
+            )
         if self._world.mission_space.varies:
             missions = list(self._missions)
             for i in worlds:
@@ -214,19 +216,15 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
     ) -> dict[str, Any]:
         observations = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(over).tolist():
-            observations[i] = {
-                "image": images[i].copy(),
-                "direction": int(directions[i]),
-                "mission": self._missions[i],
-            }
+            observations[i] = {"image": images[i].copy(), "direction": int(directions[i]), "mission": self._missions[i]}
         return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
 
 
-@kernel(lean=True)
+@kernel(nogil=True)
 def step_many(
     rows: Row,
     actions: NDArray[np.int64],
-    words: Words,
+    rng_state: RngState,
     mode: int,
     images: NDArray[np.uint8],
     directions: NDArray[np.int64],
@@ -246,16 +244,16 @@ def step_many(
         status, rewards[i] = 0, 0.0
         stepped = rows[i, PHASE] != OVER
         if stepped:
-            status, rewards[i] = act(rows[i], actions[i], words[i])
+            status, rewards[i] = act(rows[i], actions[i], rng_state[i])
         cleared += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
     return cleared
 
 
-@kernel(lean=True)
+@kernel(nogil=True)
 def step_many_as_told(
     rows: Row,
     actions: NDArray[np.int64],
-    words: Words,
+    rng_state: RngState,
     mode: int,
     images: NDArray[np.uint8],
     directions: NDArray[np.int64],
@@ -268,7 +266,7 @@ def step_many_as_told(
         status, rewards[i] = 0, 0.0
         stepped = rows[i, PHASE] != OVER
         if stepped:
-            status, rewards[i] = act_as_told(rows[i], actions[i], words[i])
+            status, rewards[i] = act_instructed(rows[i], actions[i], rng_state[i])
         cleared += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
     return cleared
 
@@ -276,7 +274,7 @@ def step_many_as_told(
 STEPS = step_many, step_many_as_told  # by whether there may be an instruction
 
 
-@inlined
+@inline
 def first_refusal(rows: Row, actions: NDArray[np.int64], mode: int) -> int:
     """The complement (~) of the first world that refuses its action or is not to be stepped now; 0 for none."""
     for i in range(len(rows)):
@@ -287,7 +285,7 @@ def first_refusal(rows: Row, actions: NDArray[np.int64], mode: int) -> int:
     return 0
 
 
-@inlined
+@inline
 def finish(
     row: Row,
     stepped: bool,
@@ -311,7 +309,7 @@ def finish(
     return 1 if over else 0
 
 
-@kernel(lean=True)
+@kernel(nogil=True)
 def begin_many(
     rows: Row,
     over: NDArray[np.bool_],

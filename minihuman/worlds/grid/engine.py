@@ -1,4 +1,8 @@
-"""GridEngine: what every grid world is. Holds one row of state; what an action does is in ``rules``."""
+"""GridEngine: the Gymnasium environment that every grid world is.
+
+Holds one row of state and its random stream; `core.rules` says what an action does, subclasses how an episode is laid
+out. Also the map of a state, and the pieces of compilation that processes can share.
+"""
 
 import abc
 from collections.abc import Sequence
@@ -12,69 +16,98 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import Bounds, NativeWorld, Palette, View
-from minihuman.worlds.grid.art.palettes import GRID_PALETTES, GridPalette
-from minihuman.worlds.grid.art.pictures import draw
-from minihuman.worlds.grid.compile_apart import PIECES
-from minihuman.worlds.grid.core.cells import kind_of
-from minihuman.worlds.grid.core.chance import Words, read_words, write_words
-from minihuman.worlds.grid.core.own import OWN
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.contract import NativeWorld, Palette, PathLengthBounds, View
+from minihuman.worlds.grid.babyai.encoding import clauses_done, instructed_length
+from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
+from minihuman.worlds.grid.babyai.verifier import act_instructed, hand_over, step_instructed
+from minihuman.worlds.grid.core import state as fields
+from minihuman.worlds.grid.core.cells import EMPTY, LAVA, WALL, colour_of, kind_of
+from minihuman.worlds.grid.core.rewards import DODGE, INSTRUCTED
+from minihuman.worlds.grid.core.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.grid.core.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, act, step
-from minihuman.worlds.grid.core.state import (
-    ACTIONS,
-    DIRECTION,
-    FAILED,
-    HEIGHT,
-    MAX_STEPS,
-    NEW,
-    PHASE,
-    PLAYING,
-    SEE_THROUGH,
-    STEP,
-    TASK,
-    WIDTH,
-    Row,
-    State,
-    clear,
-    row_length,
-)
-from minihuman.worlds.grid.core.tasks import DODGE, INSTRUCTED
+from minihuman.worlds.grid.core.state import Row, State, clear, row_length
 from minihuman.worlds.grid.core.view import see, see_size
-from minihuman.worlds.grid.floor_plan import floor_plan
-from minihuman.worlds.grid.instructions.block import instructed_length
-from minihuman.worlds.grid.instructions.numbers import clauses_done
-from minihuman.worlds.grid.instructions.rules import act_as_told, step_as_told
-from minihuman.worlds.grid.instructions.space import InstructionSpace
-from minihuman.worlds.grid.instructions.verify import hand_over
-from minihuman.worlds.grid.kinds import Kind, check_kinds
-from minihuman.worlds.grid.minigrid_names import MinigridNames
+from minihuman.worlds.grid.layout import to_text
+from minihuman.worlds.grid.minigrid_compat import MinigridCompat
 from minihuman.worlds.grid.missions import MissionSpace
-from minihuman.worlds.grid.planner import bounds, way
-from minihuman.worlds.grid.text import to_text
+from minihuman.worlds.grid.object_kinds import ObjectKind, check_kinds, kind_name
+from minihuman.worlds.grid.pictures.drawing import draw_grid
+from minihuman.worlds.grid.pictures.tiles import GRID_PALETTES, GridPalette, hex_colour
+from minihuman.worlds.grid.planner import path_length_bounds, shortest_path
 from minihuman.worlds.hashing import hash64
-from minihuman.worlds.options import MOST_CELLS, one_of, truth, whole
-from minihuman.worlds.pose import Map, Pose
-from minihuman.worlds.whole import check_max_steps
+from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_whole
+from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
+from minihuman.worlds.step_limit import check_max_steps
 
-MOST_LINES = 32 * MOST_CELLS  # of pixels that `render` draws
+
+def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[ObjectKind] = ()) -> Map:
+    """The map of a state: wall outlines, and every thing that lies in a cell now."""
+    lying = state.kinds
+    walls = wall_outlines(lying == WALL)
+    things = []
+    for x, y in np.argwhere((lying != WALL) & (lying != EMPTY)).tolist():
+        code = int(state.cells[x, y])
+        kind, colour = kind_name(kind_of(code), kinds), COLOURS[colour_of(code)]
+        name = kind if kind_of(code) == LAVA else f"{colour} {kind}"
+        things.append(Thing(name, float(x), float(y), 0.5, hex_colour(code, palette)))
+    bounds = (-0.5, -0.5, state.width - 0.5, state.height - 0.5)
+    return Map("cell", bounds, walls, tuple(things))
+
+
+def compile_rules() -> None:
+    """Ask for an action where no episode has begun."""
+    act(_floor(), 0, np.zeros(6, np.uint64))
+
+
+def compile_step() -> None:
+    """Look around, and then ask for a step, which is a look and what `moves` compiles: by now that is there."""
+    row, image = _floor(), np.empty((3, 3, 3), np.uint8)
+    see(row, image)
+    step(row, 0, np.zeros(6, np.uint64), image)
+
+
+def compile_drawing() -> None:
+    """Draw a floor from above."""
+    draw_grid(_floor(), view="full", view_size=3, tile_px=1, palette="classic", lit=False, by_bytes=True)
+
+
+COMPILE_PIECES = (
+    compile_rules,
+    compile_drawing,
+    compile_step,
+)  # one process begins here, a second one at the end: each has half of it
+
+
+def _floor() -> Row:
+    row = np.zeros(row_length(3, 3), np.int32)
+    row[[fields.WIDTH, fields.HEIGHT]] = 3
+    clear(row)
+    row[[fields.X, fields.Y, fields.DIRECTION]] = 1, 1, 0
+    return row
+
+
+MOST_LINES = 32 * MAX_CELLS  # of pixels that `render` draws
 YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
 
 
-class Saved(NamedTuple):
+class GridSnapshot(NamedTuple):
     """An exact copy of a grid world in mid-episode, its random stream included."""
 
     row: Row
-    words: Words
+    rng_state: RngState
     mission: str
     kept: dict[str, Any]
 
 
-def _hashed(saved: Saved) -> int:
-    words = saved.words[: 6 if saved.words[4] else 4]  # without a buffered half draw its value means nothing
-    return hash64([saved.row, words, saved.mission, saved.kept])
+def _hashed(saved: GridSnapshot) -> int:
+    rng_state = saved.rng_state[
+        : 6 if saved.rng_state[4] else 4
+    ]  # without a buffered half draw its value means nothing
+    return hash64([saved.row, rng_state, saved.mission, saved.kept])
 
 
-class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld, abc.ABC):
+class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
     """A grid world without a layout: `GridEnv` has those of the catalogue, `GridWorld` is for your own.
 
     Args:
@@ -94,8 +127,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
-    compile_apart = PIECES
-    kinds: ClassVar[tuple[Kind, ...]] = ()  # things of its own, at most five kinds
+    compile_pieces = COMPILE_PIECES
+    kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 
     def __init__(
@@ -114,15 +147,13 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         highlight: bool = True,
         agent_pov: bool = False,
     ) -> None:
-        whole("width", width, 3, MOST_CELLS)
-        whole("height", height, 3, MOST_CELLS)
-        truth("see_through_walls", see_through_walls)
-        one_of("palette", palette, GRID_PALETTES)
-        whole("tile_size", tile_size, 1, MOST_LINES // max(width, height))
+        check_whole("width", width, 3, MAX_CELLS)
+        check_whole("height", height, 3, MAX_CELLS)
+        check_bool("see_through_walls", see_through_walls)
+        check_one_of("palette", palette, GRID_PALETTES)
+        check_whole("tile_size", tile_size, 1, MOST_LINES // max(width, height))
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise WorldError(
-                f"render_mode is {render_mode!r}; a grid world renders as {', '.join(self.metadata['render_modes'])}"
-            )
+            raise WorldError(f"render_mode is {render_mode!r}; use one of {', '.join(self.metadata['render_modes'])}")
         self.action_names = ACTION_NAMES[:actions]
         self.mission_space = MissionSpace(mission) if isinstance(mission, str) else mission
         self.mission = self.mission_space.first()
@@ -138,19 +169,19 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         self.render_mode = render_mode
         self.tile_size = tile_size
         self.palette: GridPalette = palette
-        self.highlight, self.agent_pov = truth("highlight", highlight), truth("agent_pov", agent_pov)
+        self.highlight, self.agent_pov = check_bool("highlight", highlight), check_bool("agent_pov", agent_pov)
         self._instructed = isinstance(self.mission_space, InstructionSpace)
         self._row = np.zeros((instructed_length if self._instructed else row_length)(width, height), np.int32)
-        self._row[[WIDTH, HEIGHT, MAX_STEPS, SEE_THROUGH, ACTIONS]] = (
+        self._row[[fields.WIDTH, fields.HEIGHT, fields.MAX_STEPS, fields.SEE_THROUGH, fields.ACTIONS]] = (
             width,
             height,
             check_max_steps(max_steps),
             bool(see_through_walls) | check_kinds(self.kinds),
             actions,
         )
-        self._words: Words = np.zeros(6, np.uint64)
-        self._words_know = False  # the words hold the stream: nobody can have drawn from the generator since
-        self._words_ahead = False  # kernels have drawn since the generator was brought up to date
+        self._rng_state: RngState = np.zeros(6, np.uint64)
+        self._stream_is_held = False  # nothing can have drawn from the generator since it was read
+        self._stream_is_ahead = False  # kernels have drawn since the generator was brought up to date
         self._draws = False  # whether a step draws random numbers
         clear(self._row)
 
@@ -172,57 +203,59 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
     def np_random(self) -> np.random.Generator:
         """The world's random stream. Ask for it each time: a generator kept from before a step may be behind."""
         generator = super().np_random
-        if self._words_ahead:
-            write_words(self._words, generator)
-        self._words_know = self._words_ahead = False
+        if self._stream_is_ahead:
+            write_rng_state(self._rng_state, generator)
+        self._stream_is_held = self._stream_is_ahead = False
         return generator
 
     @np_random.setter
     def np_random(self, value: np.random.Generator) -> None:
         self._np_random = value
-        self._words_know = self._words_ahead = False
+        self._stream_is_held = self._stream_is_ahead = False
 
-    def _stream(self) -> Words:
-        """The random stream for kernels to draw from, in words."""
-        if not self._words_know:
-            read_words(self.np_random, self._words)
-        self._words_know = self._words_ahead = True
-        return self._words
+    def _stream(self) -> RngState:
+        """The random stream, for kernels to draw from."""
+        if not self._stream_is_held:
+            read_rng_state(self.np_random, self._rng_state)
+        self._stream_is_held = self._stream_is_ahead = True
+        return self._rng_state
 
     def _check_agent(self) -> None:
         """There is an agent, in the grid, looking somewhere."""
-        width, height, x, y, direction = self._row[: DIRECTION + 1].tolist()  # the first numbers of every row
+        width, height, x, y, direction = self._row[: fields.DIRECTION + 1].tolist()  # the first numbers of every row
         if x < 0:
-            raise WorldError(f"{self} placed no agent; a layout places one")
+            raise WorldError(f"{self} placed no agent; place one in its layout")
         if not (x < width and 0 <= y < height and 0 <= direction < 4):
             raise WorldError(
                 f"{self} placed the agent in cell ({x}, {y}) looking {direction}; cells are (0, 0) to "
                 f"({width - 1}, {height - 1}), directions 0 to 3"
             )
 
-    def _now(self) -> Words:
-        """Where the random stream is, in words that are only read."""
-        if not self._words_know:
-            read_words(self.np_random, self._words)
-            self._words_know = True
-        return self._words
+    def _now(self) -> RngState:
+        """The random stream, to be read only."""
+        if not self._stream_is_held:
+            read_rng_state(self.np_random, self._rng_state)
+            self._stream_is_held = True
+        return self._rng_state
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Lay out a new episode: observation and an empty info."""
         if seed is not None:
-            self._words_know = self._words_ahead = False
+            self._stream_is_held = self._stream_is_ahead = False
         super().reset(seed=seed)
         clear(self._row)
         self._lay_out()
-        if self._row[FAILED]:
-            raise WorldError(f"{self} with seed {seed!r} has no free place for something, or nothing fits its mission")
+        if self._row[fields.FAILED]:
+            raise WorldError(
+                f"{self} with seed {seed!r} has no free cell for something it places, or nothing fits its mission"
+            )
         self._check_agent()
-        self._row[PHASE] = PLAYING
-        self._draws = bool(self._row[TASK] == DODGE)
+        self._row[fields.PHASE] = fields.PLAYING
+        self._draws = bool(self._row[fields.TASK] == DODGE)
         observation = self.observation()
-        if self._row[TASK] == INSTRUCTED:
+        if self._row[fields.TASK] == INSTRUCTED:
             hand_over(self._row)
         return observation, {}
 
@@ -232,8 +265,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
             number = index(action)
         except TypeError:
             raise self._refusal(NO_SUCH_ACTION, action) from None
-        words = self._stream() if self._draws else self._words
-        status, reward = (act_as_told if self._instructed else act)(self._row, number, words)
+        rng_state = self._stream() if self._draws else self._rng_state
+        status, reward = (act_instructed if self._instructed else act)(self._row, number, rng_state)
         if status < 0:
             raise self._refusal(status, action)
         return reward, status & TERMINATED != 0, status & TRUNCATED != 0
@@ -245,8 +278,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         except TypeError:
             raise self._refusal(NO_SUCH_ACTION, action) from None
         image = np.empty(self.image_shape, np.uint8)
-        words = self._stream() if self._draws else self._words
-        status, direction, reward = (step_as_told if self._instructed else step)(self._row, number, words, image)
+        rng_state = self._stream() if self._draws else self._rng_state
+        status, direction, reward = (step_instructed if self._instructed else step)(self._row, number, rng_state, image)
         observation = {"image": image, "direction": direction, "mission": self.mission}
         if status == 0:
             return observation, reward, False, False, {}
@@ -256,7 +289,9 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
 
     def _refusal(self, status: int, action: int) -> WorldError:
         if status == NO_SUCH_ACTION:
-            return WorldError(f"action {action!r} is none of {self}'s; they are 0 to {self._row[ACTIONS] - 1}")
+            return WorldError(
+                f"action {action!r} does not exist in {self}; actions are 0 to {self._row[fields.ACTIONS] - 1}"
+            )
         return WorldError(f"{self} is not in an episode; call reset() before step(), and again after an end")
 
     def _in_world(self) -> State:
@@ -265,13 +300,13 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         return State(self._row)
 
     def _check_laid_out(self) -> None:
-        if self._row[PHASE] == NEW:
-            raise WorldError(f"{self} is not laid out yet; call reset() first")
+        if self._row[fields.PHASE] == fields.NEW:
+            raise WorldError(f"{self} has not been reset; call reset() first")
 
     def observation(self) -> dict[str, Any]:
         """What the agent observes now."""
         image = self.look(self.image_shape[0])
-        return {"image": image, "direction": int(self._row[DIRECTION]), "mission": self.mission}
+        return {"image": image, "direction": int(self._row[fields.DIRECTION]), "mission": self.mission}
 
     def look(self, size: int) -> NDArray[np.uint8]:
         """The agent's view with ``size`` cells on a side, uint8[size, size, 3]."""
@@ -292,7 +327,9 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
     def frame(self, *, view: View = "full", tile_px: int = 32, lit: bool = True) -> NDArray[np.uint8]:
         """A picture with tiles of this size: of the whole world, or of what the agent sees."""
         row, size = self._in_world().row, self.image_shape[0]
-        return draw(row, view=view, view_size=size, tile_px=tile_px, palette=self.palette, kinds=self.kinds, lit=lit)
+        return draw_grid(
+            row, view=view, view_size=size, tile_px=tile_px, palette=self.palette, kinds=self.kinds, lit=lit
+        )
 
     def pose(self) -> Pose:
         """The agent's cell (column, 0, row) and direction."""
@@ -304,17 +341,17 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         """The floor plan with doors, objects and goal where they are now."""
         return floor_plan(self._in_world(), self.palette, self.kinds)
 
-    def clauses(self) -> tuple[tuple[str, int], ...]:
+    def subgoals(self) -> tuple[tuple[str, int], ...]:
         """What the episode's instruction says, clause by clause, each with the step that did it; 0 for none yet."""
-        return clauses_done(self._row) if self._row[TASK] == INSTRUCTED else ()
+        return clauses_done(self._row) if self._row[fields.TASK] == INSTRUCTED else ()
 
-    def way(self) -> Sequence[int] | None:
+    def shortest_path(self) -> Sequence[int] | None:
         """A list of actions to success, the shortest unless that takes too long to find; empty if there is none."""
-        return way(self._in_world(), self._now()) or ()
+        return shortest_path(self._in_world(), self._now()) or ()
 
-    def bounds(self) -> Bounds:
+    def path_length_bounds(self) -> PathLengthBounds:
         """The length of the shortest list, twice, or what it cannot be shorter than and the length of a longer one."""
-        return bounds(self._in_world(), self._now())
+        return path_length_bounds(self._in_world(), self._now())
 
     def state_hash(self) -> int:
         """A uint64 over layout, agent, task, mission and random stream."""
@@ -323,25 +360,25 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
     def scene_hash(self) -> int:
         """The same without the number of steps taken."""
         saved = self.save()
-        saved.row[STEP] = 0
+        saved.row[fields.STEP] = 0
         return _hashed(saved)
 
-    def save(self) -> Saved:
+    def save(self) -> GridSnapshot:
         """An exact copy of the state in mid-episode."""
         kept = {name: deepcopy(getattr(self, name)) for name in self.kept} if self.kept else {}
-        return Saved(self._row.copy(), self._now().copy(), self.mission, kept)
+        return GridSnapshot(self._row.copy(), self._now().copy(), self.mission, kept)
 
-    def restore(self, saved: Saved) -> None:
+    def restore(self, saved: GridSnapshot) -> None:
         """Go back to a saved state; it may be restored again, here or in another world of the same size."""
         if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
             raise WorldError(
-                f"the saved state is {saved.row[WIDTH]} x {saved.row[HEIGHT]} cells and {self} is "
-                f"{self._row[WIDTH]} x {self._row[HEIGHT]}; restore it into a world of its own kind"
+                f"the saved state is {saved.row[fields.WIDTH]} x {saved.row[fields.HEIGHT]} cells and {self} is "
+                f"{self._row[fields.WIDTH]} x {self._row[fields.HEIGHT]}; restore it into a world of its size"
             )
         self._row[:] = saved.row
-        self._draws = bool(self._row[TASK] == DODGE)
-        self._words[:] = saved.words
-        self._words_know = self._words_ahead = True
+        self._draws = bool(self._row[fields.TASK] == DODGE)
+        self._rng_state[:] = saved.rng_state
+        self._stream_is_held = self._stream_is_ahead = True
         self.mission = saved.mission
         for name in self.kept:
             setattr(self, name, deepcopy(saved.kept[name]))
@@ -354,7 +391,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
         # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
-        return draw(
+        return draw_grid(
             self._in_world().row,
             view=view,
             view_size=size,
@@ -364,12 +401,15 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridNames, NativeWorld,
             by_bytes=True,
         )
 
-    def is_kind(self, code: int, kind: Kind) -> bool:
+    def is_kind(self, code: int, kind: ObjectKind) -> bool:
         """Whether a cell's code, or that of what is carried, is of a kind of this world's own."""
-        return kind_of(int(code)) >= OWN and self.kinds[kind_of(int(code)) - OWN] == kind
+        return (
+            kind_of(int(code)) >= fields.FIRST_OWN_KIND
+            and self.kinds[kind_of(int(code)) - fields.FIRST_OWN_KIND] == kind
+        )
 
     def text(self) -> str:
-        """A diagram of the grid in characters; ``text.py`` says which."""
+        """A diagram of the grid in characters; see `layout`."""
         return to_text(self._in_world(), self.kinds)
 
     def __str__(self) -> str:

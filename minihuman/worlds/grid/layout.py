@@ -1,25 +1,80 @@
-"""Layout: the drawing board a world written in Python lays its episodes out on."""
+"""Layout: the drawing board on which a world written in Python lays out its episodes; the recipe of a compiled layout.
+
+Also a grid as lines of characters, two per cell, for diagrams and tests, and back. The first character is the kind, the
+second the colour (r g b p y, and - for grey). `WW` is a grey wall, two spaces an empty cell, the agent `>>` `vv` `<<`
+`^^`. A door is `D` closed, `L` locked, `O` open. What the agent stands on or carries and what boxes contain is not
+shown. A world's own kinds have letters of their own.
+"""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.core import place as verbs
-from minihuman.worlds.grid.core.cells import COLOURS, DOOR_STATES, EMPTY, KINDS, pack
-from minihuman.worlds.grid.core.chance import Words, read_words, write_words
-from minihuman.worlds.grid.core.own import OWN
-from minihuman.worlds.grid.core.state import FAILED, HEIGHT, TARGET, TASK, WIDTH, Row, contents_index, make, put
-from minihuman.worlds.grid.instructions.language import Instruction
-from minihuman.worlds.grid.items import Item, wall
-from minihuman.worlds.grid.kinds import Kind
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
+from minihuman.worlds.grid.babyai.language import Instruction
+from minihuman.worlds.grid.core import placement
+from minihuman.worlds.grid.core import state as fields
+from minihuman.worlds.grid.core.cells import (
+    DOOR_STATES,
+    EMPTY,
+    GREY_WALL,
+    KINDS,
+    OPEN,
+    colour_of,
+    identities_of,
+    kind_of,
+    pack,
+    state_of,
+)
+from minihuman.worlds.grid.core.rng import RngState, read_rng_state, write_rng_state
+from minihuman.worlds.grid.core.state import Row, State, contents_index, make, put
+from minihuman.worlds.grid.missions import MissionSpace
+from minihuman.worlds.grid.object_kinds import Item, ObjectKind, wall
+
+LayoutFunction = Callable[..., None]  # (row, rng_state, *numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """A layout with its numbers, the size it fills, its mission and its default settings."""
+
+    layout: LayoutFunction
+    numbers: tuple[int, ...]
+    width: int
+    height: int
+    max_steps: int
+    mission: MissionSpace | InstructionSpace
+    see_through_walls: bool = False
+    actions: int = 7  # the first so many of the seven
+
+    def lay_out(self, row: Row, rng_state: RngState) -> None:
+        """Lay an episode out into a cleared row."""
+        self.layout(row, rng_state, *self.numbers)
+
+    def limited(self, max_steps: int) -> "Recipe":
+        """The recipe of the same world with this step limit in every episode."""
+        return replace(self, max_steps=max_steps)
+
+    def about(self, mission: str) -> "Recipe":
+        """The recipe of the same world with a mission set by hand.
+
+        Raises:
+            WorldError: because only worlds with instructions can have one set.
+        """
+        raise WorldError(
+            f"mission {mission!r} cannot be set; only worlds with instructions (BabyAI-...) take a mission"
+        )
+
 
 T = TypeVar("T")
 Place = tuple[int, int]  # column, row
 
 
-class Lying(NamedTuple):
+class PlacedItem(NamedTuple):
     """Something that was put down: its number among the world's objects (0 for scenery), column and row."""
 
     identity: int
@@ -30,14 +85,16 @@ class Lying(NamedTuple):
 class Layout:
     """One episode's layout in the making. Draws come from the world's ``np_random``, one draw order a layout."""
 
-    def __init__(self, row: Row, np_random: np.random.Generator, mission: str, kinds: Sequence[Kind] = ()) -> None:
-        self.width, self.height = int(row[WIDTH]), int(row[HEIGHT])
+    def __init__(
+        self, row: Row, np_random: np.random.Generator, mission: str, kinds: Sequence[ObjectKind] = ()
+    ) -> None:
+        self.width, self.height = int(row[fields.WIDTH]), int(row[fields.HEIGHT])
         self.mission = mission  # set it to give this episode another
         self.instruction: Instruction | None = None  # set it where the mission is an `InstructionSpace`
         self.kinds = tuple(kinds)  # of the world's own
         self._row = row
         self._np_random = np_random
-        self._words: Words = np.zeros(6, np.uint64)
+        self._rng_state: RngState = np.zeros(6, np.uint64)
 
     def wall_rect(self, x: int = 0, y: int = 0, width: int | None = None, height: int | None = None) -> None:
         """The four walls of a room, walls included in its size; the whole grid without arguments."""
@@ -45,7 +102,7 @@ class Layout:
         height = self.height - y if height is None else height
         self._check(x, y)
         self._check(x + width - 1, y + height - 1)
-        verbs.wall_rect(self._row, x, y, width, height)
+        placement.wall_rect(self._row, x, y, width, height)
 
     def across(self, x: int, y: int, length: int | None = None, item: Item | None = None) -> None:
         """A horizontal line of an item (walls) from (x, y), to the right edge without a length."""
@@ -57,12 +114,12 @@ class Layout:
         for j in range(self.height - y if length is None else length):
             self.put(item or wall(), x, y + j)
 
-    def put(self, item: Item, x: int, y: int) -> Lying:
+    def put(self, item: Item, x: int, y: int) -> PlacedItem:
         """Put an item into a cell, over whatever is there."""
         self._check(x, y)
         code = self._make(item)
         put(self._row, x, y, code)
-        return Lying(code >> 9, x, y)
+        return PlacedItem(identities_of(code), x, y)
 
     def clear(self, x: int, y: int) -> None:
         """Make a cell empty."""
@@ -77,7 +134,7 @@ class Layout:
         size: Place | None = None,
         reject: Callable[[int, int], bool] | None = None,
         tries: int = 10_000,
-    ) -> Lying:
+    ) -> PlacedItem:
         """Put an item into a drawn free cell of a rectangle (the grid), where the agent is not.
 
         Args:
@@ -96,13 +153,13 @@ class Layout:
     def put_agent(self, x: int, y: int, direction: int = 0) -> None:
         """Put the agent into a cell: it looks right (0), down (1), left (2) or up (3)."""
         self._check(x, y)
-        verbs.stand(self._row, x, y, direction)
+        placement.stand(self._row, x, y, direction)
 
     def place_agent(self, *, top: Place = (0, 0), size: Place | None = None, direction: int | None = None) -> Place:
-        """Put the agent into a drawn free cell of a rectangle; it looks in a drawn direction unless told."""
-        verbs.stand(self._row, -1, -1, -1)
+        """Put the agent into a drawn free cell of a rectangle; it looks in a drawn direction unless one is given."""
+        placement.stand(self._row, -1, -1, -1)
         x, y = self._draw("agent", top, size, None, 1)
-        verbs.stand(self._row, x, y, self.integer(0, 4) if direction is None else direction)
+        placement.stand(self._row, x, y, self.integer(0, 4) if direction is None else direction)
         return x, y
 
     def integer(self, low: int, high: int) -> int:
@@ -114,9 +171,9 @@ class Layout:
         return options[self.integer(0, len(options))]
 
     def task(self, task: int, *target: int) -> None:
-        """Say what success is, beside reaching a goal: one of ``tasks`` and the numbers it is about."""
-        self._row[TASK] = task
-        self._row[TARGET : TARGET + len(target)] = target
+        """Set what success is, beside reaching a goal: one of ``rewards`` and the numbers it is about."""
+        self._row[fields.TASK] = task
+        self._row[fields.TARGET : fields.TARGET + len(target)] = target
 
     def _make(self, item: Item) -> int:
         kind, colour, state = self._number(item), COLOURS.index(item.colour), DOOR_STATES.index(item.state)
@@ -124,30 +181,30 @@ class Layout:
             return pack(kind, colour, 0, 0)
         code = make(self._row, kind, colour, state)
         if item.contains is not None:
-            self._row[contents_index(self._row, code >> 9)] = self._make(item.contains)
+            self._row[contents_index(self._row, identities_of(code))] = self._make(item.contains)
         return int(code)
 
     def _number(self, item: Item) -> int:
         if item.own is None:
             return KINDS.index(item.kind)
         if item.own not in self.kinds:
-            raise WorldError(f"{item.kind!r} is no kind of this world; name it in its kinds = (...)")
-        return OWN + self.kinds.index(item.own)
+            raise WorldError(f"unknown kind {item.kind!r}; name it in the world's kinds = (...)")
+        return fields.FIRST_OWN_KIND + self.kinds.index(item.own)
 
     def _draw(
         self, what: str, top: Place, size: Place | None, reject: Callable[[int, int], bool] | None, tries: int
     ) -> Place:
         size = size or (self.width, self.height)
-        read_words(self._np_random, self._words)
+        read_rng_state(self._np_random, self._rng_state)
         for _ in range(tries):
-            x, y = verbs.draw_place(self._row, self._words, *top, *size, verbs.FOR_EVER)
+            x, y = placement.draw_place(self._row, self._rng_state, *top, *size, placement.UNLIMITED_TRIES)
             if x < 0 or reject is None or not reject(x, y):
                 break
         else:
             x = -1
-        write_words(self._words, self._np_random)
+        write_rng_state(self._rng_state, self._np_random)
         if x < 0:
-            self._row[FAILED] = 0
+            self._row[fields.FAILED] = 0
             raise WorldError(
                 f"no free cell for the {what} in the {size[0]} x {size[1]} cells from {top}; give it a larger rectangle"
             )
@@ -156,3 +213,69 @@ class Layout:
     def _check(self, x: int, y: int) -> None:
         if not (0 <= x < self.width and 0 <= y < self.height):
             raise WorldError(f"cell ({x}, {y}) is outside the grid of {self.width} x {self.height} cells")
+
+
+AGENT = (">>", "vv", "<<", "^^")  # by direction
+COLOUR_LETTERS = "rgbpy-"  # by colour number
+KIND_LETTERS = {"wall": "W", "floor": "F", "key": "K", "ball": "A", "box": "B", "goal": "G", "lava": "V"}
+DOOR_LETTERS = {"open": "O", "closed": "D", "locked": "L"}
+
+
+def to_text(state: State, kinds: Sequence[ObjectKind] = ()) -> str:
+    """A diagram of the grid."""
+    lines = []
+    for y in range(state.height):
+        cells = [_cell(int(state.cells[x, y]), kinds) for x in range(state.width)]
+        if state.position[1] == y:
+            cells[state.position[0]] = AGENT[state.direction]
+        lines.append("".join(cells))
+    return "\n".join(lines)
+
+
+def from_text(diagram: str, grid: Layout) -> None:
+    """Lay a diagram out: one line per row, from the top left cell. Call it in a world's ``layout``.
+
+    Raises:
+        WorldError: if a cell's two characters mean nothing, naming its column and row, or the diagram is too large.
+    """
+    for y, line in enumerate(diagram.splitlines()):
+        for x in range(0, len(line), 2):
+            cell = line[x : x + 2].ljust(2)
+            if cell in AGENT:
+                grid.put_agent(x // 2, y, AGENT.index(cell))
+            elif cell != "  ":
+                grid.put(_item(cell, x // 2, y, grid.kinds), x // 2, y)
+
+
+def _cell(code: int, kinds: Sequence[ObjectKind]) -> str:
+    if kind_of(code) == EMPTY:
+        return "  "
+    if code == GREY_WALL:
+        return "WW"
+    colour = COLOUR_LETTERS[colour_of(code)]
+    if kind_of(code) >= fields.FIRST_OWN_KIND:
+        own = kinds[kind_of(code) - fields.FIRST_OWN_KIND]
+        return (own.letter.lower() if own.opens and state_of(code) == OPEN else own.letter) + colour
+    kind = KINDS[kind_of(code)]
+    letter = DOOR_LETTERS[DOOR_STATES[state_of(code)]] if kind == "door" else KIND_LETTERS[kind]
+    return letter + colour
+
+
+def _item(cell: str, x: int, y: int, kinds: Sequence[ObjectKind]) -> Item:
+    if cell == "WW":
+        return Item("wall", "grey")
+    letter, colour = cell[0], cell[1]
+    if colour in COLOUR_LETTERS:
+        name = COLOURS[COLOUR_LETTERS.index(colour)]
+        for state, door in DOOR_LETTERS.items():
+            if letter == door:
+                return Item("door", name, state)
+        for kind, other in KIND_LETTERS.items():
+            if letter == other:
+                return Item(kind, name)
+        for own in kinds:
+            if letter == own.letter or (own.opens and letter == own.letter.lower()):
+                return own(name, is_open=letter.islower())
+    raise WorldError(
+        f"unknown cell {cell!r} in column {x}, row {y} of the diagram; docs/grid-worlds.md lists the cells"
+    )

@@ -1,41 +1,78 @@
-"""The expert: shortest lists of actions on the real rules, turns counted."""
+"""The planner: shortest lists of actions on the real rules, turns counted, and bounds on their length.
+
+Among obstacles that move, it plans on how they will move by the world's own random stream. No player knows that stream:
+the plan is what could have been done, and nothing shorter could.
+"""
+
+import heapq
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import UNKNOWN, Bounds
-from minihuman.worlds.grid.core.cells import GOAL
-from minihuman.worlds.grid.core.chance import Words
-from minihuman.worlds.grid.core.directions import STEPS
+from minihuman.worlds.contract import UNKNOWN_BOUNDS, PathLengthBounds, actions_from_start
+from minihuman.worlds.grid.core import rewards
+from minihuman.worlds.grid.core import state as fields
+from minihuman.worlds.grid.core.cells import GOAL, STEPS
+from minihuman.worlds.grid.core.rewards import is_open
+from minihuman.worlds.grid.core.rng import RngState
+from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.search import FAR, FOUND, FULL, distances, search
-from minihuman.worlds.grid.core.state import OBJECTS, TARGET, TASK, State
-from minihuman.worlds.grid.core.tasks import (
-    DODGE,
-    FETCH,
-    FORWARD,
-    IN_ORDER,
-    INSTRUCTED,
-    LEFT,
-    MATCH,
-    OPEN_DOOR,
-    PICK,
-    PUT_NEAR,
-    REACH,
-    RIGHT,
-    STAND_BY,
-    is_open,
-)
-from minihuman.worlds.grid.dodging import among_obstacles
+from minihuman.worlds.grid.core.state import Row, State
+
+MAX_DODGING_STATES = 50_000  # a second or two
+MOST_BYTES = 200_000_000  # of states: fewer are looked at in a world that is very large
+
+
+def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int32]) -> list[int] | None:
+    """The shortest list of turns and steps to the goal; None if there is no way even without obstacles.
+
+    Args:
+        start: The state; it is not changed.
+        rng_state: Where the random stream is; it is not changed.
+        bound: For each pose at least how many actions the goal is away.
+
+    Raises:
+        WorldError: if the search gave up.
+    """
+    row = start.copy()
+    row[fields.MAX_STEPS], row[fields.STEP], row[fields.PHASE] = FAR, 0, fields.PLAYING
+    here = int(bound[row[fields.X], row[fields.Y], row[fields.DIRECTION]])
+    if here >= FAR:
+        return None
+    parents: list[tuple[int, int]] = [(-1, -1)]  # of each state: the one before, and the action between
+    most = min(MAX_DODGING_STATES, MOST_BYTES // row.nbytes)
+    waiting = [(here, 0, 0, row, rng_state.copy())]
+    seen = set()
+    while waiting:
+        _, minus_cost, number, row, stream = heapq.heappop(waiting)
+        for action in (rewards.FORWARD, rewards.LEFT, rewards.RIGHT):
+            after, drawn = row.copy(), stream.copy()
+            status, reward = act(after, action, drawn)
+            if reward > 0:
+                return actions_from_start(parents, number, action)
+            after[fields.STEP] = 0
+            known = after.tobytes() + drawn.tobytes()
+            if status != 0 or known in seen:
+                continue
+            seen.add(known)
+            parents.append((number, action))
+            if len(parents) > most:
+                raise WorldError(f"no path round the obstacles was found in {most} states; make the world smaller")
+            cost = 1 - minus_cost
+            left = int(bound[after[fields.X], after[fields.Y], after[fields.DIRECTION]])
+            heapq.heappush(waiting, (cost + left, -cost, len(parents) - 1, after, drawn))
+    return None
+
 
 FIRST_LIMIT = 1 << 12  # nodes of the first search; each next one may keep 16 times as many
-MOST_STATES = 1 << 18  # nodes after which a way need no longer be the shortest; half a second,
+MAX_EXACT_STATES = 1 << 18  # nodes after which a way need no longer be the shortest; half a second,
 MANY_OBJECTS = 32  # where there are no more things than this: with more, a node takes longer
-HURRIED = 2, 5, 3  # how many times the bound counts then, one after the other
+FAST_PLAN_STATES = 2, 5, 3  # how many times the bound counts then, one after the other
 
 
-def way(state: State, words: Words) -> list[int] | None:
-    """A list of actions that succeeds: the shortest, or where that takes too long to find, one a little longer.
+def shortest_path(state: State, rng_state: RngState) -> list[int] | None:
+    """A list of actions that succeeds: the shortest, or a little longer where that would take too long to find.
 
     None if there is none.
 
@@ -43,35 +80,35 @@ def way(state: State, words: Words) -> list[int] | None:
         WorldError: if no such list was found in some seconds either.
     """
     try:
-        return plan(state, words, limit=_most_states(state))
+        return plan(state, rng_state, limit=_most_states(state))
     except WorldError:
-        if state.row[TASK] in (DODGE, INSTRUCTED):
+        if state.row[fields.TASK] in (rewards.DODGE, rewards.INSTRUCTED):
             raise
-    return _in_a_hurry(state, *_relaxed(state))
+    return _fast_plan(state, *_relaxed(state))
 
 
-def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> list[int] | None:
+def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 20) -> list[int] | None:
     """The shortest list of actions that succeeds from this state, which is not changed; None if there is none.
 
-    The step limit is not looked at. Doors, keys, boxes and things in the way are dealt with by search, which is
+    The step limit is ignored. Doors, keys, boxes and obstacles are handled by search, which is
     exact and grows with the number of things that can be moved. Instructions are planned clause by clause, which
-    need not be the shortest: ``instructions.planner`` says how short it can be at best.
+    need not be the shortest: ``babyai.expert`` says how short it can be at best.
 
     Args:
         state: Where to start.
-        words: Where the random stream is, by which obstacles move; it is not changed. Without it, they are not planned.
-        limit: States to look at before giving up; 2**20 take about a second and 200 MB.
+        rng_state: The random stream by which obstacles move; it is not changed. Without it, they are not planned.
+        limit: States to search before giving up; 2**20 take about a second and 200 MB.
 
     Raises:
-        WorldError: if the search gave up, or obstacles move and it is not known how.
+        WorldError: if the search gave up, or obstacles move and no stream is given.
     """
     row = state.row
-    if row[TASK] == INSTRUCTED:
-        return _do_as_told(state)
-    if row[TASK] == DODGE:
-        if words is None:
-            raise WorldError("obstacles move by chance in this world; no list of actions is sure to succeed")
-        return among_obstacles(row, words, _relaxed(state)[0])
+    if row[fields.TASK] == rewards.INSTRUCTED:
+        return _follow_instruction(state)
+    if row[fields.TASK] == rewards.DODGE:
+        if rng_state is None:
+            raise WorldError("obstacles move at random in this world, so no fixed list of actions is sure to succeed")
+        return plan_among_obstacles(row, rng_state, _relaxed(state)[0])
     poses, extra = _nearest(state)
     sources = _numbers(state, poses)
     if len(sources) == 0:
@@ -80,7 +117,7 @@ def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> l
     here = (*state.position, state.direction)
     if bound[here] >= FAR:
         return None
-    if row[TASK] == REACH:
+    if row[fields.TASK] == rewards.REACH:
         walking = distances(row, sources, False)
         if walking[here] == bound[here]:
             return descend(walking, *here)
@@ -92,54 +129,56 @@ def plan(state: State, words: Words | None = None, *, limit: int = 1 << 20) -> l
         if outcome != FULL:
             return None
         if allowed == limit:
-            raise WorldError(f"no plan among the first {limit} states; give plan() a larger limit, or a smaller world")
+            raise WorldError(
+                f"no plan was found in the first {limit} states; give plan() a larger limit, or make the world smaller"
+            )
         allowed = min(16 * allowed, limit)
 
 
-def _do_as_told(state: State) -> list[int] | None:
-    from minihuman.worlds.grid.instructions.planner import plan_instruction  # compiled: only where it is used
+def _follow_instruction(state: State) -> list[int] | None:
+    from minihuman.worlds.grid.babyai.expert import plan_instruction  # compiled: only where it is used
 
     way = plan_instruction(state.row)
     if not way.found and not way.unsolvable:
-        raise WorldError("no plan was found for this instruction in the states looked at; there may be one")
+        raise WorldError("no plan for this instruction was found in the states searched, though one may exist")
     return list(way.actions) if way.found else None
 
 
-def _bounds_as_told(state: State) -> Bounds:
-    from minihuman.worlds.grid.instructions.planner import plan_instruction
+def _instruction_bounds(state: State) -> PathLengthBounds:
+    from minihuman.worlds.grid.babyai.expert import plan_instruction
 
     way = plan_instruction(state.row)
-    return UNKNOWN if way.unsolvable else Bounds(way.at_least, len(way.actions) if way.found else None)
+    return UNKNOWN_BOUNDS if way.unsolvable else PathLengthBounds(way.at_least, len(way.actions) if way.found else None)
 
 
-def bounds(state: State, words: Words) -> Bounds:
-    """How many actions success takes: the shortest list's number, or from the least there can be to what was found."""
-    if state.row[TASK] == INSTRUCTED:
-        return _bounds_as_told(state)
+def path_length_bounds(state: State, rng_state: RngState) -> PathLengthBounds:
+    """How many actions success takes: the shortest list's length, or a lower bound and the length of one found."""
+    if state.row[fields.TASK] == rewards.INSTRUCTED:
+        return _instruction_bounds(state)
     table, extra = _relaxed(state)
     at_least = int(table[(*state.position, state.direction)]) + extra
     try:
-        exact = plan(state, words, limit=_most_states(state))
-        return UNKNOWN if exact is None else Bounds(len(exact), len(exact))
+        exact = plan(state, rng_state, limit=_most_states(state))
+        return UNKNOWN_BOUNDS if exact is None else PathLengthBounds(len(exact), len(exact))
     except WorldError:
         pass
     try:
-        found = None if state.row[TASK] == DODGE else _in_a_hurry(state, table, extra)
-        return Bounds(at_least, None if found is None else len(found))
+        found = None if state.row[fields.TASK] == rewards.DODGE else _fast_plan(state, table, extra)
+        return PathLengthBounds(at_least, None if found is None else len(found))
     except WorldError:
-        return Bounds(at_least)
+        return PathLengthBounds(at_least)
 
 
-def _in_a_hurry(state: State, table: NDArray[np.int32], extra: int) -> list[int] | None:
-    for weight in HURRIED:
+def _fast_plan(state: State, table: NDArray[np.int32], extra: int) -> list[int] | None:
+    for weight in FAST_PLAN_STATES:
         outcome, actions = search(state.row, table, extra, _most_states(state), np.zeros(6, np.uint64), weight)
         if outcome != FULL:
             return actions.tolist() if outcome == FOUND else None
-    raise WorldError("no way was found to what is asked for; make the world smaller, or its movable things fewer")
+    raise WorldError("no path to the target was found; make the world smaller, or its movable objects fewer")
 
 
 def _most_states(state: State) -> int:
-    return MOST_STATES * MANY_OBJECTS // max(MANY_OBJECTS, int(state.row[OBJECTS]))
+    return MAX_EXACT_STATES * MANY_OBJECTS // max(MANY_OBJECTS, int(state.row[fields.OBJECTS]))
 
 
 def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
@@ -150,34 +189,34 @@ def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
 
 
 def _relaxed(state: State) -> tuple[NDArray[np.int32], int]:
-    """At least how many actions each pose is away from the last ones of a plan, and how many those are."""
+    """For each pose a lower bound on the actions to a plan's last ones, and how many those are."""
     poses, extra = _nearest(state)
     return distances(state.row, _numbers(state, poses), True), extra
 
 
 def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
-    """Poses of which one must be reached, and how many actions at least follow."""
+    """Poses of which one must be reached, and at least how many actions follow."""
     row = state.row
-    task, target = int(row[TASK]), row[TARGET : TARGET + 4].tolist()
+    task, target = int(row[fields.TASK]), row[fields.TARGET : fields.TARGET + 4].tolist()
     kinds, colours = state.kinds, state.colours
-    if task in (REACH, DODGE):
+    if task in (rewards.REACH, rewards.DODGE):
         return _standing(np.argwhere(kinds == GOAL)), 0
-    if task == MATCH:
+    if task == rewards.MATCH:
         return _standing(np.array([target[:2]])), 0
-    if task == STAND_BY:
+    if task == rewards.STAND_BY:
         return _standing(np.add(target[:2], ((1, 0), (-1, 0), (0, 1), (0, -1)))), 1
-    if task == PICK:
-        found = np.argwhere(state.cells >> 9 == target[0])
+    if task == rewards.PICK:
+        found = np.argwhere(state.identities == target[0])
         return (facing(found), 1) if len(found) else (_anywhere(state), 0)
-    if task == FETCH:
+    if task == rewards.FETCH:
         return facing(np.argwhere((kinds == target[0]) & (colours == target[1]))), 1
-    if task == OPEN_DOOR:
+    if task == rewards.OPEN_DOOR:
         return facing(np.array([target[:2]])), 1
-    if task == IN_ORDER and not is_open(row, *target[:2]):
+    if task == rewards.IN_ORDER and not is_open(row, *target[:2]):
         return facing(np.array([target[:2]])), 2
-    if task == IN_ORDER:
+    if task == rewards.IN_ORDER:
         return facing(np.array([target[2:]])), 1
-    assert task == PUT_NEAR
+    assert task == rewards.PUT_NEAR
     return _anywhere(state), 0
 
 
@@ -209,9 +248,9 @@ def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[in
     while steps[x, y, direction] > 0:
         dx, dy = STEPS[direction]
         choices = {
-            FORWARD: (x + dx, y + dy, direction),
-            LEFT: (x, y, (direction + 3) % 4),
-            RIGHT: (x, y, (direction + 1) % 4),
+            rewards.FORWARD: (x + dx, y + dy, direction),
+            rewards.LEFT: (x, y, (direction + 3) % 4),
+            rewards.RIGHT: (x, y, (direction + 1) % 4),
         }
         for action, pose in choices.items():
             inside = 0 <= pose[0] < len(steps) and 0 <= pose[1] < steps.shape[1]

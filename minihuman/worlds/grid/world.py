@@ -1,34 +1,34 @@
-"""GridWorld: the class to write your own grid world with. `docs/grid-worlds.md` writes one in fifteen lines."""
+"""GridWorld: the class to subclass for a grid world of your own. `docs/grid-worlds.md` writes one in fifteen lines."""
 
 import abc
 from typing import Any, ClassVar
 
+from minihuman.worlds.grid.babyai.binding import instruct
 from minihuman.worlds.grid.core.state import OVER, PHASE, PLAYING
 from minihuman.worlds.grid.engine import GridEngine
-from minihuman.worlds.grid.instructions.placing import instruct
 from minihuman.worlds.grid.layout import Layout
 
 
 class GridWorld(GridEngine, abc.ABC):
     """A grid world laid out in plain Python; what an action does and what the agent sees is compiled.
 
-    A subclass writes `layout`, and `judge` if goal, lava and the tasks of ``tasks`` are not what it is about.
+    A subclass writes `layout`, and `reward_and_done` unless it is about goal, lava or a task of `rewards`.
     """
 
     own_steps: ClassVar[bool] = True  # of an instruction: judge each part by its own steps
     done_required: ClassVar[bool] = False  # a clause ends when "done" is said right after it was done
-    _judges: ClassVar[bool] = False
+    _has_own_reward: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Note whether the subclass judges its steps itself."""
+        """Note whether the subclass has a reward of its own."""
         super().__init_subclass__(**kwargs)
-        cls._judges = cls.judge is not GridWorld.judge
+        cls._has_own_reward = cls.reward_and_done is not GridWorld.reward_and_done
 
     @abc.abstractmethod
     def layout(self, grid: Layout) -> None:
         """Lay out an episode on an empty grid. It places the agent."""
 
-    def judge(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
+    def reward_and_done(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
         """Reward and end of a step that was made, given what goal, lava and task say.
 
         It may change the world (through ``self.state``); the observation is taken afterwards.
@@ -45,7 +45,7 @@ class GridWorld(GridEngine, abc.ABC):
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
-        if not self._judges:
+        if not self._has_own_reward:
             return super().step(action)
         reward, terminated, truncated = self.advance(action)
         return self.observation(), reward, terminated, truncated, {}
@@ -53,9 +53,9 @@ class GridWorld(GridEngine, abc.ABC):
     def advance(self, action: int) -> tuple[float, bool, bool]:
         """A step without its observation: reward, terminated, truncated."""
         reward, terminated, truncated = super().advance(action)
-        if self._judges:
-            reward, terminated = self.judge(int(action), reward, terminated)
+        if self._has_own_reward:
+            reward, terminated = self.reward_and_done(int(action), reward, terminated)
             self._row[PHASE] = OVER if terminated or truncated else PLAYING
         return float(reward), bool(terminated), truncated
 
-    way, bounds = GridEngine.way, GridEngine.bounds
+    shortest_path, path_length_bounds = GridEngine.shortest_path, GridEngine.path_length_bounds

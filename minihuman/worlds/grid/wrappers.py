@@ -1,13 +1,15 @@
-"""Wrappers: other observations, noisy actions and exploration bonuses for grid worlds.
+"""Wrappers for grid worlds: other observations, noisy actions, exploration bonuses, fixed layouts, no death, tokens.
 
-Where Gymnasium has a wrapper there is none here: the image alone is ``TransformObservation(env, itemgetter("image"),
-env.observation_space["image"])``, repeated actions are ``StickyAction``. Each wrapper declares the space its
-observations lie in. What they compute is what Minigrid's of the same purpose compute, drawings apart.
+Where Gymnasium has a wrapper there is none here: the image alone is `TransformObservation(env, itemgetter("image"),
+env.observation_space["image"])`, repeated actions are `StickyAction`. Each wrapper declares the space of its
+observations. They compute what Minigrid's of the same purpose compute, drawings apart. `Tokens` gives missions as
+numbers of words, for libraries that know no text.
 """
 
 import abc
 import math
 from collections import Counter
+from collections.abc import Iterable
 from typing import Any, Literal
 
 import gymnasium
@@ -16,12 +18,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.colours import COLOURS
 from minihuman.worlds.contract import View
-from minihuman.worlds.grid.art.palettes import GridPalette
-from minihuman.worlds.grid.art.pictures import draw
-from minihuman.worlds.grid.core.cells import AGENT, COLOURS, DOOR_STATES, EMPTY, GOAL, KINDS
+from minihuman.worlds.grid.core.cells import AGENT, DOOR_STATES, EMPTY, GOAL, KINDS, kind_of
+from minihuman.worlds.grid.core.rewards import FORWARD, cell_in_front
+from minihuman.worlds.grid.core.state import OVER, PHASE, PLAYING, STEP, X, Y
 from minihuman.worlds.grid.core.view import see_all, see_size
 from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.missions import Sentences, words_in
+from minihuman.worlds.grid.pictures.drawing import draw_grid
+from minihuman.worlds.grid.pictures.tiles import GridPalette
 
 Observation = dict[str, Any]
 Step = tuple[Any, float, bool, bool, dict[str, Any]]
@@ -35,11 +41,11 @@ def grid_of(env: Env) -> GridEngine:
         WorldError: if there is none.
     """
     if not isinstance(env.unwrapped, GridEngine):
-        raise WorldError(f"{env} is no grid world of ours; make one of minihuman/MiniGrid-...")
+        raise WorldError(f"{env} is not a grid world of minihuman; make one of minihuman/MiniGrid-...")
     return env.unwrapped
 
 
-class NewImage(gymnasium.ObservationWrapper[Observation, int, Observation], abc.ABC):
+class ImageWrapper(gymnasium.ObservationWrapper[Observation, int, Observation], abc.ABC):
     """Base of wrappers that put another image into the observation."""
 
     def __init__(self, env: Env, space: spaces.Box) -> None:
@@ -56,7 +62,7 @@ class NewImage(gymnasium.ObservationWrapper[Observation, int, Observation], abc.
         return {**observation, "image": self.image(observation)}
 
 
-class Pictures(NewImage):
+class PictureObservation(ImageWrapper):
     """Pixels: the agent's view or the whole world, ``tile_px`` on a side of a cell, uint8[H, W, 3]."""
 
     def __init__(
@@ -69,7 +75,7 @@ class Pictures(NewImage):
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
         """The picture."""
-        return draw(
+        return draw_grid(
             self.grid.state.row,
             view=self.view,
             view_size=self.grid.image_shape[0],
@@ -80,7 +86,7 @@ class Pictures(NewImage):
         )
 
 
-class OneHot(NewImage):
+class OneHot(ImageWrapper):
     """The image's kinds, colours and states as zeros and ones, uint8[size, size, 11 + 6 + 3].
 
     A world with kinds of its own has so many more.
@@ -99,7 +105,7 @@ class OneHot(NewImage):
         return np.concatenate([eye[part] for eye, part in zip(hot, (kinds, colours, states), strict=True)], axis=-1)
 
 
-class FullyObserved(NewImage):
+class FullyObserved(ImageWrapper):
     """The whole grid instead of the view, uint8[width, height, 3]: kind, colour, state (of the agent: direction)."""
 
     def __init__(self, env: Env) -> None:
@@ -114,7 +120,7 @@ class FullyObserved(NewImage):
         return image
 
 
-class Symbolic(NewImage):
+class Symbolic(ImageWrapper):
     """The whole grid as symbols, int64[width, height, 3]: column, row, kind; -1 for an empty cell."""
 
     def __init__(self, env: Env) -> None:
@@ -135,7 +141,7 @@ class Symbolic(NewImage):
         return np.stack([columns, rows, kinds], axis=-1)
 
 
-class ViewSize(NewImage):
+class ViewSize(ImageWrapper):
     """The agent's view with another number of cells on a side, odd, 3 to 61."""
 
     def __init__(self, env: Env, size: int = 7) -> None:
@@ -173,11 +179,15 @@ class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
 
     def _spell(self, mission: str) -> NDArray[np.uint8]:
         if len(mission) > self.letters:
-            raise WorldError(f"mission {mission!r} has {len(mission)} letters; make Flat(env, letters={len(mission)})")
+            raise WorldError(
+                f"mission {mission!r} has {len(mission)} characters; use Flat(env, letters={len(mission)})"
+            )
         spelt = np.zeros((self.letters, len(self.ALPHABET)), np.uint8)
         for place, letter in enumerate(mission.lower()):
             if letter not in self.ALPHABET:
-                raise WorldError(f"mission {mission!r} has the letter {letter!r}; Flat spells a to z, space and comma")
+                raise WorldError(
+                    f"mission {mission!r} has the character {letter!r}; Flat spells a to z, space and comma"
+                )
             spelt[place, self.ALPHABET.index(letter)] = 1
         return spelt.ravel()
 
@@ -196,7 +206,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         super().__init__(env)
         bounds = {"slope": np.inf, "angle": np.pi / 2, "angle_atan2": np.pi}
         if measure not in bounds:
-            raise WorldError(f"{measure!r} is no measure of direction; there are {', '.join(bounds)}")
+            raise WorldError(f"unknown measure {measure!r} of direction; use one of {', '.join(bounds)}")
         self.grid, self.measure = grid_of(env), measure
         space = spaces.Box(-bounds[measure], bounds[measure], (), np.float64)
         self.observation_space = spaces.Dict({**_parts(env), "goal_direction": space})
@@ -206,7 +216,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         state = self.grid.state
         goals = np.argwhere(state.kinds.T == GOAL)
         if len(goals) == 0:
-            raise WorldError(f"{self.grid} has no goal to point to; GoalDirection is for worlds with one")
+            raise WorldError(f"{self.grid} has no goal to point to; GoalDirection needs a world with one")
         right, down = goals[0, 1] - state.position[0], goals[0, 0] - state.position[1]
         if self.measure == "angle_atan2" or (right == 0 and down == 0):
             direction = math.atan2(down, right)
@@ -217,7 +227,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
 
 
 class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
-    """Does what it is told with probability ``prob``, otherwise ``random_action``; None draws an action."""
+    """Does the action with probability ``prob``, otherwise ``random_action``; None draws one."""
 
     def __init__(self, env: Env, prob: float = 0.9, random_action: int | None = None) -> None:
         super().__init__(env)
@@ -233,10 +243,10 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
         return int(self.np_random.integers(self.action_space.n)) if self.random_action is None else self.random_action
 
 
-class Bonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
+class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
     """Base of wrappers that add ``scale / sqrt(n)`` to the reward the n-th time something happens, in any episode.
 
-    A person's episodes each begin with counts of 0, as every episode of theirs can be played again by itself.
+    In a session each episode begins with counts of 0, so that it can be replayed by itself.
     """
 
     def __init__(self, env: Env, scale: float = 1.0) -> None:
@@ -257,7 +267,7 @@ class Bonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
         return observation, float(reward) + bonus, terminated, truncated, info
 
 
-class PositionBonus(Bonus):
+class PositionBonus(ExplorationBonus):
     """A bonus for cells seldom visited."""
 
     def happened(self, action: int) -> tuple[Any, ...]:
@@ -265,7 +275,7 @@ class PositionBonus(Bonus):
         return self.grid.state.position
 
 
-class ActionBonus(Bonus):
+class ActionBonus(ExplorationBonus):
     """A bonus for what is seldom done: an action that ends in a cell and direction."""
 
     def happened(self, action: int) -> tuple[Any, ...]:
@@ -276,5 +286,139 @@ class ActionBonus(Bonus):
 def _parts(env: Env) -> dict[str, spaces.Space[Any]]:
     space = env.observation_space
     if not isinstance(space, spaces.Dict):
-        raise WorldError(f"{env} observes {space}; wrap it before its image, direction and mission are taken apart")
+        raise WorldError(
+            f"{env} observes {space}; apply this wrapper before any that takes image, direction and mission apart"
+        )
     return dict(space.spaces)
+
+
+class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
+    """Resets with the given seeds, one after the other, over and over: layouts that are fixed.
+
+    Args:
+        env: Any environment.
+        seeds: One or more.
+        first: The place of the first reset's seed among them.
+    """
+
+    def __init__(self, env: Env, seeds: Iterable[int] = (0,), *, first: int = 0) -> None:
+        super().__init__(env)
+        self.seeds = tuple(seeds)
+        if not self.seeds or any(isinstance(seed, bool) or not isinstance(seed, int) for seed in self.seeds):
+            raise WorldError(f"seeds are {self.seeds!r}; give one or more whole numbers")
+        self._next = first % len(self.seeds)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode with the next seed.
+
+        Raises:
+            WorldError: if another seed is given.
+        """
+        mine = self.seeds[self._next]
+        if seed is not None and seed != mine:
+            raise WorldError(f"seed is {seed}, but Seeds resets with {mine} next; call reset() without a seed")
+        self._next = (self._next + 1) % len(self.seeds)
+        return self.env.reset(seed=mine, options=options)
+
+
+class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
+    """What would end the episode without success does not: it costs something and the agent stays where it was.
+
+    Args:
+        env: A grid world.
+        types: What does not kill: "lava", and whatever else ends an episode when the agent walks into it.
+        cost: Added to the reward each time; 0 or less.
+    """
+
+    def __init__(self, env: Env, types: Iterable[str] = ("lava",), cost: float = -1.0) -> None:
+        super().__init__(env)
+        self.grid, self.types, self.cost = grid_of(env), tuple(types), cost
+        for name in self.types:
+            if name not in KINDS:
+                raise WorldError(f"unknown kind {name!r}; use one of {', '.join(KINDS)}")
+        if cost > 0:
+            raise WorldError(f"cost is {cost!r}; it must be 0 or less")
+
+    def step(self, action: int) -> Step:
+        """Act; walking into what is named costs, and is undone."""
+        row = self.grid.state.row
+        x, y = cell_in_front(row)
+        inside = 0 <= x < self.grid.state.width and 0 <= y < self.grid.state.height
+        deadly = inside and KINDS[kind_of(int(self.grid.state.cells[x, y]))] in self.types
+        place = int(row[X]), int(row[Y])
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if not (terminated and deadly and action == FORWARD and float(reward) <= 0):
+            return observation, float(reward), terminated, truncated, info
+        row[X], row[Y] = place
+        row[PHASE] = OVER if truncated else PLAYING
+        assert row[STEP] > 0
+        observation = _observed(self.env)
+        return observation, float(reward) + self.cost, False, truncated, info
+
+
+def _observed(env: Any) -> Any:
+    """What an environment with its wrappers would observe now."""
+    if isinstance(env, GridEngine):
+        return env.observation()
+    inner = _observed(env.env)
+    return env.observation(inner) if isinstance(env, gymnasium.ObservationWrapper) else inner
+
+
+MAX_TOKEN_KINDS = 16  # what a cell's number has room for
+PADDING = 0  # the token after a mission's last word
+
+
+class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
+    """The mission as one number per word, int64[length], zeros behind it; word ``words[i]`` is number ``i + 1``.
+
+    Cells in the observation's image are declared as numbers of kinds, colours and states, so that no library
+    takes them for pixels. ``PPO("MultiInputPolicy", Tokens(env))`` of Stable-Baselines3 learns on it.
+
+    Args:
+        env: An environment that observes a ``mission``.
+        words: The words that have numbers; None for those of the world's own missions. Give the same words to worlds
+            that one agent is to play.
+        length: Words of the longest mission; None for the longest that the world's missions may be.
+    """
+
+    def __init__(
+        self, env: gymnasium.Env[dict[str, Any], int], *, words: Iterable[str] | None = None, length: int | None = None
+    ) -> None:
+        super().__init__(env)
+        seen = env.observation_space
+        mission = seen.get("mission") if isinstance(seen, spaces.Dict) else None
+        if not isinstance(seen, spaces.Dict) or not isinstance(mission, Sentences):
+            raise WorldError(f"{env} observes {seen}; Tokens needs an observation with a mission")
+        self.words = mission.words if words is None else tuple(dict.fromkeys(words))
+        self._number = {word: number for number, word in enumerate(self.words, 1)}
+        self.length = max(1, mission.most_words if length is None else length)
+        tokens = spaces.Box(PADDING, max(1, len(self.words)), (self.length,), np.int64)
+        others: dict[str, spaces.Space[Any]] = {**seen.spaces, "mission": tokens}
+        world = env.unwrapped
+        if isinstance(world, GridEngine) and seen["image"] is dict(world.observation_space)["image"]:  # type: ignore[call-overload]
+            highest = np.empty(world.image_shape, np.uint8)
+            highest[...] = MAX_TOKEN_KINDS - 1, len(COLOURS) - 1, max(len(DOOR_STATES), 4) - 1
+            others["image"] = spaces.Box(np.zeros_like(highest), highest, dtype=np.uint8)
+        self.observation_space = spaces.Dict(others)
+
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """The observation with the mission in tokens."""
+        return {**observation, "mission": self.tokens(observation["mission"])}
+
+    def tokens(self, mission: str) -> NDArray[np.int64]:
+        """A sentence in tokens.
+
+        Raises:
+            WorldError: if it has a word without a number, or too many words.
+        """
+        said = words_in(mission)
+        if len(said) > self.length:
+            raise WorldError(f"mission {mission!r} has {len(said)} words; use Tokens(env, length={len(said)})")
+        tokens = np.full(self.length, PADDING, np.int64)
+        for place, word in enumerate(said):
+            if word not in self._number:
+                raise WorldError(
+                    f"mission {mission!r} contains {word!r}, which Tokens does not know: only {', '.join(self.words)}"
+                )
+            tokens[place] = self._number[word]
+        return tokens

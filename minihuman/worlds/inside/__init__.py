@@ -1,1 +1,1 @@
-"""A grid from inside: the grid's rules, a first-person picture."""
+"""A grid from inside: the grid's rules with a first-person picture."""

@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from minihuman.log.read.chunk import cut
-from minihuman.log.read.scan import Scan
+from minihuman.log.salvage.chunk import split_chunk
+from minihuman.log.salvage.scan import LogScanner
 from tests.log.played import record
 from tests.log.samples import session_events, session_plan
 
@@ -15,7 +15,7 @@ from tests.log.samples import session_events, session_plan
 def data(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     plan = session_plan(episodes=2)
     log = record(tmp_path_factory.mktemp("data"), plan, session_events(plan, steps=5))
-    return max((record.data for record in Scan(log).records() if hasattr(record, "by_topic")), key=len)
+    return max((record.data for record in LogScanner(log).records() if hasattr(record, "by_topic")), key=len)
 
 
 def index(*places: int) -> bytes:
@@ -23,20 +23,20 @@ def index(*places: int) -> bytes:
 
 
 def test_a_chunk_is_cut_alike_with_its_index_and_without(data: bytes) -> None:
-    walked = cut(data, [])
+    walked = split_chunk(data, [])
     starts = walked.starts.tolist()
     assert len(starts) > 20
-    assert [opcode for opcode, _ in walked.others].count(4) > 3  # channels
+    assert [opcode for opcode, _ in walked.other_records].count(4) > 3  # channels
     for given in ([index(*starts)], [index(*starts[::2]), index(*starts[1::2])], [index(*starts[5:9])]):
-        again = cut(data, given)
+        again = split_chunk(data, given)
         assert np.array_equal(again.starts, walked.starts)
         assert np.array_equal(again.heads, walked.heads)
-        assert again.others == walked.others
+        assert again.other_records == walked.other_records
 
 
 @pytest.mark.parametrize("wrong", ["early", "late", "twice", "beyond", "negative", "cut", "empty"])
 def test_an_index_that_does_not_fit_is_passed_over(data: bytes, wrong: str) -> None:
-    starts = cut(data, []).starts.tolist()
+    starts = split_chunk(data, []).starts.tolist()
     given = {
         "early": index(*starts[:-1], starts[-1] - 1),
         "late": index(starts[0] + 3, *starts[1:]),
@@ -46,10 +46,10 @@ def test_an_index_that_does_not_fit_is_passed_over(data: bytes, wrong: str) -> N
         "cut": index(*starts)[:-5],
         "empty": b"",
     }
-    assert cut(data, [given[wrong]]).starts.tolist() == starts
+    assert split_chunk(data, [given[wrong]]).starts.tolist() == starts
 
 
 def test_bytes_that_are_no_records_are_refused(data: bytes) -> None:
-    starts = cut(data, []).starts.tolist()
-    with pytest.raises(ValueError, match="a record runs past its chunk's end"):
-        cut(data[:-1], [index(*starts)])
+    starts = split_chunk(data, []).starts.tolist()
+    with pytest.raises(ValueError, match="a record extends past the end of its chunk"):
+        split_chunk(data[:-1], [index(*starts)])

@@ -5,11 +5,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from minihuman.admin.session_summary import summarize_session
 from minihuman.errors import LogError
-from minihuman.lab.summarise import summarise
-from minihuman.log.read.glance import first_facts, glance
-from minihuman.log.read.open_log import open_log
-from minihuman.study.events import SessionEnded
+from minihuman.experiment.machine.events import SessionEnded
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.salvage.summary_section import read_first_metadata, read_summary
 from tests.log.played import record
 from tests.log.samples import session_events, session_plan
 
@@ -25,18 +25,18 @@ def resumed(data: Path) -> Path:
 @pytest.mark.parametrize("make", [lambda data: record(data, session_plan(), session_events(session_plan())), resumed])
 def test_a_summary_at_a_glance_is_the_one_read_message_by_message(tmp_path, monkeypatch, make):
     log = make(tmp_path)
-    quickly = summarise([log])
-    assert glance(log) is not None
-    monkeypatch.setattr("minihuman.lab.summarise.glance", lambda path: None)
-    assert quickly == summarise([log])
+    quickly = summarize_session([log])
+    assert read_summary(log) is not None
+    monkeypatch.setattr("minihuman.log.salvage.summary_section.read_summary", lambda path: None)
+    assert quickly == summarize_session([log])
     assert quickly.episodes_completed == 3
 
 
 def test_whose_session_it_is_is_known_from_the_first_kilobytes(tmp_path):
-    facts = first_facts(record(tmp_path, session_plan(), session_events(session_plan())))
+    facts = read_first_metadata(record(tmp_path, session_plan(), session_events(session_plan())))
     assert (facts["study"], facts["participant"], facts["session"]) == ("fourrooms", "sub-07", "1")
     (tmp_path / "empty.mcap").touch()
-    assert first_facts(tmp_path / "empty.mcap") == first_facts(tmp_path / "none.mcap") == {}
+    assert read_first_metadata(tmp_path / "empty.mcap") == read_first_metadata(tmp_path / "none.mcap") == {}
 
 
 def test_no_changed_byte_of_a_logs_summary_is_passed_over(tmp_path):
@@ -45,30 +45,30 @@ def test_no_changed_byte_of_a_logs_summary_is_passed_over(tmp_path):
     summary = len(whole) - summary_bytes(whole)
     for at in range(summary, len(whole), 97):
         log.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-        assert glance(log) is None
+        assert read_summary(log) is None
     for cut in (0, 3, len(whole) // 2, len(whole) - 1):
         log.write_bytes(whole[:cut])
-        assert glance(log) is None
-    assert glance(tmp_path / "none.mcap") is None
+        assert read_summary(log) is None
+    assert read_summary(tmp_path / "none.mcap") is None
 
 
 def test_what_is_changed_between_start_and_summary_is_left_to_who_reads_messages(tmp_path):
     log = record(tmp_path, session_plan(), session_events(session_plan()))
     whole = log.read_bytes()
-    said = glance(log)
+    said = read_summary(log)
     assert said is not None
     at = whole.index(b"zstd")  # within a chunk
     log.write_bytes(whole[: at + 40] + bytes([whole[at + 40] ^ 1]) + whole[at + 41 :])
-    assert glance(log) == said
+    assert read_summary(log) == said
     with pytest.raises(LogError, match="damaged"):
-        open_log(log)
+        read_log(log)
 
 
 def test_a_summary_longer_than_most_is_read_whole(tmp_path, monkeypatch):
     log = record(tmp_path, session_plan(), session_events(session_plan()))
-    said = glance(log)
-    monkeypatch.setattr("minihuman.log.read.glance._LAST_BYTES", 100)
-    assert glance(log) == said
+    said = read_summary(log)
+    monkeypatch.setattr("minihuman.log.salvage.summary_section._LAST_BYTES", 100)
+    assert read_summary(log) == said
 
 
 def summary_bytes(log: bytes) -> int:

@@ -14,14 +14,7 @@ from mcap.records import Metadata
 from mcap.writer import Writer
 
 from minihuman.errors import LogError
-from minihuman.log import topics
-from minihuman.log.read.chunk import LogMessage
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.read.scan import Scan
-from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.topics import SEGMENT_METADATA
-from minihuman.recorded.episode import pose_row
-from minihuman.study.events import (
+from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodeStarted,
     Event,
@@ -33,6 +26,13 @@ from minihuman.study.events import (
     SessionStarted,
     Stepped,
 )
+from minihuman.log import topics
+from minihuman.log.model.session_log import pose_as_row
+from minihuman.log.names import SEGMENT_METADATA
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.scan import LogScanner
 from tests.log.played import record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -46,7 +46,7 @@ def log(tmp_path: Path) -> Path:
 
 
 def test_a_session_reads_as_it_was_played(log: Path) -> None:
-    session = open_log(log)
+    session = read_log(log)
     assert session.plan == PLAN
     assert (session.player, session.clean, session.end_reason) == ("human", True, "complete")
     assert session.started_at == "2026-09-21T14:13:20.000000000Z"
@@ -58,7 +58,7 @@ def test_a_session_reads_as_it_was_played(log: Path) -> None:
 
 
 def test_an_episode_reads_as_columns_of_equal_length(log: Path) -> None:
-    episode = open_log(log).episodes[1]
+    episode = read_log(log).episodes[1]
     steps = [event for event in EVENTS if isinstance(event, Stepped) and event.episode == 1]
     assert episode.poses.shape == (21, 4)
     assert np.array_equal(episode.poses[0], [1, 0, 1, 0])
@@ -77,23 +77,23 @@ def test_a_live_file_reads_up_to_now(tmp_path: Path) -> None:
     recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     recorder.write(EVENTS[:30])
     recorder.drain()
-    session = open_log(recorder.where.part)
+    session = read_log(recorder.where.part)
     assert (session.clean, session.end_reason, session.episodes[0].outcome) == (False, "cut_off", None)
     assert list(read_events(recorder.where.part)) == EVENTS[:30]
     recorder.close()
 
 
 def test_a_session_folder_reads_as_its_session(log: Path) -> None:
-    assert len(open_log(log.parent).episodes) == 3
+    assert len(read_log(log.parent).episodes) == 3
 
 
 def test_a_path_may_be_text(log: Path) -> None:
-    assert open_log(str(log)).path == open_log(log).path
+    assert read_log(str(log)).path == read_log(log).path
 
 
 def test_reading_changes_nothing(log: Path) -> None:
     before = (log.read_bytes(), log.stat().st_mtime_ns)
-    open_log(log)
+    read_log(log)
     assert (log.read_bytes(), log.stat().st_mtime_ns) == before
     assert [path.name for path in log.parent.iterdir()] == [log.name]
 
@@ -103,7 +103,7 @@ def test_a_cut_off_finished_log_is_named(log: Path) -> None:
     for cut in (10, 1000, len(whole) // 2, len(whole) - 1):
         log.write_bytes(whole[:cut])
         with pytest.raises(LogError, match=r"sub-07_ses-01\.mcap is .*cut off (at byte|within its index)"):
-            open_log(log)
+            read_log(log)
 
 
 def test_a_damaged_finished_log_is_named(log: Path) -> None:
@@ -115,37 +115,37 @@ def test_a_damaged_finished_log_is_named(log: Path) -> None:
         damaged[at] ^= 1 << int(rng.integers(8))
         log.write_bytes(damaged)
         with pytest.raises(LogError, match=r"sub-07_ses-01\.mcap is (damaged|cut off)"):
-            open_log(log)
+            read_log(log)
 
 
 def test_an_empty_file_is_named(tmp_path: Path) -> None:
     empty = tmp_path / "empty.mcap"
     empty.touch()
-    with pytest.raises(LogError, match=r"empty\.mcap is empty; to keep what is whole"):
-        open_log(empty)
+    with pytest.raises(LogError, match=r"empty\.mcap is empty; to keep the intact part"):
+        read_log(empty)
     part = tmp_path / "empty.mcap.part"
     part.touch()
     with pytest.raises(LogError, match=r"empty\.mcap\.part holds no session plan"):
-        open_log(part)
+        read_log(part)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"none\.mcap cannot be opened: No such file"):
-        open_log(tmp_path / "none.mcap")
+        read_log(tmp_path / "none.mcap")
 
 
 def test_a_file_that_is_no_mcap_is_named(tmp_path: Path) -> None:
     text = tmp_path / "notes.mcap"
     text.write_text("dear diary")
     with pytest.raises(LogError, match=r"notes\.mcap is not a session log"):
-        open_log(text)
+        read_log(text)
 
 
 def test_another_programs_mcap_is_named(tmp_path: Path) -> None:
     foreign = tmp_path / "robot.mcap"
     _foreign(foreign, metadata=None)
     with pytest.raises(LogError, match=r"robot\.mcap is not a minihuman log"):
-        open_log(foreign)
+        read_log(foreign)
 
 
 @pytest.mark.parametrize("version", ["2", "2.1"])
@@ -153,15 +153,15 @@ def test_another_schema_version_is_refused_in_one_sentence(tmp_path: Path, versi
     other = tmp_path / "other.mcap"
     _foreign(other, metadata={"schema_version": version, "minihuman": "9.9"})
     with pytest.raises(LogError, match=rf"minihuman \(9\.9, log schema version {version}; .* up to 1\)"):
-        open_log(other)
+        read_log(other)
 
 
 @pytest.mark.parametrize("version", ["0", "one", "1.x"])
 def test_a_version_that_never_was_is_named(tmp_path: Path, version: str) -> None:
     other = tmp_path / "other.mcap"
     _foreign(other, metadata={"schema_version": version, "minihuman": "9.9"})
-    with pytest.raises(LogError, match=rf"log schema version {version}, which no minihuman has written"):
-        open_log(other)
+    with pytest.raises(LogError, match=rf"log schema version {version}, which is not a valid version"):
+        read_log(other)
 
 
 def _foreign(path: Path, *, metadata: dict[str, str] | None) -> None:
@@ -184,7 +184,7 @@ def test_a_second_segment_that_has_no_plan_yet_changes_nothing(log: Path) -> Non
     recorder.close()
     log = record(log.parents[3] / "other", PLAN, EVENTS)
     log.with_name(part.name).write_bytes(start)
-    session = open_log(log.parent)
+    session = read_log(log.parent)
     assert (session.clean, len(session.episodes)) == (True, 3)
 
 
@@ -192,7 +192,7 @@ def test_a_missing_step_is_named(tmp_path: Path) -> None:
     gap: list[Event] = [e for e in EVENTS if not (isinstance(e, Stepped) and (e.episode, e.step) == (1, 5))]
     log = record(tmp_path, PLAN, gap)
     with pytest.raises(LogError, match="episode 2 step 6 follows episode 2 step 4"):
-        open_log(log)
+        read_log(log)
 
 
 @pytest.mark.parametrize(("topic", "opens"), [(topics.STEP, False), (topics.KEY, False), (topics.FRAME, True)])
@@ -201,18 +201,18 @@ def test_a_message_that_cannot_be_read_is_named(log: Path, tmp_path: Path, topic
     foreign = tmp_path / "foreign.mcap.part"
     with foreign.open("wb") as file:
         _with_garbage(log, topic, file)
-    with pytest.raises(LogError, match=f"a message on {topic} cannot be read: .* is cut off"):
-        list(open_log(foreign).episodes[1].frames)
+    with pytest.raises(LogError, match=f"a message on {topic} cannot be read: .* is truncated"):
+        list(read_log(foreign).episodes[1].frames)
     if opens:
-        assert len(open_log(foreign).episodes[1].frames) == 20
+        assert len(read_log(foreign).episodes[1].frames) == 20
     else:
         with pytest.raises(LogError):
-            open_log(foreign)
+            read_log(foreign)
 
 
 def _with_garbage(log: Path, topic: str, file: BinaryIO) -> None:
     """The same log, but one message on a topic is cut off."""
-    scan, writer = Scan(log), Writer(file)
+    scan, writer = LogScanner(log), Writer(file)
     writer.start()
     channels: dict[str, int] = {}
     for message in scan:
@@ -231,11 +231,11 @@ def _with_garbage(log: Path, topic: str, file: BinaryIO) -> None:
 
 def test_a_folder_with_no_session_or_several_is_named(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="holds 0 session logs"):
-        open_log(tmp_path)
+        read_log(tmp_path)
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).touch()
     with pytest.raises(LogError, match="holds 2 session logs"):
-        open_log(tmp_path)
+        read_log(tmp_path)
 
 
 def in_session_time(events: Iterable[Event], starts_ns: list[int]) -> Iterator[Event]:
@@ -260,7 +260,7 @@ def test_columns_hold_what_the_events_say(tmp_path: Path) -> None:
     record(tmp_path, PLAN, first[: cut + 1])
     again = msgspec.structs.replace(session_plan(episodes=3, segment=2), first_episode=1)
     log = record(tmp_path, again, session_events(again, steps=6))
-    session = open_log(log)
+    session = read_log(log)
     events = list(in_session_time(read_events(log), [segment.start_ns for segment in session.segments]))
     assert list(session.keys) == [event for event in events if isinstance(event, KeyPressed)]
     assert [episode.segment for episode in session.episodes] == [1, 1, 2, 2]
@@ -279,7 +279,7 @@ def test_columns_hold_what_the_events_say(tmp_path: Path) -> None:
         assert list(episode.frames) == [event for event in within if isinstance(event, FrameShown)]
         assert episode.keys.column("verdict") == [key.verdict for key in episode.keys]
         assert episode.step_keys == tuple(step.key for step in steps)
-        assert np.array_equal(episode.poses, [pose_row(event.pose) for event in moments], equal_nan=True)
+        assert np.array_equal(episode.poses, [pose_as_row(event.pose) for event in moments], equal_nan=True)
         assert np.array_equal(episode.rt_ms, [s.rt_ms or np.nan for s in steps], equal_nan=True)
         assert episode.t_ns.tolist() == [event.t_ns for event in moments]
         assert episode.state_hashes.tolist() == [event.state_hash for event in moments]

@@ -6,11 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from minihuman.log.read.open_log import open_log
+from minihuman.dataset.measures import playing_s
+from minihuman.experiment.machine.events import Event, Noted, Paused, Resumed, SessionEnded, SessionStarted
+from minihuman.log.model.session_log import SessionLog
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.measures.timing import playing_s
-from minihuman.recorded.episode import SessionLog
-from minihuman.study.events import Event, Noted, Paused, Resumed, SessionEnded, SessionStarted
 from tests.builders import STARTED_NS, episode, events_of, session_of
 from tests.log.samples import session_plan
 
@@ -39,11 +40,11 @@ def resumed(data: Path) -> tuple[SessionLog, list[float]]:
             events += [Paused(last_ns + 1, "quit_question"), SessionEnded(last_ns + SECOND, "quit", "", 1)]
         elif segment == 3:
             events += [Noted(last_ns + 1, "consent", "still given"), SessionEnded(last_ns + SECOND, "complete", "", 3)]
-        recorder = McapRecorder(data, its_plan, started_ns=wall_ns, sync=lambda fd: None)
+        recorder = McapRecorder(data, its_plan, started_ns=wall_ns, settings=RecorderSettings(sync=lambda fd: None))
         recorder.write(events)
         path = recorder.close()
     assert path is not None
-    return open_log(path), [(int(one.t_ns[-1] - one.t_ns[0]) - SECOND // 50) / 1e9 for one in episodes]
+    return read_log(path), [(int(one.t_ns[-1] - one.t_ns[0]) - SECOND // 50) / 1e9 for one in episodes]
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +86,6 @@ def test_a_log_that_does_not_say_where_the_monotonic_clock_stood_still_reads(tmp
     recorder = McapRecorder(tmp_path, session_plan(), started_ns=STARTED_NS)
     recorder.write([SessionStarted(0, session_plan(), {"player": "human"})])
     recorder.drain()
-    (segment,) = open_log(recorder.where.part).segments
+    (segment,) = read_log(recorder.where.part).segments
     assert (segment.started_monotonic_ns, segment.monotonic_clock) == (None, "")
     recorder.close()

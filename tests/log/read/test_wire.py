@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.read.wire import Column, read_columns
+from minihuman.log.read.protobuf_columns import FieldColumn, read_message_columns
 
 VALUES = {
     FieldDescriptor.TYPE_INT64: st.integers(-(2**63), 2**63 - 1) | st.integers(-300, 300),
@@ -23,7 +23,12 @@ VALUES = {
     FieldDescriptor.TYPE_FIXED64: st.integers(0, 2**64 - 1),
     FieldDescriptor.TYPE_STRING: st.text(max_size=20) | st.just("long" * 50),
 }
-NEWER = (b"\x78\x96\x01", b"\xd1\x01" + bytes(8), b"\xd2\x01\x03abc", b"\xd5\x01" + bytes(4))  # one of each wire type
+NEWER = (
+    b"\xf0\x01\x96\x01",
+    b"\xd1\x01" + bytes(8),
+    b"\xd2\x01\x03abc",
+    b"\xd5\x01" + bytes(4),
+)  # one of each wire type
 
 
 def messages(kind: type[Message]) -> st.SearchStrategy[Message]:
@@ -50,13 +55,13 @@ ANY = st.sampled_from([v1.Step, v1.KeyEvent, v1.FrameShown, many_fields()])
 MANY = ANY.flatmap(lambda kind: st.lists(messages(kind), min_size=1, max_size=4))
 
 
-def columns(kind: type[Message], payloads: Sequence[bytes]) -> Mapping[str, Column]:
+def columns(kind: type[Message], payloads: Sequence[bytes]) -> Mapping[str, FieldColumn]:
     lengths = np.array([len(payload) for payload in payloads], np.int64)
     ends = np.cumsum(lengths)
-    return dict(read_columns(kind, b"".join(payloads), ends - lengths, ends))  # every field looked at
+    return dict(read_message_columns(kind, b"".join(payloads), ends - lengths, ends))  # every field looked at
 
 
-def assert_read(read: Mapping[str, Column], parsed: Sequence[Message]) -> None:
+def assert_read(read: Mapping[str, FieldColumn], parsed: Sequence[Message]) -> None:
     assert set(read) == set(parsed[0].DESCRIPTOR.fields_by_name)
     for name, column in read.items():
         values = [getattr(message, name) for message in parsed]
@@ -65,7 +70,7 @@ def assert_read(read: Mapping[str, Column], parsed: Sequence[Message]) -> None:
         else:
             assert list(column.values) == values
         if parsed[0].DESCRIPTOR.fields_by_name[name].has_presence:
-            assert column.there.tolist() == [message.HasField(name) for message in parsed]
+            assert column.is_present.tolist() == [message.HasField(name) for message in parsed]
 
 
 @given(MANY)
@@ -92,7 +97,7 @@ def test_a_message_cut_off_anywhere_is_read_as_far_as_the_parser_reads_it_or_ref
         parsed = type(sent).FromString(cut)
     except DecodeError:
         # too long: what stands behind the cut may go on with a number as if it were its own
-        with pytest.raises(ValueError, match=r"cut off|utf-8|too long"):
+        with pytest.raises(ValueError, match=r"truncated|utf-8|longer than"):
             columns(type(sent), [cut, whole])
     else:
         assert_read(columns(type(sent), [cut]), [parsed])
@@ -101,11 +106,11 @@ def test_a_message_cut_off_anywhere_is_read_as_far_as_the_parser_reads_it_or_ref
 @pytest.mark.parametrize(
     ("damaged", "why"),
     [
-        (b"\x08" + b"\xff" * 11, "too long"),
+        (b"\x08" + b"\xff" * 11, "longer than"),
         (b"\x12\x02\xff\xfe", "utf-8"),
-        (b"\x12\xff\xff\xff\xff\xff\xff\xff\xff\xff\x01", "key is cut off"),
-        (b"\x7a\xff\xff\xff\xff\xff\xff\xff\xff\xff\x01", "unknown field is cut off"),
-        (b"\x00\x01", "no number"),
+        (b"\x12\xff\xff\xff\xff\xff\xff\xff\xff\xff\x01", "key is truncated"),
+        (b"\x7a\xff\xff\xff\xff\xff\xff\xff\xff\xff\x01", "unknown field is truncated"),
+        (b"\x00\x01", "number 0"),
         (b"\x7b\x7c", "wire type 3"),
     ],
 )
@@ -115,4 +120,4 @@ def test_bytes_that_are_no_message_are_refused(damaged: bytes, why: str) -> None
 
 
 def test_no_messages_are_columns_without_rows() -> None:
-    assert all(len(column.there) == 0 for column in columns(v1.KeyEvent, []).values())
+    assert all(len(column.is_present) == 0 for column in columns(v1.KeyEvent, []).values())

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.record.finish import recover
+from minihuman.experiment.machine.events import Event, Stepped
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.study.events import Event, Stepped
 from tests.counts import count
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -55,7 +55,7 @@ def test_a_file_cut_anywhere_in_its_tail_keeps_every_complete_step(live: Live, t
 def test_a_file_cut_before_its_plan_is_put_aside_as_it_is(live: Live, tmp_path: Path) -> None:
     for cut in (0, 1, 8, 9, 40, 200, 1000):
         part = _part(live.bytes[:cut], tmp_path)
-        finished = recover(part)
+        finished = recover_log(part)
         assert not finished.readable
         assert finished.path.read_bytes() == live.bytes[:cut]
         assert not part.exists()
@@ -81,7 +81,7 @@ def test_a_garbage_tail_costs_no_step(live: Live, tmp_path: Path, tail: bytes) -
 def test_a_file_that_cannot_be_read_to_its_end_is_kept_as_it_was_found(live: Live, tmp_path: Path) -> None:
     found = live.bytes + b"\xff" * 100
     part = _part(found, tmp_path)
-    assert recover(part).stopped == f"cut off at byte {len(live.bytes)}"
+    assert recover_log(part).damage == f"cut off at byte {len(live.bytes)}"
     assert part.with_name(f"{part.name}.as-found-1").read_bytes() == found
     assert not part.exists()
 
@@ -98,12 +98,12 @@ def test_a_flipped_bit_costs_its_own_write_and_nothing_behind_it(live: Live, tmp
         flipped = bytearray(live.bytes)
         flipped[at] ^= 1 << int(rng.integers(8))
         part = _part(bytes(flipped), tmp_path)
-        finished = recover(part)
+        finished = recover_log(part)
         kept = list(read_events(finished.path))
         assert [event for event in EVENTS if event in kept] == kept
         assert len(kept) >= len(EVENTS) - 1
-        assert finished.stopped
-        assert not open_log(finished.path).clean
+        assert finished.damage
+        assert not read_log(finished.path).clean
         assert part.with_name(f"{part.name}.as-found-1").read_bytes() == flipped
 
 
@@ -112,10 +112,10 @@ def test_a_chunk_that_is_taken_for_something_else_is_missed(live: Live, tmp_path
     taken = bytearray(live.bytes)
     assert taken[at] == 0x06, "a chunk starts where the one before ended"
     taken[at] = 0x07  # an index record, which a reader may skip
-    finished = recover(_part(bytes(taken), tmp_path))
+    finished = recover_log(_part(bytes(taken), tmp_path))
     kept = list(read_events(finished.path))
     (lost,) = [number for number, event in enumerate(EVENTS, 1) if event not in kept]
-    assert finished.stopped.endswith(f"; without messages {lost} to {lost}")
+    assert finished.damage.endswith(f"; without messages {lost} to {lost}")
 
 
 @pytest.mark.parametrize("hurt", ["the segment's facts", "the plan", "the copy of the plan"])
@@ -127,10 +127,10 @@ def test_a_damaged_start_is_read_from_its_copy(live: Live, tmp_path: Path, hurt:
         "the copy of the plan": flipped.index(b"session_plan.zst") + 60,
     }[hurt]
     flipped[at] ^= 1
-    finished = recover(_part(bytes(flipped), tmp_path))
+    finished = recover_log(_part(bytes(flipped), tmp_path))
     assert list(read_events(finished.path)) == EVENTS
-    assert open_log(finished.path).metadata["segments"][0]["study"] == "fourrooms"
-    assert finished.stopped.startswith("damaged at bytes")
+    assert read_log(finished.path).metadata["segments"][0]["study"] == "fourrooms"
+    assert finished.damage.startswith("damaged at bytes")
 
 
 def _part(content: bytes, folder: Path) -> Path:
@@ -142,9 +142,9 @@ def _part(content: bytes, folder: Path) -> Path:
 
 
 def _recovered(content: bytes, folder: Path) -> list[Event]:
-    finished = recover(_part(content, folder))
+    finished = recover_log(_part(content, folder))
     events = list(read_events(finished.path))
-    assert not open_log(finished.path).clean
+    assert not read_log(finished.path).clean
     assert finished.steps == _steps(events)
     return events
 

@@ -7,12 +7,12 @@ import pytest
 from mcap.reader import make_reader
 
 from minihuman.errors import LogError
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.record.finish import CHUNK_BYTES, leftovers, recover
+from minihuman.experiment.machine.events import Event, SessionEnded
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.names import END_METADATA
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.finalization import CHUNK_BYTES, find_leftovers, recover_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.topics import END_METADATA
-from minihuman.study.events import Event, SessionEnded
-from minihuman.study.plan import SessionPlan
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
 FIRST = session_plan(episodes=3)
@@ -56,7 +56,7 @@ def test_a_resumed_session_ends_as_one_log_with_both_segments(tmp_path: Path) ->
     log = _record(tmp_path, SECOND, second, started_ns=STARTED_NS + HOUR_NS)
     assert [path.name for path in log.parent.iterdir()] == ["sub-07_ses-01.mcap"]
     assert list(read_events(log)) == first + second
-    session = open_log(log)
+    session = read_log(log)
     assert (session.clean, session.end_reason) == (True, "complete")
     assert [(episode.plan.episode, episode.segment, episode.outcome) for episode in session.episodes] == [
         (0, 1, "goal"),
@@ -72,7 +72,7 @@ def test_a_resumed_session_ends_as_one_log_with_both_segments(tmp_path: Path) ->
 def test_a_segment_that_is_in_the_log_is_not_recorded_again(tmp_path: Path) -> None:
     _record(tmp_path, FIRST, _first_events())
     log = _record(tmp_path, SECOND, session_events(SECOND, steps=8), started_ns=STARTED_NS + HOUR_NS)
-    with pytest.raises(LogError, match="holds segment 2; choose another --session or move it"):
+    with pytest.raises(LogError, match="holds segment 2; choose another number with --session, or move the log"):
         McapRecorder(tmp_path, SECOND, started_ns=STARTED_NS + 2 * HOUR_NS)
     assert [path.name for path in log.parent.iterdir()] == [log.name]
 
@@ -85,7 +85,7 @@ def test_while_a_second_segment_is_live_the_first_stays_readable(tmp_path: Path)
     recorder.drain()
     assert recorder.where.part.name == "sub-07_ses-01_seg-02.mcap.part"
     assert list(read_events(log)) == first
-    both = open_log(log.parent)
+    both = read_log(log.parent)
     assert [facts["segment"] for facts in both.metadata["segments"]] == ["1", "2"]
     assert not both.clean
     recorder.close()
@@ -95,12 +95,12 @@ def test_a_cut_off_second_segment_is_recovered_into_the_log(tmp_path: Path) -> N
     first, second = _first_events(), session_events(SECOND, steps=8)
     _record(tmp_path, FIRST, first)
     part = _left_over(tmp_path, SECOND, second[:40], started_ns=STARTED_NS + HOUR_NS)
-    assert leftovers(tmp_path) == [part]
-    finished = recover(part)
+    assert find_leftovers(tmp_path) == [part]
+    finished = recover_log(part)
     assert (finished.steps, finished.end_reason) == (sum(type(e).__name__ == "Stepped" for e in second[:40]), "cut_off")
     assert list(read_events(finished.path)) == first + second[:40]
-    assert leftovers(tmp_path) == []
-    session = open_log(finished.path)
+    assert find_leftovers(tmp_path) == []
+    session = read_log(finished.path)
     assert (session.clean, session.end_reason) == (False, "cut_off")
 
 
@@ -109,10 +109,10 @@ def test_a_finish_that_was_cut_off_before_it_removed_the_live_file_is_not_double
     part = _left_over(tmp_path, FIRST, events)
     copy = tmp_path / "copy"
     shutil.copy(part, copy)
-    log = recover(part).path
+    log = recover_log(part).path
     before = log.read_bytes()
     copy.rename(part)
-    assert recover(part).path == log
+    assert recover_log(part).path == log
     assert log.read_bytes() == before
     assert not part.exists()
 
@@ -120,7 +120,7 @@ def test_a_finish_that_was_cut_off_before_it_removed_the_live_file_is_not_double
 def test_a_stale_half_finished_file_does_no_harm(tmp_path: Path) -> None:
     part = _left_over(tmp_path, FIRST, _first_events())
     part.with_name("sub-07_ses-01.mcap.finishing").write_bytes(b"half")
-    log = recover(part).path
+    log = recover_log(part).path
     assert list(read_events(log)) == _first_events()
     assert [path.name for path in log.parent.iterdir()] == [log.name]
 
@@ -133,8 +133,8 @@ def test_two_runs_of_one_segment_are_never_merged_over_each_other(tmp_path: Path
     log = _record(tmp_path, FIRST, session_events(FIRST), started_ns=STARTED_NS + HOUR_NS)
     before = log.read_bytes()
     copy.rename(part)
-    with pytest.raises(LogError, match="already holds another segment 1; move it away, then recover again"):
-        recover(part)
+    with pytest.raises(LogError, match="already holds a different segment 1; move that log away, then recover again"):
+        recover_log(part)
     assert log.read_bytes() == before
     assert part.exists()
 
@@ -144,16 +144,16 @@ def test_a_damaged_log_is_not_merged_into(tmp_path: Path) -> None:
     part = _left_over(tmp_path, SECOND, session_events(SECOND), started_ns=STARTED_NS + HOUR_NS)
     log.write_bytes(log.read_bytes()[:-2000])
     with pytest.raises(LogError, match=r"sub-07_ses-01\.mcap is (cut off|damaged)"):
-        recover(part)
+        recover_log(part)
     assert part.exists()
     assert sorted(path.name for path in log.parent.iterdir()) == [log.name, part.name]
 
 
 def test_a_file_that_is_gone_or_named_otherwise_is_said(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="does not exist"):
-        recover(tmp_path / "sub-07_ses-01.mcap.part")
+        recover_log(tmp_path / "sub-07_ses-01.mcap.part")
     with pytest.raises(LogError, match="is not a cut-off log"):
-        recover(tmp_path / "sub-07_ses-01.mcap")
+        recover_log(tmp_path / "sub-07_ses-01.mcap")
 
 
 def test_a_finished_log_has_index_checksums_and_large_chunks(tmp_path: Path) -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.record.finish import leftovers, recover
-from minihuman.study.events import Event, Stepped
-from minihuman.study.plan import SessionPlan
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.experiment.machine.events import Event, Stepped
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.finalization import find_leftovers, recover_log
 from tests.counts import count
 from tests.lab.station import play_and_tell, stations
 from tests.log.played import played_events
@@ -30,18 +30,18 @@ def test_kill_9_at_a_random_moment_loses_no_acknowledged_step(tmp_path: Path) ->
         data = tmp_path / str(trial)
         acknowledged = _kill_at(rng.uniform(0, 1.2), data, plan, events)
         finished_itself = any(data.rglob("*.mcap"))  # at most the removal of its live file was left to do
-        for part in leftovers(data):
-            finished = recover(part)
-            assert not (finished.readable and finished.stopped) or finished.stopped.startswith("cut off"), finished
+        for part in find_leftovers(data):
+            finished = recover_log(part)
+            assert not (finished.readable and finished.damage) or finished.damage.startswith("cut off"), finished
         logs = list(data.rglob("*.mcap"))
         if not logs:  # killed before the plan was on the disk
             assert acknowledged == 0
             continue
-        log = open_log(logs[0])
+        log = read_log(logs[0])
         kept = list(read_events(logs[0]))
         assert kept == events[: len(kept)]
         assert sum(isinstance(event, Stepped) for event in kept) >= acknowledged
-        assert verify(log).difference == ""
+        assert verify_episodes(log).difference == ""
         assert log.clean == finished_itself
         cut_off += log.end_reason == "cut_off" and acknowledged > 0
     assert cut_off > count(4, 100) / 3, "too few were cut off in mid-session; the moments are badly chosen"

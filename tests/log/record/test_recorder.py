@@ -7,13 +7,12 @@ from pathlib import Path
 import pytest
 
 from minihuman.errors import LogError
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.record.finish import recover
-from minihuman.log.record.gathered import GatheringRecorder
-from minihuman.log.record.live_file import LiveLog
+from minihuman.experiment.machine.events import Noted, Stepped
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.finalization import recover_log
+from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.record.recorder import MemoryRecorder, Recorder
-from minihuman.study.events import Noted, Stepped
+from minihuman.log.record.recorder import BufferedRecorder, MemoryRecorder, Recorder
 from tests.lab.station import stations, try_to_record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -28,7 +27,7 @@ def recorder(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Recorde
     if request.param != "memory":
         recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     if request.param == "gathered":
-        recorder = GatheringRecorder(recorder)
+        recorder = BufferedRecorder(recorder)
     yield recorder
     recorder.close()
 
@@ -56,7 +55,7 @@ def test_a_second_close_says_the_same(recorder: Recorder) -> None:
 
 def test_gathered_writes_make_the_same_log(tmp_path: Path) -> None:
     one_by_one = McapRecorder(tmp_path / "one by one", PLAN, started_ns=STARTED_NS)
-    gathered = GatheringRecorder(McapRecorder(tmp_path / "gathered", PLAN, started_ns=STARTED_NS))
+    gathered = BufferedRecorder(McapRecorder(tmp_path / "gathered", PLAN, started_ns=STARTED_NS))
     for event in EVENTS:
         one_by_one.write([event])
         gathered.write([event])
@@ -83,7 +82,7 @@ def test_a_name_that_is_no_folder_name_is_refused(tmp_path: Path, name: str) -> 
 
 def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "data").write_text("a file")
-    with pytest.raises(LogError, match=r"cannot be made: Not a directory; choose another --data"):
+    with pytest.raises(LogError, match=r"cannot be created: Not a directory; choose another folder with --data"):
         McapRecorder(tmp_path / "data", PLAN, started_ns=STARTED_NS)
 
 
@@ -108,7 +107,7 @@ def test_a_session_that_was_closed_without_its_end_is_not_clean(tmp_path: Path) 
     recorder.write(EVENTS[:30])
     log = recorder.close()
     assert log is not None
-    session = open_log(log)
+    session = read_log(log)
     assert (session.clean, session.end_reason) == (False, "cut_off")
 
 
@@ -118,7 +117,9 @@ def test_a_finished_session_is_never_recorded_over(tmp_path: Path) -> None:
     log = recorder.close()
     assert log is not None
     before = log.read_bytes()
-    with pytest.raises(LogError, match="already exists and holds segment 1; choose another --session or move it"):
+    with pytest.raises(
+        LogError, match="already exists and holds segment 1; choose another number with --session, or move the log"
+    ):
         McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     assert log.read_bytes() == before
     assert [path.name for path in log.parent.iterdir()] == [log.name]
@@ -128,10 +129,10 @@ def test_a_live_session_is_neither_recorded_over_nor_recovered(tmp_path: Path) -
     recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     recorder.write(EVENTS[:20])
     recorder.drain()
-    with pytest.raises(LogError, match=r"already exists: that session runs elsewhere or was cut off"):
+    with pytest.raises(LogError, match=r"already exists: the session is running elsewhere or was cut off"):
         McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     with pytest.raises(LogError, match="still being written by a running session"):
-        recover(recorder.where.part)
+        recover_log(recorder.where.part)
     recorder.write(EVENTS[20:])
     log = recorder.close()
     assert log is not None
@@ -160,7 +161,7 @@ def test_of_many_stations_that_start_at_once_one_records(tmp_path: Path) -> None
 
 
 def test_what_a_live_file_holds_in_memory_does_not_grow_with_what_was_written() -> None:
-    live = LiveLog(started_ns=STARTED_NS)
+    live = LiveLogEncoder(started_ns=STARTED_NS)
     live.encode(EVENTS[:1])
 
     def grown(writes: int) -> int:

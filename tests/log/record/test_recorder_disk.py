@@ -8,15 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.errors import LogError, LossError
+from minihuman.errors import DataLossError, LogError
+from minihuman.experiment.machine.events import Event, Stepped
 from minihuman.log.paths import SegmentPath
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.log.record.finish import recover
-from minihuman.log.record.live_file import LiveLog
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.disk import RESERVE_BYTES, GroupCommit, RecorderSettings
+from minihuman.log.record.finalization import recover_log
+from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.record.rounds import Rounds
-from minihuman.log.record.space import RESERVE_BYTES
-from minihuman.study.events import Event, Stepped
 from tests.disks import small_disk
 from tests.lab.station import play_until_full, stations
 from tests.log.samples import STARTED_NS, session_events, session_plan
@@ -28,7 +27,9 @@ STEPS = sum(isinstance(event, Stepped) for event in EVENTS)
 
 def test_writing_never_waits_for_the_disk(tmp_path: Path) -> None:
     disk = threading.Event()
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=lambda _fd: _stall(disk))
+    recorder = McapRecorder(
+        tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(sync=lambda _fd: _stall(disk))
+    )
     for event in EVENTS:
         recorder.write([event])
     assert recorder.durable_steps == 0, "a write waited for the disk, which has not answered yet"
@@ -41,9 +42,11 @@ def test_writing_never_waits_for_the_disk(tmp_path: Path) -> None:
 def test_where_nobody_waits_what_comes_within_a_moment_is_one_fsync_and_who_cannot_wait_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("minihuman.log.record.rounds.GATHER_S", 3600.0)  # a moment
+    monkeypatch.setattr("minihuman.log.record.disk.GATHER_S", 3600.0)  # a moment
     synced: list[int] = []
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, rounds=Rounds(sync_one=synced.append))
+    recorder = McapRecorder(
+        tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(group=GroupCommit(sync_one=synced.append))
+    )
     for event in EVENTS[:20]:
         recorder.write([event])
     assert (recorder.durable_writes, synced) == (0, [])
@@ -54,7 +57,7 @@ def test_where_nobody_waits_what_comes_within_a_moment_is_one_fsync_and_who_cann
     log = recorder.close()
     assert recorder.durable_writes == len(EVENTS)
     assert log is not None
-    assert open_log(log).clean
+    assert read_log(log).clean
 
 
 def test_what_was_begun_is_written_once_it_is_settled_and_only_then_waited_for(tmp_path: Path) -> None:
@@ -66,7 +69,7 @@ def test_what_was_begun_is_written_once_it_is_settled_and_only_then_waited_for(t
         _stall(disk)
         return os.write(fd, data)
 
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, put=put, bound_s=0.05)
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(put=put, bound_s=0.05))
     recorder.write(EVENTS[:20])
     disk.clear()
     stalls.clear()
@@ -103,7 +106,9 @@ def _stall(disk: threading.Event) -> None:
 
 def test_what_was_written_outlives_the_process_before_the_disk_has_it(tmp_path: Path) -> None:
     disk = threading.Event()
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=lambda _fd: _stall(disk))
+    recorder = McapRecorder(
+        tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(sync=lambda _fd: _stall(disk))
+    )
     for number, event in enumerate(EVENTS, 1):
         recorder.write([event])
         assert len(list(read_events(recorder.where.part))) == number
@@ -114,14 +119,16 @@ def test_what_was_written_outlives_the_process_before_the_disk_has_it(tmp_path: 
 
 def test_a_disk_that_takes_nothing_holds_up_one_picture_and_no_more(tmp_path: Path) -> None:
     disk = threading.Event()
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, put=_Stalling(disk), bound_s=0.02)
+    recorder = McapRecorder(
+        tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(put=_Stalling(disk), bound_s=0.02)
+    )
     _write_all(recorder, EVENTS)
     assert recorder.late_writes == len(EVENTS)
     disk.set()
     log = recorder.close()
     assert log is not None
     assert list(read_events(log)) == EVENTS
-    (end,) = open_log(log).metadata["ends"]
+    (end,) = read_log(log).metadata["ends"]
     assert (end["late_writes"], end["clean"]) == (str(len(EVENTS)), "true")
     assert int(end["longest_wait_ms"]) >= 20
 
@@ -138,7 +145,9 @@ class _Stalling:
 
 
 def test_a_write_that_the_system_takes_in_parts_is_whole(tmp_path: Path) -> None:
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, put=lambda fd, data: os.write(fd, data[:100]))
+    recorder = McapRecorder(
+        tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(put=lambda fd, data: os.write(fd, data[:100]))
+    )
     recorder.write(EVENTS)
     log = recorder.close()
     assert log is not None
@@ -163,7 +172,7 @@ def test_a_live_file_that_is_taken_away_is_put_back(
     assert list(read_events(recorder.where.part)) == EVENTS[:21], "noticed at the next flush"
     assert f"{recorder.where.part} was taken away while it was being written; it is back" in caplog.text
     with pytest.raises(LogError, match="still being written by a running session"):
-        recover(recorder.where.part)
+        recover_log(recorder.where.part)
     recorder.write(EVENTS[21:])
     log = recorder.close()
     assert log is not None
@@ -184,18 +193,18 @@ def test_a_live_file_that_was_changed_ends_as_a_failed_check_that_names_what_was
     else:
         os.truncate(recorder.where.part, len(found) - 500)
     recorder.write(EVENTS[20:])
-    with pytest.raises(
-        LossError, match=rf"kept \d+ of {STEPS} steps, .*it is kept as it was found: .*as-found-1"
-    ) as loss:
+    with pytest.raises(DataLossError, match=rf"kept \d+ of {STEPS} steps, .*an unchanged copy is .*as-found-1") as loss:
         recorder.close()
     assert loss.value.exit_code == 1
     assert (recorder.where.part.with_name(f"{recorder.where.part.name}.as-found-1")).exists()
-    assert not open_log(recorder.where.log).clean
+    assert not read_log(recorder.where.log).clean
 
 
 def test_a_disk_that_falls_far_behind_is_an_error_not_a_silent_loss(tmp_path: Path) -> None:
     disk = threading.Event()
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, put=_Stalling(disk), backlog=4, bound_s=0.001)
+    recorder = McapRecorder(
+        tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(put=_Stalling(disk), backlog=4, bound_s=0.001)
+    )
     with pytest.raises(LogError, match=r"4 writes behind; 0 steps are safe in .*minihuman recover"):
         _write_all(recorder, EVENTS)
     disk.set()
@@ -208,7 +217,9 @@ def test_a_disk_that_falls_far_behind_is_an_error_not_a_silent_loss(tmp_path: Pa
 
 def test_a_failing_disk_is_said_at_the_next_write(tmp_path: Path) -> None:
     good = [True]
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, sync=lambda _fd: _sync_while(good))
+    recorder = McapRecorder(
+        tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(sync=lambda _fd: _sync_while(good))
+    )
     recorder.write(EVENTS[:20])
     recorder.drain()
     steps = recorder.durable_steps
@@ -219,7 +230,7 @@ def test_a_failing_disk_is_said_at_the_next_write(tmp_path: Path) -> None:
         recorder.write([EVENTS[21]])
     with pytest.raises(LogError, match="Input/output error"):
         recorder.close()
-    recover(recorder.where.part)
+    recover_log(recorder.where.part)
     kept = list(read_events(recorder.where.log))
     assert kept[:20] == EVENTS[:20]
 
@@ -265,7 +276,7 @@ def test_an_episode_that_may_not_fit_is_not_begun(tmp_path: Path) -> None:
 
 def _size(events: list[Event]) -> int:
     """Of the live file with these events."""
-    live = LiveLog(started_ns=STARTED_NS)
+    live = LiveLogEncoder(started_ns=STARTED_NS)
     return sum(len(piece.data) for event in events for piece in live.encode([event]))
 
 
@@ -282,8 +293,8 @@ def _until_full(data: Path, *, file_bytes: int) -> tuple[list[str], int]:
 
 def _check_kept(data: Path, durable: int, *, recovering: bool = True) -> None:
     where = SegmentPath.of_plan(data, PLAN)
-    path = recover(where.part).path if recovering else where.part
+    path = recover_log(where.part).path if recovering else where.part
     kept = list(read_events(path))
     assert kept == EVENTS[: len(kept)]
     assert 0 < durable <= sum(isinstance(event, Stepped) for event in kept) < STEPS
-    assert not open_log(path).clean
+    assert not read_log(path).clean

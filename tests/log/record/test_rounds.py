@@ -6,8 +6,8 @@ import time
 
 import pytest
 
+from minihuman.log.record.disk import GroupCommit, RecorderSettings, sync_file_system
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.record.rounds import Rounds, syncfs
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
 
@@ -50,7 +50,7 @@ class File:
         self._disk = disk
         self._waiting = self._promised = 0
 
-    def writes(self, rounds: Rounds) -> None:
+    def writes(self, rounds: GroupCommit) -> None:
         self._waiting += 1
         rounds.expect(self)
 
@@ -68,7 +68,7 @@ class File:
         self.settled = self._promised
 
 
-def written_by_many(disk: SlowDisk, rounds: Rounds, *, times: int) -> list[File]:
+def written_by_many(disk: SlowDisk, rounds: GroupCommit, *, times: int) -> list[File]:
     """Each file is written so often, each time after it heard what became of the last time."""
     files = [File(fd, disk) for fd in disk.written]
     give_up_s = time.monotonic() + 60
@@ -89,13 +89,13 @@ def one_device(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def no_moment(monkeypatch):
-    monkeypatch.setattr("minihuman.log.record.rounds.GATHER_S", 0.0)
+    monkeypatch.setattr("minihuman.log.record.disk.GATHER_S", 0.0)
 
 
 @pytest.mark.usefixtures("one_device")
 def test_what_is_promised_is_kept_and_a_slow_disk_serves_a_hundred_people():
     disk = SlowDisk(100, 0.002)
-    files = written_by_many(disk, Rounds(sync_one=disk.one, sync_all=disk.all), times=10)
+    files = written_by_many(disk, GroupCommit(sync_one=disk.one, sync_all=disk.all), times=10)
     assert [file.wrong for file in files] == [[]] * 100
     assert disk.turns < 500  # for a thousand promises
     assert disk.kept == disk.written == dict.fromkeys(range(100), 10)
@@ -104,7 +104,7 @@ def test_what_is_promised_is_kept_and_a_slow_disk_serves_a_hundred_people():
 @pytest.mark.usefixtures("one_device")
 def test_one_person_alone_is_fsynced_alone():
     disk = SlowDisk(1, 0.0)
-    rounds = Rounds(sync_one=disk.one, sync_all=lambda fd: pytest.fail("everything was synced for one file"))
+    rounds = GroupCommit(sync_one=disk.one, sync_all=lambda fd: pytest.fail("everything was synced for one file"))
     [file] = written_by_many(disk, rounds, times=20)
     assert (file.wrong, disk.turns) == ([], 20)
 
@@ -113,20 +113,20 @@ def test_one_person_alone_is_fsynced_alone():
 def test_a_file_that_fails_fails_alone():
     disk = SlowDisk(30, 0.002)
     disk.bad.add(7)
-    files = written_by_many(disk, Rounds(sync_one=disk.one, sync_all=disk.all), times=5)
+    files = written_by_many(disk, GroupCommit(sync_one=disk.one, sync_all=disk.all), times=5)
     assert {file.fd: len(file.wrong) for file in files if file.wrong} == {7: 5}
 
 
 @pytest.mark.usefixtures("one_device")
 def test_a_bug_in_one_file_is_no_other_file_s_trouble(caplog, monkeypatch):
-    monkeypatch.setattr("minihuman.log.record.rounds.GATHER_S", 0.05)  # both are of one round
+    monkeypatch.setattr("minihuman.log.record.disk.GATHER_S", 0.05)  # both are of one round
 
     class Bug(File):
         def write_waiting(self) -> bool:
             raise ZeroDivisionError
 
     disk = SlowDisk(2, 0.0)
-    rounds = Rounds(sync_one=disk.one, sync_all=disk.all)
+    rounds = GroupCommit(sync_one=disk.one, sync_all=disk.all)
     other = File(1, disk)
     Bug(0, disk).writes(rounds)
     for turn in range(2):
@@ -138,9 +138,9 @@ def test_a_bug_in_one_file_is_no_other_file_s_trouble(caplog, monkeypatch):
 
 
 def test_a_write_waits_for_others_of_its_file_and_the_hurried_does_not(monkeypatch):
-    monkeypatch.setattr("minihuman.log.record.rounds.GATHER_S", 3600.0)
+    monkeypatch.setattr("minihuman.log.record.disk.GATHER_S", 3600.0)
     disk = SlowDisk(2, 0.0)
-    rounds = Rounds(sync_one=disk.one, sync_all=disk.all)
+    rounds = GroupCommit(sync_one=disk.one, sync_all=disk.all)
     patient, hurried = File(0, disk), File(1, disk)
     patient.writes(rounds)
     hurried.writes(rounds)
@@ -152,16 +152,17 @@ def test_a_write_waits_for_others_of_its_file_and_the_hurried_does_not(monkeypat
 
 def test_the_systems_own_call_takes_a_file_and_says_what_is_wrong(tmp_path):
     with (tmp_path / "x").open("wb") as file:
-        syncfs(file.fileno())
+        sync_file_system(file.fileno())
     with pytest.raises(OSError, match="Bad file descriptor"):
-        syncfs(10_000)
+        sync_file_system(10_000)
 
 
 def test_recorders_share_it(tmp_path):
-    rounds = Rounds()
+    rounds = GroupCommit()
     plan = session_plan()
     recorders = [
-        McapRecorder(tmp_path / str(number), plan, started_ns=STARTED_NS, rounds=rounds) for number in range(12)
+        McapRecorder(tmp_path / str(number), plan, started_ns=STARTED_NS, settings=RecorderSettings(group=rounds))
+        for number in range(12)
     ]
     events = session_events(plan)
     for event in events:

@@ -13,8 +13,8 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import Key
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.connected_rooms import FourRooms
+from minihuman.worlds.first_person.pictures import light
 from minihuman.worlds.first_person.rules import carrying_position
-from minihuman.worlds.first_person.scenery import light
 
 DRAW_WITHOUT_A_DISPLAY = """
 import sys
@@ -86,7 +86,7 @@ def test_making_a_world_plays_no_episode():
 def test_an_action_that_the_world_lacks_is_refused(action):
     env = begun("FourRooms")
     before = env.state_hash()
-    with pytest.raises(WorldError, match="is not one of 0 to 2"):
+    with pytest.raises(WorldError, match="must be a whole number, 0 to 2"):
         env.step(action)
     assert env.state_hash() == before
 

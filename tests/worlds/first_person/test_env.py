@@ -10,12 +10,12 @@ from gymnasium.utils.env_checker import check_env
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.catalogue import ENTRIES
+from minihuman.worlds.catalogue import FIRST_PERSON_WORLDS
 from minihuman.worlds.first_person.entities import Ball, Box
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.rules import MOVES
 
-IDS = [entry.id for entry in ENTRIES]
+IDS = [entry.id for entry in FIRST_PERSON_WORLDS]
 
 
 def make(name, **options):
@@ -167,7 +167,7 @@ def test_a_ball_is_shown_in_the_colour_of_the_palette():
     [
         ({"max_steps": 0}, "max_steps is 0"),
         ({"view": "side"}, "view is 'side'"),
-        ({"obs_width": 0}, "obs_width is 0; it is a whole number, 1 to 4096"),
+        ({"obs_width": 0}, "obs_width is 0; it must be a whole number from 1 to 4096"),
     ],
 )
 def test_a_wrong_option_is_named(options, said):
@@ -181,7 +181,7 @@ def test_misuse_in_play_is_named():
         with pytest.raises(WorldError, match="has not been reset"):
             call()
     env.reset(seed=0)
-    with pytest.raises(WorldError, match="action 3 is not one of 0 to 2"):
+    with pytest.raises(WorldError, match="action is 3; it must be a whole number, 0 to 2"):
         env.step(3)
     other = make("Hallway")
     other.reset(seed=0)
@@ -223,7 +223,7 @@ def two_rooms(env, *openings, **height):
             lambda env: env.connect_rooms(
                 room(env), env.add_rect_room(min_x=5, max_x=9, min_z=0, max_z=4), min_z=1, max_z=5
             ),
-            "does not fit the wall",
+            "does not fit in the wall",
         ),
         (
             lambda env: env.connect_rooms(
@@ -232,14 +232,14 @@ def two_rooms(env, *openings, **height):
             "runs across x",
         ),
         (lambda env: two_rooms(env, (1, 3), (2, 3.5)), "from 0.5 to 2 m .* overlaps the one from 1 to 3 m"),
-        (lambda env: two_rooms(env, (1, 3), max_y=3), "portal is 3 m high; it is above 0 and at most .* 2.74 m"),
+        (lambda env: two_rooms(env, (1, 3), max_y=3), "portal is 3 m high; it must be above 0 and at most .* 2.74 m"),
         (lambda env: two_rooms(env, (1, 3), max_y=0), "portal is 0 m high"),
-        (lambda env: two_rooms(env, (3, 1.5, 2)), "goes from min_x to max_x or from min_z to max_z"),
-        (lambda env: room(env, wall_height=-1), "walls -1 m high"),
-        (lambda env: env.add_room(((0, 0), (0, 4), (math.nan, 4))), "two finite numbers"),
+        (lambda env: two_rooms(env, (3, 1.5, 2)), "give min_x and max_x, or min_z and max_z"),
+        (lambda env: room(env, wall_height=-1), "wall_height is -1 m"),
+        (lambda env: env.add_room(((0, 0), (0, 4), (math.nan, 4))), "no finite length"),
         (lambda env: env.add_room(((0, 0), (0, 4), (4, 4), (1, 2))), "turns right"),
         (lambda env: (room(env), env.place_entity(Box("red", 9.0))), "no free place for red box"),
-        (lambda env: (room(env), env.place_entity(Box("pink"))), "no colour is called 'pink'"),
+        (lambda env: (room(env), env.place_entity(Box("pink"))), "unknown colour 'pink'"),
         (lambda env: (room(env), env.place_entity(Box("red"), pos=(1, 0, 1)), room(env)), "floor plan is closed"),
     ],
 )

@@ -11,9 +11,7 @@ from PIL import Image
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import Mesh
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from minihuman.worlds.first_person.render.folder import FolderAssets
-from minihuman.worlds.first_person.render.glb import read_glb
-from minihuman.worlds.first_person.render.obj import read_obj
+from minihuman.worlds.first_person.render.asset_files import FolderAssets, read_glb, read_obj
 
 MINT = (120, 200, 160)
 
@@ -84,9 +82,9 @@ def test_a_texture_inside_a_glb_file_is_drawn(folder):
 
 
 def test_a_name_that_nobody_has_says_what_there_is(folder):
-    with pytest.raises(WorldError, match=r"no mesh 'dragon', and there is no mesh 'dragon'; there are ball"):
+    with pytest.raises(WorldError, match=r"no mesh 'dragon'; unknown mesh 'dragon'; use one of ball"):
         Room(mesh="dragon", assets=folder).reset(seed=0)
-    with pytest.raises(WorldError, match="there is no mesh 'dragon'"):
+    with pytest.raises(WorldError, match="unknown mesh 'dragon'"):
         Room(mesh="dragon").reset(seed=0)
     with pytest.raises(WorldError, match="no texture 'velvet_1'"):
         Room(mesh="duckie", floor="velvet", assets=folder).reset(seed=0)
@@ -99,7 +97,7 @@ def test_a_file_that_is_no_mesh_is_named(folder):
 
 
 def test_a_folder_without_either_is_refused(tmp_path):
-    with pytest.raises(WorldError, match="no folder textures or meshes"):
+    with pytest.raises(WorldError, match="neither a textures nor a meshes folder"):
         Room(assets=tmp_path).reset(seed=0)
 
 

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import minihuman  # noqa: F401
-from minihuman.worlds.first_person.catalogue import ENTRIES
+from minihuman.worlds.catalogue import FIRST_PERSON_WORLDS
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from tests.counts import count
 from tests.worlds.first_person.oracle import Job, transcripts
 
-NAMES = [name for entry in ENTRIES if (name := entry.name[len("MiniWorld-") : -len("-v0")]) != "GoToObj-Transfer"]
+NAMES = [
+    name for entry in FIRST_PERSON_WORLDS if (name := entry.name[len("MiniWorld-") : -len("-v0")]) != "GoToObj-Transfer"
+]
 STEPS = count(100, 250)  # an episode, played on past its end
 EPISODES = count(1, 50)  # of each of four ways to play: 50,000 steps a world in the full count
 GROUPS = [NAMES] if EPISODES == 1 else [[name] for name in NAMES]  # worlds that share one miniworld process

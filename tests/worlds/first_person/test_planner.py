@@ -5,7 +5,7 @@ import pytest
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.way.planner import least_steps, plan
+from minihuman.worlds.first_person.pathfinding.planner import least_steps, plan
 from tests.counts import count
 
 pytestmark = pytest.mark.long
@@ -80,8 +80,8 @@ def test_a_plan_keeps_out_of_the_street():
 def test_what_is_in_hand_is_brought_beside_the_goal():
     for seed in SEEDS:
         env = begun("PutNext", seed)
-        actions = env.way()
-        assert env.way() == actions  # the world is as it was
+        actions = env.shortest_path()
+        assert env.shortest_path() == actions  # the world is as it was
         assert steps_to_the_end(env, actions) == len(actions)
         assert env.agent.carrying is None
         assert env.near(env.red_box, env.yellow_box)
@@ -90,7 +90,7 @@ def test_what_is_in_hand_is_brought_beside_the_goal():
 def test_the_wrong_thing_in_hand_is_put_down_first():
     env = begun("PutNext", 1)
     env.agent.carrying = next(box for box in env.entities if "blue" in box.name)
-    actions = env.way()
+    actions = env.shortest_path()
     assert env.action_names[actions[0]] == "drop"
     assert steps_to_the_end(env, actions) == len(actions)
 
@@ -98,7 +98,7 @@ def test_the_wrong_thing_in_hand_is_put_down_first():
 def test_a_red_box_in_a_corner_is_carried_out_backwards():
     env = begun("PutNext", 1)
     env.red_box.pos = (env.red_box.radius + 0.01, 0.0, env.red_box.radius + 0.01)
-    actions = env.way()
+    actions = env.shortest_path()
     names = [env.action_names[action] for action in actions]
     assert "move_back" in names[names.index("pickup") :]
     assert steps_to_the_end(env, actions) == len(actions)

@@ -12,6 +12,6 @@ def test_the_tutorials_code_runs_from_top_to_bottom(capsys, tmp_path, monkeypatc
     for block in blocks:
         exec(compile(block, str(TUTORIAL), "exec"), names)  # one after another, as a reader would
     said = capsys.readouterr().out
-    assert "an opening from z 2 to 7 does not fit the wall" in said
+    assert "an opening from z = 2 to 7 does not fit in the wall" in said
     assert "which is 5 m long" in said
     assert "(60, 80, 3) use the key to open the door and then get to the goal" in said

@@ -6,9 +6,9 @@ import pytest
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
+from minihuman.worlds.first_person.batch import FirstPersonBatch
 from minihuman.worlds.first_person.layouts.one_room import OneRoom
-from minihuman.worlds.first_person.render import draw
-from minihuman.worlds.first_person.vector import FirstPersonBatch
+from minihuman.worlds.first_person.render import drawing
 
 SIZE = {"obs_width": 16, "obs_height": 12}
 
@@ -64,9 +64,9 @@ def test_one_thread_and_two_draw_the_same():
     assert np.array_equal(frames[0], frames[1])
 
 
-@pytest.mark.parametrize("spans", [draw.MOST_SPANS, 1])  # 1: no row has room for its spans, so each is drawn again
+@pytest.mark.parametrize("spans", [drawing.MOST_SPANS, 1])  # 1: no row has room for its spans, so each is drawn again
 def test_a_batch_sees_what_its_worlds_see_one_by_one(spans, monkeypatch):
-    monkeypatch.setattr(draw, "MOST_SPANS", spans)
+    monkeypatch.setattr(drawing, "MOST_SPANS", spans)
     worlds = batch("PickupObjects", num_envs=11, threads=3)
     seen, _ = worlds.reset(seed=3)
     for step in range(6):
@@ -79,11 +79,11 @@ def test_a_batch_sees_what_its_worlds_see_one_by_one(spans, monkeypatch):
 class Failing(OneRoom):
     """Takes long to judge a step, and cannot judge the third."""
 
-    def judge(self, action):
+    def reward_and_done(self, action):
         time.sleep(0.002)
         if self.step_count == 3:
             raise ZeroDivisionError("a lab's own mistake")
-        return super().judge(action)
+        return super().reward_and_done(action)
 
 
 def test_a_world_that_fails_says_so_and_the_batch_goes_on():
@@ -114,7 +114,7 @@ def test_misuse_is_named_and_changes_nothing():
         worlds.step(np.zeros(3, int))
     worlds.reset(seed=0)
     before = [world.state_hash() for world in worlds.worlds]
-    for actions, said in (([0, 0], "3 whole numbers"), ([0, 0, 7], "action 7"), ([0.0, 0.0, 0.0], "whole numbers")):
+    for actions, said in (([0, 0], "3 whole numbers"), ([0, 0, 7], "action is 7"), ([0.0, 0.0, 0.0], "whole numbers")):
         with pytest.raises(WorldError, match=said):
             worlds.step(actions)
     assert [world.state_hash() for world in worlds.worlds] == before

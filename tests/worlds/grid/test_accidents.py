@@ -16,9 +16,9 @@ from minigrid.minigrid_env import MiniGridEnv
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import BALL, BOX, DOOR, EMPTY
-from minihuman.worlds.grid.core.tasks import front
+from minihuman.worlds.grid.core.rewards import cell_in_front
 from minihuman.worlds.grid.env import GridEnv
-from minihuman.worlds.grid.items import wall
+from minihuman.worlds.grid.object_kinds import wall
 from minihuman.worlds.grid.planner import plan
 from minihuman.worlds.grid.world import GridWorld
 
@@ -102,7 +102,7 @@ def test_the_default_size_of_memory():
     theirs = MemoryEnv()
     with pytest.raises(AssertionError):
         theirs.reset(seed=0)
-    with pytest.raises(WorldError, match="size is 8; it is an odd number"):
+    with pytest.raises(WorldError, match="size is 8; it must be an odd number"):
         GridEnv("memory")
 
 
@@ -116,7 +116,7 @@ def test_no_free_cell_left_to_place_something():
     with pytest.raises(RecursionError):
         theirs.place_obj(Ball(), max_tries=1000)
     with pytest.raises(
-        WorldError, match="numObjs is 4; it is a whole number, 1 to 3"
+        WorldError, match="numObjs is 4; it must be a whole number, 1 to 3"
     ):  # and the agent takes the fourth
         GridEnv("fetch", size=4, numObjs=4)
 
@@ -156,7 +156,7 @@ def test_only_a_ball_that_was_ahead_before_it_moved_ends_the_episode(leaves):
     theirs, ours = both("MiniGrid-Dynamic-Obstacles-5x5-v0", max_steps=10**6)
     chance = np.random.default_rng(0)
     for _ in range(10_000):
-        x, y = front(ours.unwrapped.state.row)
+        x, y = cell_in_front(ours.unwrapped.state.row)
         before = ours.unwrapped.state.kinds[x, y]
         action = 2 if before == (BALL if leaves else EMPTY) else int(chance.integers(2))
         _, its_reward, its_end, *_ = theirs.step(action)

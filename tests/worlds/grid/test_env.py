@@ -10,10 +10,10 @@ from gymnasium.utils.env_checker import check_env
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.catalogue import ENTRIES
+from minihuman.worlds.catalogue import GRID_WORLDS
 from minihuman.worlds.grid.env import GridEnv
-from minihuman.worlds.grid.items import Item, ball, box, door, key
-from minihuman.worlds.grid.text import from_text
+from minihuman.worlds.grid.layout import from_text
+from minihuman.worlds.grid.object_kinds import Item, ball, box, door, key
 from minihuman.worlds.grid.world import GridWorld
 from minihuman.worlds.pose import Pose
 
@@ -22,7 +22,7 @@ DYNAMIC = "minihuman/MiniGrid-Dynamic-Obstacles-6x6-v0"
 
 
 @pytest.mark.filterwarnings("ignore:.*out of date", "ignore:.*For Box action spaces", "ignore:.*A Box observation")
-@pytest.mark.parametrize("world", [entry.id for entry in ENTRIES])
+@pytest.mark.parametrize("world", [entry.id for entry in GRID_WORLDS])
 def test_gymnasium_finds_nothing_to_complain_about(world):
     check_env(gymnasium.make(world, render_mode="rgb_array").unwrapped)
 
@@ -89,7 +89,7 @@ def test_stepping_and_looking_before_reset_say_so(four_rooms):
     with pytest.raises(WorldError, match=r"FourRooms-v0 is not in an episode; call reset\(\)"):
         four_rooms.step(0)
     for look in ("picture", "pose", "map", "text", "observation"):
-        with pytest.raises(WorldError, match=r"not laid out yet; call reset\(\)"):
+        with pytest.raises(WorldError, match=r"has not been reset; call reset\(\)"):
             getattr(four_rooms.unwrapped, look)()
 
 
@@ -104,7 +104,7 @@ def test_stepping_after_the_end_says_so(four_rooms):
 def test_an_action_there_is_not_is_refused_and_changes_nothing(four_rooms, action):
     four_rooms.reset(seed=0)
     before = four_rooms.unwrapped.state_hash()
-    with pytest.raises(WorldError, match=r"is none of .*FourRooms-v0's; they are 0 to 6"):
+    with pytest.raises(WorldError, match=r"does not exist in .*FourRooms-v0; actions are 0 to 6"):
         four_rooms.step(action)
     assert four_rooms.unwrapped.state_hash() == before
 
@@ -112,21 +112,21 @@ def test_an_action_there_is_not_is_refused_and_changes_nothing(four_rooms, actio
 @pytest.mark.parametrize(
     ("make", "complaint"),
     [
-        (lambda: GridEnv("five_rooms"), "'five_rooms' is no family"),
-        (lambda: GridEnv("four_rooms", size=3), "do not take"),
-        (lambda: GridEnv("empty", size=2), "size is 2; it is a whole number, 3 to 1024"),
-        (lambda: GridEnv("empty", max_steps=0), "1 step or more"),
-        (lambda: GridEnv("empty", agent_view_size=8), "it is an odd number, 3 to 61"),
-        (lambda: GridEnv("crossing", size=8), "size is 8; it is an odd number"),
-        (lambda: GridEnv("memory", size=8), "size is 8; it is an odd number"),
-        (lambda: GridEnv("crossing", obstacle_type="water"), "obstacle_type is 'water'; it is one of 'lava', 'wall'"),
+        (lambda: GridEnv("five_rooms"), "unknown family 'five_rooms'"),
+        (lambda: GridEnv("four_rooms", size=3), "does not take"),
+        (lambda: GridEnv("empty", size=2), "size is 2; it must be a whole number from 3 to 1024"),
+        (lambda: GridEnv("empty", max_steps=0), "max_steps is 0; it must be a whole number, 1 to"),
+        (lambda: GridEnv("empty", agent_view_size=8), "it must be an odd number from 3 to 61"),
+        (lambda: GridEnv("crossing", size=8), "size is 8; it must be an odd number"),
+        (lambda: GridEnv("memory", size=8), "size is 8; it must be an odd number"),
+        (lambda: GridEnv("crossing", obstacle_type="water"), "obstacle_type is 'water'; use one of 'lava', 'wall'"),
         (
             lambda: GridEnv("multi_room", minNumRooms=3, maxNumRooms=2),
-            "maxNumRooms is 2; it is a whole number",
+            "maxNumRooms is 2; it must be a whole number",
         ),
-        (lambda: Item("dragon", "red"), "'dragon' is no kind"),
-        (lambda: Item("key", "pink"), "'pink' is no colour"),
-        (lambda: Item("door", "red", "ajar"), "'ajar' is no state"),
+        (lambda: Item("dragon", "red"), "unknown kind 'dragon'"),
+        (lambda: Item("key", "pink"), "unknown colour 'pink'"),
+        (lambda: Item("door", "red", "ajar"), "unknown door state 'ajar'"),
         (lambda: box("red", contains=door("red")), "cannot contain a door"),
     ],
 )
@@ -165,7 +165,7 @@ def test_a_world_that_cannot_be_laid_out_says_why(lay_out, complaint):
 
 def test_a_layout_that_does_not_fit_says_so():
     env = GridEnv("multi_room", minNumRooms=40, maxNumRooms=40, width=9, height=9)
-    with pytest.raises(WorldError, match="no free place"):
+    with pytest.raises(WorldError, match="has no free cell"):
         env.reset(seed=0)
 
 

@@ -9,21 +9,20 @@ import pytest
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.rules import ACTION_NAMES
-from minihuman.worlds.grid.items import box, goal, key
-from minihuman.worlds.grid.kinds import Block, Kind, Shape
+from minihuman.worlds.grid.layout import from_text
+from minihuman.worlds.grid.object_kinds import BlockShape, MeshShape, ObjectKind, box, goal, key
 from minihuman.worlds.grid.planner import plan
-from minihuman.worlds.grid.text import from_text
 from minihuman.worlds.grid.world import GridWorld
 from minihuman.worlds.grid.wrappers import OneHot, Symbolic
-from minihuman.worlds.inside.grid_view import GridFromInside
+from minihuman.worlds.inside.env import GridFromInside
 
 LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, _ = range(len(ACTION_NAMES))
 
-MUD = Kind("mud", "M", stepped_on=True, inside=Block((0.9, 0.05, 0.9)))
-GLASS = Kind("glass", "S")
-BUSH = Kind("bush", "U", stepped_on=True, hides=True, inside=Shape("tree", 0.8))
-APPLE = Kind("apple", "P", carried=True, inside=Shape("ball", 0.3))
-GATE = Kind("gate", "T", hides=True, opens=True, inside=Block((0.1, 1.0, 1.0)))
+MUD = ObjectKind("mud", "M", stepped_on=True, inside=BlockShape((0.9, 0.05, 0.9)))
+GLASS = ObjectKind("glass", "S")
+BUSH = ObjectKind("bush", "U", stepped_on=True, hides=True, inside=MeshShape("tree", 0.8))
+APPLE = ObjectKind("apple", "P", carried=True, inside=MeshShape("ball", 0.3))
+GATE = ObjectKind("gate", "T", hides=True, opens=True, inside=BlockShape((0.1, 1.0, 1.0)))
 
 
 class Lane(GridWorld):
@@ -133,7 +132,9 @@ def test_a_diagram_and_its_world_are_one():
 @pytest.mark.parametrize("view", ["partial", "full"])
 @pytest.mark.parametrize("palette", ["classic", "colour-safe"])
 def test_every_kind_and_state_looks_different_from_above(view, palette):
-    striped = Kind("stripe", "Z", draw=lambda canvas, colour, state: canvas.fill(canvas.box(0, 0.4, 1, 0.6), colour))
+    striped = ObjectKind(
+        "stripe", "Z", draw=lambda canvas, colour, state: canvas.fill(canvas.box(0, 0.4, 1, 0.6), colour)
+    )
 
     class Striped(Lane):
         kinds = (striped,)
@@ -194,15 +195,15 @@ def test_a_registered_world_with_own_things_passes_gymnasiums_checker():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (lambda: Kind("wall", "X"), "cannot be called 'wall'"),
-        (lambda: Kind("tree", "W"), "the letter of 'tree' is 'W'"),
-        (lambda: Kind("tree", "tr"), "the letter of 'tree' is 'tr'"),
+        (lambda: ObjectKind("wall", "X"), "cannot be called 'wall'"),
+        (lambda: ObjectKind("tree", "W"), "the letter of 'tree' is 'W'"),
+        (lambda: ObjectKind("tree", "tr"), "the letter of 'tree' is 'tr'"),
         (lambda: MUD("red", locked=True), "'mud' does not open"),
-        (lambda: MUD("pink"), "'pink' is no colour"),
+        (lambda: MUD("pink"), "unknown colour 'pink'"),
         (lambda: box("red", contains=MUD("red")), "cannot contain a mud"),
-        (lambda: lane(Kind("sand", "N")("yellow")), "'sand' is no kind of this world"),
-        (lambda: type("Six", (Lane,), {"kinds": (*Lane.kinds, Kind("sand", "N"))})(), "room for 5"),
-        (lambda: type("Two", (Lane,), {"kinds": (MUD, Kind("moss", "M"))})(), "share a letter: M, M"),
+        (lambda: lane(ObjectKind("sand", "N")("yellow")), "unknown kind 'sand'"),
+        (lambda: type("Six", (Lane,), {"kinds": (*Lane.kinds, ObjectKind("sand", "N"))})(), "at most 5"),
+        (lambda: type("Two", (Lane,), {"kinds": (MUD, ObjectKind("moss", "M"))})(), "share a letter: M, M"),
     ],
 )
 def test_what_makes_no_sense_is_said(wrong, said):

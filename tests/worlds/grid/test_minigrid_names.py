@@ -8,8 +8,7 @@ from minigrid.wrappers import ReseedWrapper
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.safety import NoDeath, Seeds
-from minihuman.worlds.grid.wrappers import Pictures
+from minihuman.worlds.grid.wrappers import FixedSeeds, NoDeath, PictureObservation
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")
 
@@ -132,17 +131,17 @@ def test_render_takes_highlight_and_the_agents_point_of_view():
 
 
 def test_seeds_give_the_same_layouts_over_and_over():
-    ours = Seeds(gymnasium.make("minihuman/MiniGrid-FourRooms-v0"), (3, 5))
+    ours = FixedSeeds(gymnasium.make("minihuman/MiniGrid-FourRooms-v0"), (3, 5))
     theirs = ReseedWrapper(gymnasium.make("MiniGrid-FourRooms-v0"), seeds=(3, 5))
     for _ in range(4):
         np.testing.assert_array_equal(ours.reset()[0]["image"], theirs.reset()[0]["image"])
     with pytest.raises(WorldError, match="Seeds resets with 3"):
         ours.reset(seed=4)
-    with pytest.raises(WorldError, match="one whole number"):
-        Seeds(gymnasium.make("minihuman/MiniGrid-FourRooms-v0"), ())
+    with pytest.raises(WorldError, match="one or more whole numbers"):
+        FixedSeeds(gymnasium.make("minihuman/MiniGrid-FourRooms-v0"), ())
 
 
-@pytest.mark.parametrize("wrap", [lambda env: env, lambda env: Pictures(env, tile_px=4)])
+@pytest.mark.parametrize("wrap", [lambda env: env, lambda env: PictureObservation(env, tile_px=4)])
 def test_without_death_lava_costs_and_bars_the_way(wrap):
     env = NoDeath(wrap(gymnasium.make("minihuman/MiniGrid-LavaGapS5-v0")), cost=-0.5)
     chance, fell = np.random.default_rng(0), 0

@@ -7,9 +7,9 @@ import pytest
 from minigrid.wrappers import RGBImgObsWrapper, RGBImgPartialObsWrapper
 
 import minihuman  # noqa: F401
-from minihuman.worlds.grid.kinds import Kind
+from minihuman.worlds.grid.object_kinds import ObjectKind
 from minihuman.worlds.grid.world import GridWorld
-from minihuman.worlds.grid.wrappers import Pictures
+from minihuman.worlds.grid.wrappers import PictureObservation
 from tests.counts import count
 
 # every kind of thing lies in one of these: doors, keys, boxes and balls to carry, lava, coloured floors and goals
@@ -51,7 +51,7 @@ def test_tiles_of_every_size_are_minigrids(tile_px):
         ours.reset(seed=seed)
         theirs.reset(seed=seed)
         for view, wrapper in (("full", RGBImgObsWrapper), ("partial", RGBImgPartialObsWrapper)):
-            drawn = Pictures(ours, view=view, tile_px=tile_px, palette="minigrid").image({})
+            drawn = PictureObservation(ours, view=view, tile_px=tile_px, palette="minigrid").image({})
             expected = wrapper(theirs, tile_size=tile_px).observation({"image": 0, "mission": ""})["image"]
             np.testing.assert_array_equal(drawn, expected)
 
@@ -71,12 +71,14 @@ def test_participants_of_a_world_in_this_palette_see_it_too():
     plain, env = (gymnasium.make("minihuman/MiniGrid-FourRooms-v0", **given) for given in ({}, {"palette": "minigrid"}))
     plain.reset(seed=1)
     env.reset(seed=1)
-    drawn = Pictures(plain, tile_px=20, palette="minigrid").image({})
+    drawn = PictureObservation(plain, tile_px=20, palette="minigrid").image({})
     np.testing.assert_array_equal(env.unwrapped.picture(size_px=(140, 140), palette="colour-safe"), drawn)
 
 
 class Lamp(GridWorld):
-    kinds = (Kind("lamp", "M", draw=lambda canvas, colour, state: canvas.fill(canvas.disc(0.5, 0.5, 0.3), colour)),)
+    kinds = (
+        ObjectKind("lamp", "M", draw=lambda canvas, colour, state: canvas.fill(canvas.disc(0.5, 0.5, 0.3), colour)),
+    )
 
     def __init__(self, **options):
         super().__init__(width=5, height=5, max_steps=10, mission="look", palette="minigrid", **options)

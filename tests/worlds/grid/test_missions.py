@@ -31,9 +31,9 @@ def test_equal_spaces_are_those_with_equal_sentences():
 
 
 def test_a_template_and_its_choices_belong_together():
-    with pytest.raises(WorldError, match="2 places to fill and 1 lists"):
+    with pytest.raises(WorldError, match="2 placeholders but 1 lists"):
         MissionSpace("the {} {}", ["red"])
-    with pytest.raises(WorldError, match="neither mask nor probability"):
+    with pytest.raises(WorldError, match="no mask and no probability"):
         MissionSpace("go").sample(mask=1)
 
 

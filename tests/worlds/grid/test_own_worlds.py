@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.core import tasks
-from minihuman.worlds.grid.items import ball, box, door, goal, key
+from minihuman.worlds.grid.core import rewards
+from minihuman.worlds.grid.object_kinds import ball, box, door, goal, key
 from minihuman.worlds.grid.world import GridWorld
 
 
@@ -51,7 +51,7 @@ class OpenTheBox(GridWorld):
         grid.wall_rect()
         grid.put(box("red", contains=key("blue")), 2, 1)
         grid.put_agent(1, 1)
-        grid.task(tasks.PICK, 2)
+        grid.task(rewards.PICK, 2)
 
 
 def test_what_a_box_contains_is_an_object_with_its_own_identity():
@@ -64,7 +64,7 @@ def test_what_a_box_contains_is_an_object_with_its_own_identity():
 
 
 class Tired(OpenTheBox):
-    def judge(self, action, reward, terminated):
+    def reward_and_done(self, action, reward, terminated):
         return reward - 0.1, terminated or self.state.step == 3
 
 
@@ -88,7 +88,7 @@ class AllGoals(GridWorld):
         grid.put(goal(), 4, 1)
         grid.put_agent(1, 1)
 
-    def judge(self, action, reward, terminated):
+    def reward_and_done(self, action, reward, terminated):
         return (1.0 if terminated else 0.0), False
 
 
@@ -118,13 +118,13 @@ class Among(GridWorld):
         grid.put_agent(1, 1)
         for _ in range(3):
             grid.place(ball("blue"), top=(3, 3))
-        grid.task(tasks.DODGE, 3)
+        grid.task(rewards.DODGE, 3)
 
 
 def places_of_balls(world):
     found = []
     for _ in range(6):
-        world.step(tasks.LEFT)
+        world.step(rewards.LEFT)
         found.append(world.text())
     return found
 

@@ -9,18 +9,18 @@ import pytest
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.catalogue import ENTRIES
+from minihuman.worlds.catalogue import GRID_WORLDS
 from minihuman.worlds.grid.core.cells import KINDS, kind_of
+from minihuman.worlds.grid.core.rewards import DODGE, cell_in_front
 from minihuman.worlds.grid.core.rules import ACTION_NAMES
 from minihuman.worlds.grid.core.state import TASK
-from minihuman.worlds.grid.core.tasks import DODGE, front
 from minihuman.worlds.grid.planner import plan
 from tests.counts import count
 
 pytestmark = pytest.mark.long
 
 STEPS = count(120, 1500)  # a world and policy; 76 worlds and two policies make over 200,000 in the full count
-NAMES = [entry.name for entry in ENTRIES if entry.kwargs.get("family", "wfc") != "wfc"]  # others: test_wfc.py
+NAMES = [entry.name for entry in GRID_WORLDS if entry.kwargs.get("family", "wfc") != "wfc"]  # others: test_wfc.py
 RESTLESS = (0.15, 0.15, 0.4, 0.1, 0.07, 0.1, 0.03)  # probabilities of the seven actions
 
 
@@ -54,7 +54,7 @@ def effect(env, action, before):
         moved = before.carrying if state.carrying == 1 else state.carrying
         return f"{ACTION_NAMES[action]} {KINDS[kind_of(moved)]}"
     if action == 5:
-        x, y = front(before.row)
+        x, y = cell_in_front(before.row)
         old, new = before.cells[x, y], state.cells[x, y]
         if old != new:
             return f"toggle {KINDS[kind_of(old)]} {old >> 7 & 3} to {KINDS[kind_of(new)]} {new >> 7 & 3}"

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import minihuman  # noqa: F401
-from minihuman.worlds.grid.art.palettes import OBJECT_COLOURS, UNSEEN
-from minihuman.worlds.grid.core.cells import COLOURS, KINDS
-from minihuman.worlds.grid.items import Item
-from minihuman.worlds.grid.text import from_text
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.grid.core.cells import KINDS
+from minihuman.worlds.grid.layout import from_text
+from minihuman.worlds.grid.object_kinds import Item
+from minihuman.worlds.grid.pictures.tiles import OBJECT_COLOURS, UNSEEN
 from minihuman.worlds.grid.world import GridWorld
 
 

@@ -5,12 +5,12 @@ import pytest
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.catalogue import ENTRIES
+from minihuman.worlds.catalogue import GRID_WORLDS
 from minihuman.worlds.grid.planner import plan
 
 # worlds whose obstacles move by chance, without a task, or with more movable things than the default limit takes
 NOT_PLANNED = ("Dynamic", "Playground", "-1Q-", "-2Q-", "-Full-")
-CLASSIC = [entry.id for entry in ENTRIES if "family" in entry.kwargs]
+CLASSIC = [entry.id for entry in GRID_WORLDS if "family" in entry.kwargs]
 PLANNED = [world for world in CLASSIC if not any(part in world for part in NOT_PLANNED)]
 
 
@@ -86,20 +86,20 @@ def test_a_very_large_world_with_obstacles_is_given_up_before_memory_is_full(mon
     env = gymnasium.make("minihuman/MiniGrid-Dynamic-Obstacles-5x5-v0", size=40)
     env.reset(seed=0)
     row = env.unwrapped.state.row
-    monkeypatch.setattr("minihuman.worlds.grid.dodging.MOST_BYTES", 100 * row.nbytes)
+    monkeypatch.setattr("minihuman.worlds.grid.planner.MOST_BYTES", 100 * row.nbytes)
     with pytest.raises(WorldError, match="in 100 states"):
-        env.unwrapped.way()
+        env.unwrapped.shortest_path()
 
 
 def test_moving_obstacles_have_no_sure_plan():
     env = gymnasium.make("minihuman/MiniGrid-Dynamic-Obstacles-5x5-v0")
     env.reset(seed=0)
-    with pytest.raises(WorldError, match="move by chance"):
+    with pytest.raises(WorldError, match="move at random"):
         plan(env.unwrapped.state)
 
 
 def test_giving_up_is_said_and_is_not_no_plan():
     env = gymnasium.make("minihuman/MiniGrid-BlockedUnlockPickup-v0")
     env.reset(seed=0)
-    with pytest.raises(WorldError, match="among the first 50 states"):
+    with pytest.raises(WorldError, match="in the first 50 states"):
         plan(env.unwrapped.state, limit=50)

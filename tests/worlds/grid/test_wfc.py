@@ -13,9 +13,8 @@ from PIL import Image
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.wfc.connected import largest_part
-from minihuman.worlds.grid.wfc.pictures import PICTURES
-from minihuman.worlds.grid.wfc.world import PRESETS, wfc
+from minihuman.worlds.grid.wfc.collapse import largest_part
+from minihuman.worlds.grid.wfc.family import PICTURES, PRESETS, wfc
 from tests.counts import count
 
 SIZE = count(9, 25)
@@ -132,11 +131,11 @@ def test_a_picture_of_ones_own_is_read_from_a_folder(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"wfc_config": "Maze"}, "wfc_config is 'Maze'; it is one of 'MazeSimple'"),
-        ({"size": 4}, "size is 4; it is a whole number, 5 to 64"),
-        ({"patterns": 3}, "patterns is 3; it is a folder"),
+        ({"wfc_config": "Maze"}, "wfc_config is 'Maze'; use one of 'MazeSimple'"),
+        ({"size": 4}, "size is 4; it must be a whole number from 5 to 64"),
+        ({"patterns": 3}, "patterns is 3; give the path of a folder"),
         ({"patterns": "/nowhere"}, "cannot be read as a picture"),
-        ({"ensure_connected": 1}, "ensure_connected is 1; it is true or false"),
+        ({"ensure_connected": 1}, "ensure_connected is 1; it must be true or false"),
     ],
 )
 def test_what_is_not_possible_is_said_in_a_line(options, words):

@@ -10,8 +10,8 @@ from gymnasium.wrappers import TransformObservation
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid import wrappers as ours
-from minihuman.worlds.grid.catalogue import ENTRIES
+from minihuman.worlds.catalogue import GRID_WORLDS
+from minihuman.worlds.grid import wrappers
 
 NAME = "MiniGrid-DoorKey-6x6-v0"
 
@@ -31,20 +31,24 @@ def episode(env, actions, seed=4):
 
 ACTIONS = np.random.default_rng(0).integers(0, 7, 150).tolist()
 SAME = {
-    "one-hot": (ours.OneHot, theirs.OneHotPartialObsWrapper, {}),
-    "fully observed": (ours.FullyObserved, theirs.FullyObsWrapper, {}),
-    "symbolic": (ours.Symbolic, theirs.SymbolicObsWrapper, {}),
-    "larger view": (lambda env: ours.ViewSize(env, 9), lambda env: theirs.ViewSizeWrapper(env, 9), {}),
-    "flat": (ours.Flat, theirs.FlatObsWrapper, {}),
-    "slope": (ours.GoalDirection, theirs.DirectionObsWrapper, {}),
-    "angle": (lambda env: ours.GoalDirection(env, "angle"), lambda env: theirs.DirectionObsWrapper(env, "angle"), {}),
+    "one-hot": (wrappers.OneHot, theirs.OneHotPartialObsWrapper, {}),
+    "fully observed": (wrappers.FullyObserved, theirs.FullyObsWrapper, {}),
+    "symbolic": (wrappers.Symbolic, theirs.SymbolicObsWrapper, {}),
+    "larger view": (lambda env: wrappers.ViewSize(env, 9), lambda env: theirs.ViewSizeWrapper(env, 9), {}),
+    "flat": (wrappers.Flat, theirs.FlatObsWrapper, {}),
+    "slope": (wrappers.GoalDirection, theirs.DirectionObsWrapper, {}),
+    "angle": (
+        lambda env: wrappers.GoalDirection(env, "angle"),
+        lambda env: theirs.DirectionObsWrapper(env, "angle"),
+        {},
+    ),
     "full angle": (
-        lambda env: ours.GoalDirection(env, "angle_atan2"),
+        lambda env: wrappers.GoalDirection(env, "angle_atan2"),
         lambda env: theirs.DirectionObsWrapper(env, "angle_atan2"),
         {},
     ),
-    "position bonus": (ours.PositionBonus, theirs.PositionBonus, {}),
-    "action bonus": (ours.ActionBonus, theirs.ActionBonus, {}),
+    "position bonus": (wrappers.PositionBonus, theirs.PositionBonus, {}),
+    "action bonus": (wrappers.ActionBonus, theirs.ActionBonus, {}),
 }
 
 
@@ -66,10 +70,10 @@ def test_a_wrapper_gives_what_minigrids_gives(wrap, wrap_theirs, options):
 
 
 def test_a_stochastic_action_is_drawn_as_minigrid_draws_it():
-    env, other = ours.StochasticAction(make(), 0.6), theirs.StochasticActionWrapper(gymnasium.make(NAME), 0.6)
+    env, other = wrappers.StochasticAction(make(), 0.6), theirs.StochasticActionWrapper(gymnasium.make(NAME), 0.6)
     for (mine, _), (its, _) in zip(episode(env, ACTIONS), episode(other, ACTIONS), strict=True):
         np.testing.assert_array_equal(mine["image"], its["image"])
-    always = ours.StochasticAction(make(), 0.0, random_action=1)
+    always = wrappers.StochasticAction(make(), 0.0, random_action=1)
     always.reset(seed=0)
     before = always.unwrapped.state.direction
     always.step(2)
@@ -79,9 +83,9 @@ def test_a_stochastic_action_is_drawn_as_minigrid_draws_it():
 @pytest.mark.parametrize(
     ("wrap", "shape"),
     [
-        (lambda env: ours.Pictures(env), (56, 56, 3)),
-        (lambda env: ours.Pictures(env, tile_px=3), (21, 21, 3)),
-        (lambda env: ours.Pictures(env, view="full", palette="colour-safe"), (48, 96, 3)),
+        (lambda env: wrappers.PictureObservation(env), (56, 56, 3)),
+        (lambda env: wrappers.PictureObservation(env, tile_px=3), (21, 21, 3)),
+        (lambda env: wrappers.PictureObservation(env, view="full", palette="colour-safe"), (48, 96, 3)),
     ],
 )
 def test_pictures_are_observations(wrap, shape):
@@ -94,22 +98,22 @@ def test_pictures_are_observations(wrap, shape):
 @pytest.mark.filterwarnings("ignore:.*out of date")
 def test_stable_baselines_takes_every_world_flat():
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="the learn extra is not installed")
-    for entry in ENTRIES:
-        checker.check_env(ours.Flat(make(entry.name)))
-    picture = ours.Pictures(make())
+    for entry in GRID_WORLDS:
+        checker.check_env(wrappers.Flat(make(entry.name)))
+    picture = wrappers.PictureObservation(make())
     checker.check_env(TransformObservation(picture, itemgetter("image"), picture.observation_space["image"]))
 
 
 @pytest.mark.parametrize(
     ("wrap", "complaint"),
     [
-        (lambda: ours.OneHot(gymnasium.make("CartPole-v1")), "no grid world|observes Box"),
-        (lambda: ours.OneHot(ours.Flat(make())), "before its image"),
-        (lambda: ours.ViewSize(make(), 4), "it is an odd number"),
-        (lambda: ours.GoalDirection(make(), "north"), "'north' is no measure"),
-        (lambda: ours.StochasticAction(make(), 1.5), "a probability is 0 to 1"),
-        (lambda: ours.GoalDirection(make("MiniGrid-Fetch-5x5-N2-v0")).reset(seed=0), "no goal to point to"),
-        (lambda: ours.Flat(make(), letters=10).reset(seed=0), "letters=53"),
+        (lambda: wrappers.OneHot(gymnasium.make("CartPole-v1")), "not a grid world|observes Box"),
+        (lambda: wrappers.OneHot(wrappers.Flat(make())), "apply this wrapper before"),
+        (lambda: wrappers.ViewSize(make(), 4), "it must be an odd number"),
+        (lambda: wrappers.GoalDirection(make(), "north"), "unknown measure 'north'"),
+        (lambda: wrappers.StochasticAction(make(), 1.5), "a probability is 0 to 1"),
+        (lambda: wrappers.GoalDirection(make("MiniGrid-Fetch-5x5-N2-v0")).reset(seed=0), "no goal to point to"),
+        (lambda: wrappers.Flat(make(), letters=10).reset(seed=0), "letters=53"),
     ],
 )
 def test_a_wrapper_around_the_wrong_world_says_so(wrap, complaint):

@@ -8,12 +8,12 @@ from gymnasium.utils.env_checker import check_env
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.catalogue import ENTRIES
+from minihuman.worlds.catalogue import GRID_WORLDS
 from minihuman.worlds.grid.core import cells
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, X, Y
 from tests.counts import count
 
-WORLDS = [entry.id for entry in ENTRIES][:: -count(6, 1)]  # the last, made in its own way, is always there
+WORLDS = [entry.id for entry in GRID_WORLDS][:: -count(6, 1)]  # the last, made in its own way, is always there
 STEPS = count(30, 600)
 
 
@@ -109,9 +109,9 @@ def test_an_instruction_is_done_clause_by_clause_as_in_the_grid():
     env = gymnasium.make("minihuman/BabyAI-GoToLocal-v0", view="first_person", obs_width=16, obs_height=12)
     for world in (grid, env):
         world.reset(seed=0)
-    assert [step for _, step in env.unwrapped.clauses()] == [0]
-    for action in list(grid.unwrapped.way()):
+    assert [step for _, step in env.unwrapped.subgoals()] == [0]
+    for action in list(grid.unwrapped.shortest_path()):
         grid.step(action)
         env.step(action)
-    assert env.unwrapped.clauses() == grid.unwrapped.clauses()
-    assert env.unwrapped.clauses()[0][1] > 0
+    assert env.unwrapped.subgoals() == grid.unwrapped.subgoals()
+    assert env.unwrapped.subgoals()[0][1] > 0

@@ -1,1 +1,1 @@
-"""What stands where in each world, and when it ends."""
+"""Layouts: what stands where in each world, what a step earns, and when the episode ends."""

@@ -1,14 +1,15 @@
-"""Rooms side by side: FourRooms, ThreeRooms, Hallway, WallGap."""
+"""Worlds of rooms side by side: FourRooms, ThreeRooms, Hallway, WallGap, Sidewalk."""
 
 import math
 from typing import Any
 
-from minihuman.worlds.first_person.chance import uniform
 from minihuman.worlds.first_person.entities import Ball, Box, ImageFrame, Key, Mesh
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from minihuman.worlds.first_person.layouts.goal import GoalEnv
+from minihuman.worlds.first_person.layouts.one_room import GoalEnv
+from minihuman.worlds.first_person.parameters import uniform
+from minihuman.worlds.first_person.rooms import Room
 from minihuman.worlds.first_person.rules import MOVES
-from minihuman.worlds.options import MOST_METRES, number
+from minihuman.worlds.options import MAX_METRES, check_number
 
 
 class FourRooms(GoalEnv):
@@ -54,7 +55,7 @@ class Hallway(GoalEnv):
     """A hallway of ``length`` metres with a red box at its far end."""
 
     def __init__(self, *, length: float = 12, **options: Any) -> None:
-        self.length = number("length", length, 2, MOST_METRES)
+        self.length = check_number("length", length, 2, MAX_METRES)
         super().__init__(**options)
 
     def build(self) -> None:
@@ -79,3 +80,38 @@ class WallGap(GoalEnv):
         self.box = self.place_entity(Box("red"), room=other)
         self.place_entity(Mesh("building", 30), pos=(30, 0, 30), dir=-math.pi)
         self.place_agent(room=start)
+
+
+class Sidewalk(GoalEnv):
+    """A sidewalk along a street, with a red box at its end; the street ends the episode for nothing."""
+
+    def __init__(self, *, max_steps: int | None = 150, **options: Any) -> None:
+        super().__init__(max_steps=max_steps, **options)
+
+    def build(self) -> None:
+        """Lay the street out, with cones along it and a building far behind it."""
+        sidewalk = self.add_rect_room(
+            min_x=-3, max_x=0, min_z=0, max_z=12, wall="brick_wall", floor="concrete_tiles", ceiling=None
+        )
+        self.street = self.add_rect_room(min_x=0, max_x=6, min_z=-80, max_z=80, floor="asphalt", ceiling=None)
+        self.connect_rooms(sidewalk, self.street, min_z=0, max_z=12)
+        self.place_entity(Mesh("building", 30), pos=(30, 0, 30), dir=-math.pi)
+        for place in range(1, 6):
+            self.place_entity(Mesh("cone", 0.75), pos=(1, 0, 2 * place))
+        self.box = self.place_entity(Box("red"), room=sidewalk, min_z=10, max_z=12)
+        self.place_agent(room=sidewalk, min_z=0, max_z=1.5)
+
+    def reward_and_done(self, action: str) -> tuple[float, bool]:
+        """1 down to 0.8 near the box; either it or the street ends the episode."""
+        reward, arrived = super().reward_and_done(action)
+        x, _, z = self.agent.pos
+        return reward, arrived or self.street.contains(x, z)
+
+    shortest_path, path_length_bounds = (
+        GoalEnv.shortest_path,
+        GoalEnv.path_length_bounds,
+    )  # which keep out of the street
+
+    def off_limits(self) -> tuple[Room, ...]:
+        """The street."""
+        return (self.street,)

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from minihuman.worlds.first_person.building.outline import Point
-from minihuman.worlds.first_person.building.rooms import Room
-from minihuman.worlds.first_person.chance import uniform
 from minihuman.worlds.first_person.entities import Box, Position
-from minihuman.worlds.first_person.layouts.goal import GoalEnv
-from minihuman.worlds.options import number, point, whole
+from minihuman.worlds.first_person.layouts.one_room import GoalEnv
+from minihuman.worlds.first_person.parameters import uniform
+from minihuman.worlds.first_person.rooms import Point, Room
+from minihuman.worlds.options import check_number, check_point, check_whole
 
 MOST_ROOMS = 32  # in a row or a column of a maze
 _GAP = 0.25  # between the rooms of a maze
@@ -20,7 +19,7 @@ class _Fork(GoalEnv):
     """A corridor that ends in two arms; the box is in one of them, by chance or at ``goal_pos``."""
 
     def __init__(self, *, goal_pos: Position | None = None, max_steps: int | None = 280, **options: Any) -> None:
-        self.goal_pos = None if goal_pos is None else point("goal_pos", goal_pos)
+        self.goal_pos = None if goal_pos is None else check_point("goal_pos", goal_pos)
         super().__init__(max_steps=max_steps, **options)
 
     def place_box(self, left: tuple[Room, float], right: tuple[Room, float]) -> None:
@@ -83,9 +82,9 @@ class Maze(GoalEnv):
         max_steps: int | None = None,
         **options: Any,
     ) -> None:
-        self.num_rows = whole("num_rows", num_rows, 1, MOST_ROOMS)
-        self.num_cols = whole("num_cols", num_cols, 1, MOST_ROOMS)
-        self.room_size = number("room_size", room_size, 1, 100)
+        self.num_rows = check_whole("num_rows", num_rows, 1, MOST_ROOMS)
+        self.num_cols = check_whole("num_cols", num_cols, 1, MOST_ROOMS)
+        self.room_size = check_number("room_size", room_size, 1, 100)
         super().__init__(max_steps=num_rows * num_cols * 24 if max_steps is None else max_steps, **options)
 
     def build(self) -> None:

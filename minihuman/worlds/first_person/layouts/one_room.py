@@ -1,24 +1,51 @@
-"""Single rooms: OneRoom, PickupObjects, PutNext, RoomObjects, CollectHealth."""
+"""Worlds of one room: OneRoom, PickupObjects, PutNext, RoomObjects, CollectHealth; and `GoalEnv`.
+
+`GoalEnv` is the base of worlds with one goal: an episode ends near one red box, and its reward falls with every step.
+"""
 
 from collections.abc import Sequence
 from typing import Any
 
-from minihuman.worlds.first_person.chance import uniform
-from minihuman.worlds.first_person.colours import COLOUR_NAMES
+from minihuman.worlds.colours import COLOUR_NAMES
+from minihuman.worlds.contract import PathLengthBounds
 from minihuman.worlds.first_person.entities import Ball, Box, Entity, Key, Mesh
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from minihuman.worlds.first_person.layouts.goal import GoalEnv
-from minihuman.worlds.first_person.rules import ACTIONS
-from minihuman.worlds.first_person.way.carrying import put_next
-from minihuman.worlds.first_person.way.fetching import take_all
-from minihuman.worlds.options import MOST_METRES, number, whole
+from minihuman.worlds.first_person.parameters import uniform
+from minihuman.worlds.first_person.pathfinding.planner import least_steps, plan, plan_put_next, plan_take_all
+from minihuman.worlds.first_person.rules import ACTIONS, MOVES
+from minihuman.worlds.options import MAX_METRES, check_number, check_whole
+
+
+class GoalEnv(FirstPersonEnv):
+    """Base of the worlds that end near ``self.box``, which their ``build`` places."""
+
+    box: Box
+
+    def __init__(self, *, max_steps: int | None = 250, **options: Any) -> None:
+        super().__init__(max_steps=max_steps, actions=MOVES, **options)
+
+    def reward_and_done(self, action: str) -> tuple[float, bool]:
+        """1 down to 0.8 near the box, which ends the episode."""
+        return (self.success_reward(), True) if self.near(self.box) else (0.0, False)
+
+    def targets(self) -> tuple[Entity, ...]:
+        """The box."""
+        return (self.box,)
+
+    def shortest_path(self) -> Sequence[int] | None:
+        """Turns and steps to where the box is near; empty if none were found."""
+        return plan(self, self.box) or ()
+
+    def path_length_bounds(self) -> PathLengthBounds:
+        """The length of that path, and a lower bound."""
+        return PathLengthBounds(least_steps(self, self.box), len(self.shortest_path() or ()) or None)
 
 
 class OneRoom(GoalEnv):
     """A square room of ``size`` metres with a red box."""
 
     def __init__(self, *, size: float = 10, max_steps: int | None = 180, **options: Any) -> None:
-        self.size = number("size", size, 2, MOST_METRES)
+        self.size = check_number("size", size, 2, MAX_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
@@ -32,8 +59,8 @@ class PickupObjects(FirstPersonEnv):
     """A yard of ``size`` metres with ``num_objs`` things; each one picked up earns 1 and is gone."""
 
     def __init__(self, *, size: float = 12, num_objs: int = 5, max_steps: int | None = 400, **options: Any) -> None:
-        self.size = number("size", size, 2, MOST_METRES)
-        self.num_objs = whole("num_objs", num_objs, 1, 100)
+        self.size = check_number("size", size, 2, MAX_METRES)
+        self.num_objs = check_whole("num_objs", num_objs, 1, 100)
         super().__init__(max_steps=max_steps, actions=ACTIONS[:5], **options)
 
     def build(self) -> None:
@@ -46,7 +73,7 @@ class PickupObjects(FirstPersonEnv):
         self.place_agent()
         self.num_picked_up = 0
 
-    def judge(self, action: str) -> tuple[float, bool]:
+    def reward_and_done(self, action: str) -> tuple[float, bool]:
         """1 for each thing; the last one ends the episode."""
         if self.agent.carrying is None:
             return 0.0, False
@@ -55,20 +82,20 @@ class PickupObjects(FirstPersonEnv):
         self.num_picked_up += 1
         return 1.0, self.num_picked_up == self.num_objs
 
-    def sought(self) -> tuple[Entity, ...]:
+    def targets(self) -> tuple[Entity, ...]:
         """All that is left to pick up."""
         return tuple(thing for thing in self.entities if thing is not self.agent)
 
-    def way(self) -> Sequence[int] | None:
+    def shortest_path(self) -> Sequence[int] | None:
         """Turns and steps from thing to thing, the nearest first, each picked up; empty if none were found."""
-        return take_all(self, lambda: list(self.sought())) or ()
+        return plan_take_all(self, lambda: list(self.targets())) or ()
 
 
 class PutNext(FirstPersonEnv):
     """A room with a box of each colour; the red one is to be put next to the yellow one."""
 
     def __init__(self, *, size: float = 12, max_steps: int | None = 250, **options: Any) -> None:
-        self.size = number("size", size, 2, MOST_METRES)
+        self.size = check_number("size", size, 2, MAX_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
@@ -78,26 +105,26 @@ class PutNext(FirstPersonEnv):
         self.red_box, self.yellow_box = boxes["red"], boxes["yellow"]
         self.place_agent()
 
-    def judge(self, action: str) -> tuple[float, bool]:
+    def reward_and_done(self, action: str) -> tuple[float, bool]:
         """1 down to 0.8 when the boxes stand side by side and nothing is carried."""
         if self.agent.carrying is None and self.near(self.red_box, self.yellow_box):
-            return self.prompt_reward(), True
+            return self.success_reward(), True
         return 0.0, False
 
-    def sought(self) -> tuple[Entity, ...]:
+    def targets(self) -> tuple[Entity, ...]:
         """The red box and the yellow one."""
         return (self.red_box, self.yellow_box)
 
-    def way(self) -> Sequence[int] | None:
+    def shortest_path(self) -> Sequence[int] | None:
         """To the red box, with it to the yellow one, and put down; empty if none was found."""
-        return put_next(self, self.red_box, self.yellow_box) or ()
+        return plan_put_next(self, self.red_box, self.yellow_box) or ()
 
 
 class RoomObjects(FirstPersonEnv):
     """A yard with a box, a ball and a key to look at; nothing is rewarded and nothing ends it."""
 
     def __init__(self, *, size: float = 10, max_steps: int | None = None, **options: Any) -> None:
-        self.size = number("size", size, 2, MOST_METRES)
+        self.size = check_number("size", size, 2, MAX_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
@@ -114,7 +141,7 @@ class CollectHealth(FirstPersonEnv):
     """A room of slime that costs 2 health a step, with 18 medical kits; each one picked up restores all 100."""
 
     def __init__(self, *, size: float = 16, max_steps: int | None = 1000, **options: Any) -> None:
-        self.size = number("size", size, 2, MOST_METRES)
+        self.size = check_number("size", size, 2, MAX_METRES)
         super().__init__(max_steps=max_steps, **options)
 
     def build(self) -> None:
@@ -125,7 +152,7 @@ class CollectHealth(FirstPersonEnv):
         self.place_agent()
         self.health = 100
 
-    def judge(self, action: str) -> tuple[float, bool]:
+    def reward_and_done(self, action: str) -> tuple[float, bool]:
         """2 for each step alive, -100 for dying; a kit that is picked up turns up elsewhere."""
         self.health -= 2
         kit = self.agent.carrying

@@ -1,4 +1,4 @@
-"""Sign: a sign on the wall names a colour, the observation names a kind of thing; touch the one that is both."""
+"""Sign: a sign on the wall names a colour, the observation names a kind of object; touch the one that fits both."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 
 import gymnasium
 
-from minihuman.worlds.contract import Bounds
+from minihuman.worlds.contract import PathLengthBounds
 from minihuman.worlds.first_person.entities import Box, Entity, Key, TextFrame
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.parameters import DEFAULTS
+from minihuman.worlds.first_person.pathfinding.planner import least_steps, plan
 from minihuman.worlds.first_person.rules import MOVES
-from minihuman.worlds.first_person.way.planner import least_steps, plan
-from minihuman.worlds.options import MOST_METRES, number, whole
+from minihuman.worlds.options import MAX_METRES, check_number, check_whole
 
 _GAP = 0.25
 _COLOURS = ("blue", "red", "green")
@@ -31,9 +31,9 @@ class Sign(FirstPersonEnv):
     def __init__(
         self, *, size: float = 10, max_steps: int | None = 20, color_index: int = 0, goal: int = 0, **options: Any
     ) -> None:
-        self.size = number("size", size, 5, MOST_METRES)
-        self.color_index = whole("color_index", color_index, 0, 2)  # blue, red, green
-        self.goal = whole("goal", goal, 0, 1)  # box, key
+        self.size = check_number("size", size, 5, MAX_METRES)
+        self.color_index = check_whole("color_index", color_index, 0, 2)  # blue, red, green
+        self.goal = check_whole("goal", goal, 0, 1)  # box, key
         options = {"parameters": DEFAULTS.fixed(forward_step=0.7, turn_step=45.0)} | options
         super().__init__(max_steps=max_steps, actions=(*MOVES, "done"), **options)
         self.observation_space = gymnasium.spaces.Dict(obs=self.observation_space, goal=gymnasium.spaces.Discrete(2))
@@ -58,7 +58,7 @@ class Sign(FirstPersonEnv):
         self.hang(TextFrame((size, 1.35, size + _GAP), math.pi, _COLOURS[self.color_index].upper(), height=1.0))
         self.place_agent(min_x=4, max_x=5, min_z=4, max_z=6)
 
-    def judge(self, action: str) -> tuple[float, bool]:
+    def reward_and_done(self, action: str) -> tuple[float, bool]:
         """1 for the right thing, -1 for a wrong one; of several in reach the last counts."""
         reward, ended = 0.0, action == "done"
         boxes, keys = self.objects
@@ -68,19 +68,19 @@ class Sign(FirstPersonEnv):
                 reward, ended = (1.0 if thing is wanted else -1.0), True
         return reward, ended
 
-    def sought(self) -> tuple[Entity, ...]:
+    def targets(self) -> tuple[Entity, ...]:
         """The sign, and what it names."""
         return *(thing for thing in self.entities if isinstance(thing, TextFrame)), self._wanted()
 
-    def way(self) -> Sequence[int] | None:
+    def shortest_path(self) -> Sequence[int] | None:
         """Turns and steps to the right thing, past the others."""
         wanted = self._wanted()
         others = [thing for things in self.objects for thing in things if thing is not wanted]
         return plan(self, wanted, avoid=others) or ()
 
-    def bounds(self) -> Bounds:
-        """The length of that way, and what no way undercuts."""
-        return Bounds(least_steps(self, self._wanted()), len(self.way() or ()) or None)
+    def path_length_bounds(self) -> PathLengthBounds:
+        """The length of that path, and a lower bound."""
+        return PathLengthBounds(least_steps(self, self._wanted()), len(self.shortest_path() or ()) or None)
 
     def _wanted(self) -> Entity:
         boxes, keys = self.objects

@@ -1,1 +1,1 @@
-"""The renderer of the first-person worlds: a scene and a camera in, a picture out. No display, no OpenGL."""
+"""The renderer of first-person worlds: a scene and a camera in, a picture out. No display, no OpenGL."""

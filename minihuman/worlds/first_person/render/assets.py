@@ -1,4 +1,4 @@
-"""Assets: the textures and meshes a scene names, whoever drew them; kept once, as the kernels read them."""
+"""Assets: the textures and meshes that a scene names, packed once as the kernels read them."""
 
 import abc
 from collections.abc import Mapping
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.render.memory import packed_faces
-from minihuman.worlds.first_person.render.tables import F64, I32, SHADE, Faces, Textures
+from minihuman.worlds.first_person.render.kernel_tables import F64, I32, SHADE, FaceTable, TextureTable
 from minihuman.worlds.first_person.render.texture import MOST_SIZES
+from minihuman.worlds.first_person.render.visibility import packed_faces
 
 MOST_TEXELS = 2047  # a side of a texture
 CUBE = "cube"
@@ -30,13 +30,13 @@ class Texture:
     def __post_init__(self) -> None:
         height, width = self.pixels.shape[:2]
         if self.pixels.dtype != np.uint8 or self.pixels.shape != (height, width, 3):
-            raise WorldError(f"a texture is uint8[h, w, 3], not {self.pixels.dtype}{list(self.pixels.shape)}")
+            raise WorldError(f"a texture is {self.pixels.dtype}{list(self.pixels.shape)}; it must be uint8[h, w, 3]")
         if not 1 <= max(height, width) <= MOST_TEXELS:
-            raise WorldError(f"a texture of {width}x{height} texels is too large; {MOST_TEXELS} a side is the most")
+            raise WorldError(f"a texture is {width} x {height} texels; each side can have at most {MOST_TEXELS}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
+class MeshData:
     """Triangles, counter-clockwise from outside, resting on y = 0 around the axis x = z = 0."""
 
     corners: F64  # (n, 3, 3)
@@ -75,7 +75,7 @@ class Assets(abc.ABC):
         """
 
     @abc.abstractmethod
-    def mesh(self, name: str) -> Mesh:
+    def mesh(self, name: str) -> MeshData:
         """The mesh of this name: "duckie".
 
         Raises:
@@ -83,7 +83,7 @@ class Assets(abc.ABC):
         """
 
     def brings(self, mesh: str) -> bool:
-        """Whether a mesh of this name is somebody else's than ours: only ours come in the colours of every palette."""
+        """Whether a mesh of this name is not built in: only built-in ones come in the colours of every palette."""
         return False
 
 
@@ -98,14 +98,14 @@ class Library:
         self._texture_rows: dict[str, int] = {}
         self._sizes_m: list[tuple[float, float]] = []
         self._mesh_ranges: dict[str, tuple[int, int]] = {}
-        self._meshes: dict[str, Mesh] = {}
+        self._meshes: dict[str, MeshData] = {}
         self._boxes: dict[str, tuple[float, float, float, float]] = {}
         self._reaches: dict[str, tuple[float, float]] = {}
-        self.textures = Textures(np.zeros(0, np.uint32), np.zeros(0, np.uint32))
+        self.textures = TextureTable(np.zeros(0, np.uint32), np.zeros(0, np.uint32))
         arrow = np.array([[1.0, 0.0, 0.0], [-0.75, 0.0, -0.75], [-0.75, 0.0, 0.75]])
         polygons = [*unit_cube(), arrow, _disc(1.0), _disc(SHADOW_REACH)]
         self.faces = pack(polygons, [np.zeros((len(each), 2)) for each in polygons], [-1] * 7 + [SHADE, SHADE - 1])
-        self._packed: tuple[Faces, tuple[F64, I32]] | None = None
+        self._packed: tuple[FaceTable, tuple[F64, I32]] | None = None
         self._mesh_ranges[CUBE] = CUBE_FACES
 
     @property
@@ -155,7 +155,7 @@ class Library:
         return mesh.half_width, mesh.height, mesh.half_depth
 
     def brings(self, mesh: str) -> bool:
-        """Whether a mesh is somebody else's than ours."""
+        """Whether a mesh is not built in."""
         return self._assets.brings(mesh)
 
     def _keep(self, name: str, texture: Texture) -> None:
@@ -163,7 +163,7 @@ class Library:
         self._texture_rows[name] = len(self._sizes_m)
         self._sizes_m.append(texture.size_m)
 
-    def _add(self, name: str, mesh: Mesh) -> None:
+    def _add(self, name: str, mesh: MeshData) -> None:
         for image, texture in mesh.images.items():
             self._keep(image, texture)
         rows = np.array([-1 if key is None else self.texture_row(key) for key in mesh.textures], np.int32)
@@ -177,7 +177,7 @@ class Library:
         self._boxes[name] = mesh.half_width, float(heights.min()), mesh.height, mesh.half_depth
 
 
-def mesh_table(mesh: Mesh, texture_rows: NDArray[np.int32]) -> Faces:
+def mesh_table(mesh: MeshData, texture_rows: NDArray[np.int32]) -> FaceTable:
     """A mesh as a table of faces, without its slivers."""
     edge_a, edge_b = mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0]
     normal = np.cross(edge_a, edge_b)
@@ -185,7 +185,7 @@ def mesh_table(mesh: Mesh, texture_rows: NDArray[np.int32]) -> Faces:
     normal = normal[kept]
     count = int(kept.sum())
     offset = -np.einsum("ij,ij->i", normal, mesh.corners[kept, 0])
-    return Faces(
+    return FaceTable(
         np.arange(0, 3 * count + 1, 3, dtype=np.int32),
         np.ascontiguousarray(mesh.corners[kept]).reshape(-1, 3),
         np.ascontiguousarray(mesh.texture_places[kept]).reshape(-1, 2),
@@ -196,12 +196,12 @@ def mesh_table(mesh: Mesh, texture_rows: NDArray[np.int32]) -> Faces:
     )
 
 
-def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None = None) -> Faces:
+def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None = None) -> FaceTable:
     """White flat polygons (n, 3), with their places on their textures (n, 2), as a table of faces."""
     normals = [newell(polygon) for polygon in polygons]
     sizes = [len(polygon) for polygon in polygons]
     offsets = [-float(normal @ polygon.mean(axis=0)) for normal, polygon in zip(normals, polygons, strict=True)]
-    return Faces(
+    return FaceTable(
         np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32),
         np.concatenate([np.zeros((0, 3)), *polygons]),
         np.concatenate([np.zeros((0, 2)), *places]),
@@ -212,9 +212,9 @@ def pack(polygons: list[F64], places: list[F64], texture_rows: list[int] | None 
     )
 
 
-def join(a: Faces, b: Faces) -> Faces:
+def join(a: FaceTable, b: FaceTable) -> FaceTable:
     """Two tables of faces, one after the other."""
-    return Faces(
+    return FaceTable(
         np.concatenate([a.start, b.start[1:] + a.start[-1]]).astype(np.int32),
         np.concatenate([a.position, b.position]),
         np.concatenate([a.texture_place, b.texture_place]),
@@ -240,7 +240,7 @@ def newell(polygon: F64) -> F64:
     )
     length = float(np.sqrt(np.sum(normal * normal)))
     if length == 0.0:
-        raise WorldError(f"the surface {polygon.tolist()} has no area; give it three corners that are not in line")
+        raise WorldError(f"the surface {polygon.tolist()} has no area; give it three corners that are not on one line")
     return normal / length
 
 
@@ -290,7 +290,7 @@ def _gathered(pixels: NDArray[np.int32], count: int) -> NDArray[np.int32]:
     return total
 
 
-def _append(textures: Textures, pixels: NDArray[np.uint8]) -> Textures:
+def _append(textures: TextureTable, pixels: NDArray[np.uint8]) -> TextureTable:
     table = np.zeros((MOST_SIZES, 2), np.uint32)
     parts = [textures.texels]
     offset = len(textures.texels)
@@ -309,4 +309,4 @@ def _append(textures: Textures, pixels: NDArray[np.uint8]) -> Textures:
         offset += len(parts[-1])
         sizes.append(level)
     table[-1, 1] = len(sizes) - 1
-    return Textures(np.concatenate(parts), np.concatenate([textures.table, table.ravel()]))
+    return TextureTable(np.concatenate(parts), np.concatenate([textures.table, table.ravel()]))

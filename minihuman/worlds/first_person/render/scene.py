@@ -1,30 +1,37 @@
-"""The scene: what the renderer draws. Rooms of flat surfaces, things standing in them, light, sky and a camera.
+"""The scene: what the renderer draws (rooms of flat surfaces, things in them, light, camera, sky), and its tables.
 
 Lengths are metres, x right, y up, z towards the reader on a floor plan; yaw 0 looks along +x and grows
-counter-clockwise seen from above. Nothing here knows rules, randomness or pixels.
+counter-clockwise seen from above. Nothing here knows rules, randomness or pixels. A world makes its scene once per
+episode and draws it as often as it likes:
 
-A world makes its scene once an episode and draws it as often as it likes:
-
-    scene = lay_out(rooms, looks, light=..., sky=...)              # layout.py
+    scene = build_scene(rooms, looks, light=..., sky=...)
     scene = scene.at(places)                                       # where the things stand now
-    picture = render(scene, camera, width=80, height=60)           # draw.py: uint8[60, 80, 3]
-    depth = render_depth(scene, camera, width=80, height=60)       # draw.py: float32[60, 80], metres
-    plan = render_top(scene, width=80, height=60, agent=pose)      # draw.py: uint8[60, 80, 3]
-    seen = visible_things(scene, camera, width=80, height=60)      # draw.py: indices of the looks
+    picture = render(scene, camera, width=80, height=60)           # drawing.py: uint8[60, 80, 3]
+    depth = render_depth(scene, camera, width=80, height=60)       # drawing.py: float32[60, 80], metres
+    plan = render_top(scene, width=80, height=60, agent=pose)      # drawing.py: uint8[60, 80, 3]
+    seen = visible_things(scene, camera, width=80, height=60)      # drawing.py: indices of the looks
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-
-if TYPE_CHECKING:
-    from minihuman.worlds.first_person.render.layout import Layout
+from minihuman.worlds.first_person.render.assets import CUBE, SHADOW_FACES, SHADOW_REACH, Library, join, pack
+from minihuman.worlds.first_person.render.kernel_tables import (
+    F64,
+    FIRST,
+    I32,
+    LAST,
+    THING_SIZE,
+    FaceTable,
+    RoomTable,
+    TextureTable,
+)
+from minihuman.worlds.first_person.render.visibility import packed_faces, packed_rooms
 
 Rgb = tuple[float, float, float]  # 0 to 1
 Vector = tuple[float, float, float]  # x, y, z
@@ -45,9 +52,11 @@ class Surface:
 
     def __post_init__(self) -> None:
         if self.corners.shape[0] < 3 or self.corners.shape[1:] != (3,):
-            raise WorldError(f"a surface has 3 or more corners of x, y, z, not an array of shape {self.corners.shape}")
+            raise WorldError(f"the corners of a surface have the shape {self.corners.shape}; give 3 or more of x, y, z")
         if self.texture_m.shape != (len(self.corners), 2):
-            raise WorldError(f"{len(self.corners)} corners need as many texture places, not {self.texture_m.shape}")
+            raise WorldError(
+                f"texture_m has the shape {self.texture_m.shape}; {len(self.corners)} corners need one place each"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +69,7 @@ class Opening:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneRoom:
-    """One convex room. The outline runs counter-clockwise seen from above; without a roof one sees over its walls."""
+    """One convex room. The outline runs counter-clockwise seen from above; without a roof, its walls hide nothing."""
 
     outline: NDArray[np.float64]  # (n, 2) x, z
     surfaces: Sequence[Surface]
@@ -89,7 +98,7 @@ class MeshLook:
 class FrameLook:
     """A black-edged frame that shows textures side by side; the middle of its back is at the thing's place.
 
-    A picture has one texture, a text one a letter; ``None`` is a blank.
+    A picture has one texture, a text one per letter; ``None`` is a blank.
     """
 
     textures: tuple[str | None, ...]
@@ -135,21 +144,23 @@ class Camera:
 
     def __post_init__(self) -> None:
         if not 0 < self.near_m < self.far_m:
-            raise WorldError(f"near {self.near_m} m and far {self.far_m} m are not above 0 and in this order")
+            raise WorldError(f"near_m is {self.near_m} and far_m is {self.far_m}; they need 0 < near_m < far_m")
         if not 0 < self.fov_y_deg < 180:
-            raise WorldError(f"a field of view of {self.fov_y_deg}° sees nothing; it is between 0 and 180")
+            raise WorldError(f"fov_y_deg is {self.fov_y_deg}; it must be between 0 and 180")
         if not all(map(math.isfinite, (*self.position, self.yaw_rad, self.pitch_rad))):
-            raise WorldError(f"a camera cannot stand at {self.position} with yaw {self.yaw_rad}")
+            raise WorldError(
+                f"the camera's position is {self.position} and its yaw {self.yaw_rad}; both must be finite"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Everything there is to see at one moment, made by ``layout.lay_out`` once an episode.
+    """Everything there is to see at one moment, made by ``build_scene`` once per episode.
 
     Only the places change from step to step: a row for each look, x, y, z and yaw_rad; a row of NaN hides the thing.
     """
 
-    layout: "Layout"  # rooms and looks as flat arrays
+    layout: "SceneTables"  # rooms and looks as flat arrays
     places: NDArray[np.float64]  # (looks, 4)
     light: Light = Light()
     sky: Rgb = (0.25, 0.82, 1.0)
@@ -157,9 +168,180 @@ class Scene:
     def __post_init__(self) -> None:
         if self.places.shape != (self.layout.thing_count, 4):
             raise WorldError(
-                f"{self.layout.thing_count} things need as many places (x, y, z, yaw), not {self.places.shape}"
+                f"places has the shape {self.places.shape}; {self.layout.thing_count} things need x, y, z, yaw each"
             )
 
     def at(self, places: NDArray[np.float64]) -> "Scene":
         """The same scene with its things elsewhere; what was laid out is shared."""
         return Scene(self.layout, places, self.light, self.sky)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneTables:
+    """A scene's tables; they are never written to after this."""
+
+    rooms: RoomTable
+    packed_rooms: tuple[F64, I32]  # their faces, and the rooms
+    packed_library: tuple[F64, I32]  # faces of things
+    things: F64  # (things, THING_SIZE)
+    textures: TextureTable
+    capacity: int  # the most faces one picture can show
+    most_corners: int  # of one face
+
+    @property
+    def thing_count(self) -> int:
+        """How many things there are."""
+        return len(self.things)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """x0, z0, x1, z1 of the whole floor plan, metres."""
+        low, high = self.rooms.bounds.min(axis=0), self.rooms.bounds.max(axis=0)
+        return float(low[0]), float(low[1]), float(high[2]), float(high[3])
+
+
+def build_scene(
+    rooms: Sequence[SceneRoom],
+    looks: Sequence[Look] = (),
+    *,
+    library: Library,
+    places: F64 | None = None,
+    light: Light | None = None,
+    sky: Rgb = (0.25, 0.82, 1.0),
+) -> Scene:
+    """Make a scene; without places, its things are hidden until ``Scene.at`` says where they stand.
+
+    Raises:
+        WorldError: if there are no rooms, an opening leads nowhere, or a texture or mesh is unknown.
+    """
+    if not rooms:
+        raise WorldError("the scene has no rooms; give it one or more")
+    return add_things(_rooms(rooms, library), looks, library=library, places=places, light=light, sky=sky)
+
+
+def add_things(
+    tables: tuple[FaceTable, RoomTable],
+    looks: Sequence[Look] = (),
+    *,
+    library: Library,
+    places: F64 | None = None,
+    light: Light | None = None,
+    sky: Rgb = (0.25, 0.82, 1.0),
+) -> Scene:
+    """Make a scene of rooms that are tables already."""
+    faces, room_table = tables
+    table, things = _things(looks, library)
+    floats, wholes = packed_faces(faces)
+    more_floats, more_wholes = packed_rooms(room_table)
+    layout = SceneTables(
+        room_table,
+        (np.concatenate([floats, more_floats]), np.concatenate([wholes, more_wholes])),
+        library.packed if table is library.faces else packed_faces(table),
+        things,
+        library.textures,
+        capacity=len(faces.texture) + int(np.sum(things[:, LAST] - things[:, FIRST])) + 6 * len(looks) + 2,
+        most_corners=max(int(np.max(np.diff(faces.start))), 4) + 8,
+    )
+    where = np.full((len(looks), 4), np.nan) if places is None else places
+    return Scene(layout, where, light if light is not None else Light(), sky)
+
+
+def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
+    polygons, places, rows, first_face = [], [], [], [0]
+    edges, first_edge, bounds = [], [0], []
+    holes, into, first_opening = [], [], [0]
+    for room in rooms:
+        for surface in room.surfaces:
+            polygons.append(surface.corners)
+            places.append(surface.texture_m / np.array(library.texture_size_m(surface.texture)))
+            rows.append(library.texture_row(surface.texture))
+        for opening in room.openings:
+            if not 0 <= opening.into < len(rooms):
+                raise WorldError(f"an opening leads into room {opening.into}; rooms are 0 to {len(rooms) - 1}")
+            holes.append(opening.corners)
+            into.append(opening.into)
+        outline = room.outline
+        following = np.roll(outline, -1, axis=0)
+        along = following - outline
+        along /= np.sqrt(np.sum(along * along, axis=1, keepdims=True))
+        # the inside of a counter-clockwise outline (x right, z down the page) is on the left of its edges
+        a, b = along[:, 1], -along[:, 0]
+        edges.append(np.column_stack([a, b, -(a * outline[:, 0] + b * outline[:, 1])]))
+        bounds.append([*outline.min(axis=0), *outline.max(axis=0)])
+        first_face.append(len(polygons))
+        first_edge.append(first_edge[-1] + len(outline))
+        first_opening.append(len(holes))
+    table = RoomTable(
+        np.array(first_face, np.int32),
+        np.array(bounds),
+        np.array(first_edge, np.int32),
+        np.concatenate(edges),
+        np.array(first_opening, np.int32),
+        np.array(holes).reshape(-1, 4, 3),
+        np.array(into, np.int32),
+        np.array([room.roofed for room in rooms]),
+    )
+    return pack(polygons, places, rows), table
+
+
+def _things(looks: Sequence[Look], library: Library) -> tuple[FaceTable, F64]:
+    rows, frames = [], []
+    for index, look in enumerate(looks):
+        if isinstance(look, FrameLook):
+            frames.append((index, _frame(look, library)))
+        rows.append(_row(look, library))
+    table, things = library.faces, np.array(rows, np.float64).reshape(-1, THING_SIZE)
+    for index, frame in frames:
+        things[index, FIRST] = len(table.texture)
+        table = join(table, frame)
+        things[index, LAST] = len(table.texture)
+    return table, things
+
+
+def _row(look: Look, library: Library) -> tuple[float, ...]:
+    """The columns of a thing; the faces of a frame are not known yet."""
+    match look:
+        case BoxLook(size, colour):
+            around = float(np.hypot(size[0], size[2])) / 2
+            reach = float(np.hypot(around, size[1]))
+            box = size[0] / 2, 0.0, size[1], size[2] / 2
+            return *library.mesh_faces(CUBE), *size, 1.0, *colour, around, reach, *box
+        case MeshLook(mesh, height_m, tint):
+            faces = library.mesh_faces(mesh)
+            scale, normal_scale = library.mesh_scale(mesh, height_m)
+            extents = (scale * each for each in (*library.mesh_reach(mesh), *library.mesh_box(mesh)))
+            return *faces, scale, scale, scale, normal_scale, *tint, *extents
+        case FrameLook():
+            around = float(np.hypot(look.width_m / 2, look.depth_m))
+            reach = float(np.hypot(around, look.height_m / 2))
+            box = look.depth_m, -look.height_m / 2, look.height_m / 2, look.width_m / 2
+            return 0, 0, *(1.0,) * 7, around, reach, *box
+        case ShadowLook(radius_m):
+            reach = radius_m * SHADOW_REACH
+            return *SHADOW_FACES, radius_m, 1.0, radius_m, 1.0, 0.0, 0.0, 0.0, reach, reach, reach, 0.0, 0.0, reach
+
+
+def _frame(look: FrameLook, library: Library) -> FaceTable:
+    """A frame's front, a square a texture from left to right, and its four black edges; it faces +x."""
+    half_width, half_height, depth = look.width_m / 2, look.height_m / 2, look.depth_m
+    unit = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
+    polygons, rows = [], []
+    step = look.width_m / len(look.textures)
+    for index, name in enumerate(look.textures):
+        left = half_width - index * step
+        right = left - step
+        y = half_height
+        polygons.append(np.array([[depth, y, right], [depth, y, left], [depth, -y, left], [depth, -y, right]]))
+        rows.append(-1 if name is None else library.texture_row(name))
+    y, z = half_height, half_width
+    edges = [
+        [[0, y, -z], [depth, y, -z], [depth, -y, -z], [0, -y, -z]],
+        [[depth, y, z], [0, y, z], [0, -y, z], [depth, -y, z]],
+        [[depth, y, z], [depth, y, -z], [0, y, -z], [0, y, z]],
+        [[depth, -y, -z], [depth, -y, z], [0, -y, z], [0, -y, -z]],
+    ]
+    polygons += [np.array(edge, np.float64) for edge in edges]
+    rows += [-1] * 4
+    faces = pack(polygons, [unit] * len(polygons), rows)
+    faces.colour[-4:] = 0.0
+    return faces

@@ -1,6 +1,6 @@
-"""What an action does: the seven actions of Minigrid on one row of state.
+"""What an action does: Minigrid's seven actions on one row of state, a door's toggle rule among them.
 
-Steps of a world with instructions are judged in ``instructions.rules``: others need not compile that.
+Steps of a world with instructions are judged in `babyai.verifier`: others need not compile that.
 """
 
 import numpy as np
@@ -22,14 +22,31 @@ from minihuman.worlds.grid.core.cells import (
     kind_of,
     state_of,
 )
-from minihuman.worlds.grid.core.chance import Words
-from minihuman.worlds.grid.core.own import OPENS, carries, nature, passes
+from minihuman.worlds.grid.core.rewards import (
+    DODGE,
+    DROP,
+    FORWARD,
+    IN_ORDER,
+    LEFT,
+    MATCH,
+    PICKUP,
+    RIGHT,
+    TOGGLE,
+    cell_in_front,
+    faces_obstacle,
+    is_open,
+    move_obstacles,
+    reward_and_done,
+    success_reward,
+)
+from minihuman.worlds.grid.core.rng import RngState
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     CARRYING,
     DIRECTION,
     HEIGHT,
     MAX_STEPS,
+    OPENS,
     OVER,
     PHASE,
     PLAYING,
@@ -40,30 +57,16 @@ from minihuman.worlds.grid.core.state import (
     Row,
     X,
     Y,
+    can_carry,
+    can_enter,
     cell_at,
     contents_index,
     lift,
+    own_properties,
     put,
 )
-from minihuman.worlds.grid.core.tasks import (
-    DODGE,
-    DROP,
-    FORWARD,
-    IN_ORDER,
-    LEFT,
-    MATCH,
-    PICKUP,
-    RIGHT,
-    TOGGLE,
-    faces_obstacle,
-    front,
-    is_open,
-    judge,
-    move_obstacles,
-    prize,
-)
 from minihuman.worlds.grid.core.view import see
-from minihuman.worlds.kernels import inlined, kernel, part
+from minihuman.worlds.kernels import device_function, inline, kernel
 
 ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 
@@ -71,21 +74,21 @@ TERMINATED, TRUNCATED = 1, 2  # bits of a step's status
 NOT_PLAYING, NO_SUCH_ACTION = -1, -2  # a step that was refused and changed nothing
 
 
-@kernel(brief=True)
-def step(row: Row, action: int, words: Words, image: NDArray[np.uint8]) -> tuple[int, int, float]:
+@kernel(hold_gil=True)
+def step(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
     """Make one step and see its result.
 
     Returns:
         status (TERMINATED and TRUNCATED as bits, negative when refused), direction, reward.
     """
-    status, reward = act(row, action, words)
+    status, reward = act(row, action, rng_state)
     if status >= 0:
         see(row, image)
     return status, row[DIRECTION], reward
 
 
-@kernel(brief=True)
-def act(row: Row, action: int, words: Words) -> tuple[int, float]:
+@kernel(hold_gil=True)
+def act(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
     """Make one step without looking: status and reward, as `step` returns them."""
     refused = refusal(row, action)
     if refused < 0:
@@ -99,15 +102,15 @@ def act(row: Row, action: int, words: Words) -> tuple[int, float]:
     collides = False
     if task == DODGE:
         collides = action == FORWARD and faces_obstacle(row)
-        move_obstacles(row, words)
+        move_obstacles(row, rng_state)
     reward, ended = apply(row, action)
-    reward, ended = judge(row, action, held_before, first_was_open, reward, ended)
+    reward, ended = reward_and_done(row, action, held_before, first_was_open, reward, ended)
     if collides:
         reward, ended = -1.0, True
     return close(row, ended), reward
 
 
-@inlined
+@inline
 def refusal(row: Row, action: int) -> int:
     """Why this step is not made: NOT_PLAYING or NO_SUCH_ACTION; 0 where nothing is against it."""
     if row[PHASE] != PLAYING:
@@ -115,7 +118,7 @@ def refusal(row: Row, action: int) -> int:
     return NO_SUCH_ACTION if action < 0 or action >= row[ACTIONS] else 0
 
 
-@inlined
+@inline
 def close(row: Row, ended: bool) -> int:
     """The status of a step that was made and judged; the row notes an end."""
     status = TERMINATED if ended else 0
@@ -126,7 +129,7 @@ def close(row: Row, ended: bool) -> int:
     return status
 
 
-@part()
+@device_function()
 def apply(row: Row, action: int) -> tuple[float, bool]:
     """Do what the action does to agent, objects and doors: reward and end as goal and lava give them."""
     if action == LEFT:
@@ -135,18 +138,18 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
     if action == RIGHT:
         row[DIRECTION] = (row[DIRECTION] + 1) % 4
         return 0.0, False
-    x, y = front(row)
+    x, y = cell_in_front(row)
     code = cell_at(row, x, y)
     if action == FORWARD:
-        if passes(row, code):
+        if can_enter(row, code):
             row[X], row[Y] = x, y
         if kind_of(code) == GOAL:
-            return prize(row), True
+            return success_reward(row), True
         return 0.0, kind_of(code) == LAVA
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
         return 0.0, False
     if action == PICKUP:
-        if row[CARRYING] == EMPTY and carries(row, code):
+        if row[CARRYING] == EMPTY and can_carry(row, code):
             row[CARRYING] = lift(row, x, y)
     elif action == DROP:
         if row[CARRYING] != EMPTY and code == EMPTY:
@@ -157,10 +160,10 @@ def apply(row: Row, action: int) -> tuple[float, bool]:
     return 0.0, False
 
 
-@inlined
+@inline
 def toggle(row: Row, x: int, y: int, code: int) -> None:
     """Open or close a door or its like, unlock it with the key of its colour, or open a box: its contents stay."""
-    if kind_of(code) == DOOR or nature(row, code) & OPENS:
+    if kind_of(code) == DOOR or own_properties(row, code) & OPENS:
         state = state_of(code)
         if state == LOCKED:
             held = row[CARRYING]

@@ -1,9 +1,11 @@
-"""Best-first search over what a grid world can become, on the world's own rules.
+"""Best-first search over the states that a grid world can reach, on the world's own rules.
 
 A node is what actions can change, packed into int32: agent x, y, direction, the object in hand, the object put down
-last, and for each object the cell it lies in with its state. The cost of an action is 1 and the bound never
-overestimates, so the first success found is a shortest one.
+last, and for each object the cell it lies in with its state. An action costs 1 and the bound never overestimates, so
+the first success found is a shortest one.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +17,25 @@ from minihuman.worlds.grid.core.cells import (
     LAVA,
     OPEN,
     WALL,
+    ahead,
     identity_of,
     in_state,
     kind_of,
     state_of,
 )
-from minihuman.worlds.grid.core.directions import ahead
-from minihuman.worlds.grid.core.own import passes
+from minihuman.worlds.grid.core.rewards import (
+    DONE,
+    DROP,
+    FORWARD,
+    LEFT,
+    PICKUP,
+    PUT_NEAR,
+    RIGHT,
+    STAND_BY,
+    TOGGLE,
+    cell_in_front,
+)
+from minihuman.worlds.grid.core.rng import RngState
 from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.state import (
     CARRYING,
@@ -39,23 +53,24 @@ from minihuman.worlds.grid.core.state import (
     Row,
     X,
     Y,
+    can_enter,
+    contents_index,
     lift,
     put,
     where_is,
 )
-from minihuman.worlds.grid.core.tasks import DONE, DROP, FORWARD, LEFT, PICKUP, PUT_NEAR, RIGHT, STAND_BY, TOGGLE, front
-from minihuman.worlds.kernels import kernel, part
+from minihuman.worlds.kernels import device_function, kernel
 
 FAR = 1 << 20  # more actions than any plan has
 FOUND, NONE, FULL = 0, 1, 2  # how a search ends: a plan, no plan exists, too many nodes
 
-_HELD, _LAST, _OBJECTS = 3, 4, 5  # places in a node, after x, y and direction
+_HELD, LAST, _OBJECTS = 3, 4, 5  # places in a node, after x, y and direction
 _STATE_BIT = 24  # a cell number plus one is in the bits below
 
 
 @kernel()
 def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np.int32]:
-    """Actions from each pose (x, y, direction) to any source pose, turning and walking only; FAR without a way.
+    """Actions from each pose (x, y, direction) to any source pose, turning and walking only; FAR without a path.
 
     Args:
         row: The state.
@@ -95,24 +110,138 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
     return steps.reshape((width, height, 4))
 
 
-@part()
+@device_function()
 def stands(row: Row, code: int, through: bool) -> bool:
-    """Whether an agent that has not yet succeeded can be in this cell."""
+    """Whether an agent that has not succeeded yet can be in this cell."""
     kind = kind_of(code)
     if kind == WALL or kind == LAVA or kind == GOAL:
         return False
-    return through or passes(row, code)
+    return through or can_enter(row, code)
 
 
-@part()
+@device_function()
 def stands_or_ends(row: Row, code: int, through: bool) -> bool:
     """Whether a step into this cell is possible and no failure."""
     return kind_of(code) == GOAL or stands(row, code, through)
 
 
+class Frontier(NamedTuple):
+    """The nodes a search has reached, and those to expand next, in buckets by the estimated length of the plan."""
+
+    nodes: NDArray[np.int32]  # (limit, length of a node)
+    cost: NDArray[np.int32]  # actions from the start
+    parent: NDArray[np.int32]  # -1 at the start
+    cause: NDArray[np.int8]  # the action from the parent
+    closed: NDArray[np.bool_]  # expanded
+    table: NDArray[np.int32]  # open addressing: nodes by their content
+    bucket: NDArray[np.int64]  # by estimate: the newest entry, -1 for none
+    entry_node: NDArray[np.int32]
+    entry_next: NDArray[np.int64]
+    counters: NDArray[np.int64]
+
+
+_N_NODES, _N_ENTRIES, _ESTIMATE, _DROPPED = range(4)  # places in the counters
+
+
+@device_function()
+def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
+    """A frontier that holds the state alone, with room for ``limit`` nodes."""
+    n_buckets = (1 << 14) + 16 * (estimate + row[OBJECTS] * (row[WIDTH] + row[HEIGHT]))
+    frontier = Frontier(
+        np.empty((limit, _OBJECTS + row[OBJECTS]), np.int32),
+        np.empty(limit, np.int32),
+        np.empty(limit, np.int32),
+        np.empty(limit, np.int8),
+        np.zeros(limit, np.bool_),
+        np.full(4 * limit, -1, np.int32),
+        np.full(n_buckets, -1, np.int64),
+        np.empty(4 * limit, np.int32),
+        np.empty(4 * limit, np.int64),
+        np.zeros(4, np.int64),
+    )
+    store(row, frontier.nodes[0], 0)
+    frontier.cost[0], frontier.parent[0], frontier.cause[0] = 0, -1, -1
+    frontier.table[slot(frontier.nodes, frontier.table, 0)] = 0
+    frontier.bucket[estimate] = 0
+    frontier.entry_node[0], frontier.entry_next[0] = 0, -1
+    frontier.counters[_N_NODES], frontier.counters[_N_ENTRIES], frontier.counters[_ESTIMATE] = 1, 1, estimate
+    return frontier
+
+
+@device_function(force_inline=True)
+def pop(frontier: Frontier) -> int:
+    """Take out a node with the least estimate, the newest of those; -1 when none is left."""
+    bucket = frontier.bucket
+    estimate = frontier.counters[_ESTIMATE]
+    while estimate < len(bucket):
+        entry = bucket[estimate]
+        if entry < 0:
+            estimate += 1
+            continue
+        bucket[estimate] = frontier.entry_next[entry]
+        node = int(frontier.entry_node[entry])
+        if not frontier.closed[node]:
+            frontier.closed[node] = True
+            frontier.counters[_ESTIMATE] = estimate
+            return node
+    frontier.counters[_ESTIMATE] = estimate
+    return -1
+
+
+@device_function(force_inline=True)
+def push(frontier: Frontier, row: Row, node: int, action: int, held: int, heuristic: int, weight: int) -> bool:
+    """Add the state that an action led to, unless it is known at the same cost or less; False when there is no room.
+
+    Args:
+        frontier: What the search has reached.
+        row: The state after the action.
+        node: Where the action was done.
+        action: What was done.
+        held: The identity of the object in hand before it.
+        heuristic: Actions that success is estimated to take from the state; FAR where it is impossible.
+        weight: How many times the heuristic counts.
+    """
+    nodes, cost, counters = frontier.nodes, frontier.cost, frontier.counters
+    count, entry = counters[_N_NODES], counters[_N_ENTRIES]
+    if count == len(nodes) or entry == len(frontier.entry_node):
+        return False
+    last = int(nodes[node, LAST])
+    if action == DROP:
+        last = held
+    elif action == PICKUP:
+        last = 0
+    store(row, nodes[count], last)
+    place = slot(nodes, frontier.table, count)
+    known = int(frontier.table[place])
+    if known < 0:
+        known = count
+        frontier.table[place] = count
+        counters[_N_NODES] = count + 1
+    elif frontier.closed[known] or cost[known] <= cost[node] + 1:
+        return True
+    cost[known], frontier.parent[known], frontier.cause[known] = cost[node] + 1, node, action
+    if heuristic >= FAR:
+        return True
+    estimate = weight * heuristic + cost[known]
+    if estimate >= len(frontier.bucket):
+        counters[_DROPPED] = 1
+        return True
+    frontier.entry_node[entry], frontier.entry_next[entry] = known, frontier.bucket[estimate]
+    frontier.bucket[estimate] = entry
+    counters[_N_ENTRIES] = entry + 1
+    counters[_ESTIMATE] = min(counters[_ESTIMATE], estimate)
+    return True
+
+
+@device_function()
+def exhausted(frontier: Frontier) -> int:
+    """How a search ends that has nothing left to expand: NONE, or FULL if an estimate had no bucket."""
+    return FULL if frontier.counters[_DROPPED] else NONE
+
+
 @kernel()
 def search(
-    start: Row, bound: NDArray[np.int32], extra: int, limit: int, words: NDArray[np.uint64], weight: int
+    start: Row, bound: NDArray[np.int32], extra: int, limit: int, rng_state: RngState, weight: int
 ) -> tuple[int, NDArray[np.int64]]:
     """Find a shortest list of actions to success.
 
@@ -121,8 +250,8 @@ def search(
         bound: For each pose at least how many actions success takes from there, less ``extra``.
         extra: What to add to the bound.
         limit: Nodes that may be kept.
-        words: Scratch for the rules, which take a random stream and draw nothing from it here.
-        weight: How many times the bound counts: 1 finds a shortest list, more a list sooner.
+        rng_state: Scratch for the rules, which take a random stream and draw nothing from it here.
+        weight: How many times the bound counts: 1 finds a shortest list, more finds a list sooner.
 
     Returns:
         FOUND and the actions, or NONE or FULL and no actions.
@@ -130,91 +259,43 @@ def search(
     row = start.copy()
     row[MAX_STEPS] = FAR
     row[PHASE] = PLAYING
-    objects = row[OBJECTS]
-    length = _OBJECTS + objects
     codes = object_codes(row)
-    carriable = count_carriable(codes)
-    may_drop = carriable > 1 or row[TASK] == PUT_NEAR
-    nodes = np.empty((limit, length), np.int32)
-    cost, parent, cause = np.empty(limit, np.int32), np.empty(limit, np.int32), np.empty(limit, np.int8)
-    closed = np.zeros(limit, np.bool_)
-    table = np.full(4 * limit, -1, np.int32)  # open addressing
-    entry_node, entry_next = np.empty(4 * limit, np.int32), np.empty(4 * limit, np.int64)
-    entries = 0
+    may_drop = count_carriable(codes) > 1 or row[TASK] == PUT_NEAR
     none = np.empty(0, np.int64)
-
-    store(row, nodes[0], 0)
-    cost[0], parent[0], cause[0] = 0, -1, -1
-    table[slot(nodes, table, 0)] = 0
-    count = 1
-    estimate = bound[row[X], row[Y], row[DIRECTION]] + extra
-    if estimate >= FAR:
+    heuristic = bound[row[X], row[Y], row[DIRECTION]] + extra
+    if heuristic >= FAR:
         return NONE, none
-    estimate *= weight
-    bucket = np.full(4096 + 16 * (estimate + objects * (row[WIDTH] + row[HEIGHT])), -1, np.int64)  # the newest entry
-    dropped = False
-    bucket[estimate] = 0
-    entry_node[0], entry_next[0] = 0, -1
-    entries = 1
-    while estimate < len(bucket):
-        if bucket[estimate] < 0:
-            estimate += 1
-            continue
-        node = entry_node[bucket[estimate]]
-        bucket[estimate] = entry_next[bucket[estimate]]
-        if closed[node]:
-            continue
-        closed[node] = True
+    frontier = open_frontier(row, limit, weight * heuristic)
+    node = pop(frontier)
+    while node >= 0:
         for action in range(7):
-            load(row, nodes[node], codes)
-            last = nodes[node, _LAST]
-            if not worth_trying(row, action, last, may_drop):
+            load(row, frontier.nodes[node], codes)
+            if not may_shorten_plan(row, action, frontier.nodes[node, LAST], may_drop):
                 continue
             held = identity_of(row[CARRYING])
             row[STEP] = 0
             row[PHASE] = PLAYING
-            status, reward = act(row, action, words)
+            status, reward = act(row, action, rng_state)
             if status > 0:
                 if reward > 0:
-                    return FOUND, actions_to(parent, cause, node, action)
+                    return FOUND, actions_to_node(frontier.parent, frontier.cause, node, action)
                 continue
-            if count == limit or entries == len(entry_node):
+            heuristic = bound[row[X], row[Y], row[DIRECTION]] + extra
+            if not push(frontier, row, node, action, held, heuristic, weight):
                 return FULL, none
-            if action == DROP:
-                last = held
-            elif action == PICKUP:
-                last = 0
-            store(row, nodes[count], last)
-            place = slot(nodes, table, count)
-            known = table[place]
-            if known < 0:
-                known = count
-                table[place] = count
-                count += 1
-            elif closed[known] or cost[known] <= cost[node] + 1:
-                continue
-            cost[known], parent[known], cause[known] = cost[node] + 1, node, action
-            ahead = bound[row[X], row[Y], row[DIRECTION]] + extra
-            worth = weight * ahead + cost[known]
-            if worth < len(bucket):
-                entry_node[entries], entry_next[entries] = known, bucket[worth]
-                bucket[worth] = entries
-                entries += 1
-                estimate = min(estimate, worth)
-            elif ahead < FAR:
-                dropped = True
-    return FULL if dropped else NONE, none
+        node = pop(frontier)
+    return exhausted(frontier), none
 
 
-@part()
-def worth_trying(row: Row, action: int, last: int, may_drop: bool) -> bool:
+@device_function()
+def may_shorten_plan(row: Row, action: int, last: int, may_drop: bool) -> bool:
     """Whether a shortest plan can have this action here. What is left out never shortens a plan:
 
     closing a door; putting down the only thing there is to carry; taking up again what was put down last.
     """
     if action == LEFT or action == RIGHT or action == FORWARD:
         return True
-    x, y = front(row)
+    x, y = cell_in_front(row)
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
         return action == DONE and row[TASK] == STAND_BY
     code = row[HEADER + x * row[HEIGHT] + y]
@@ -227,13 +308,13 @@ def worth_trying(row: Row, action: int, last: int, may_drop: bool) -> bool:
     return row[TASK] == STAND_BY
 
 
-@part()
+@device_function()
 def object_codes(row: Row) -> NDArray[np.int64]:
     """The code of each object, by identity - 1, wherever it is."""
-    cells, objects = row[WIDTH] * row[HEIGHT], row[OBJECTS]
+    objects = row[OBJECTS]
     codes = np.zeros(objects, np.int64)
     for k in range(objects):
-        inside = int(row[HEADER + 2 * cells + k])
+        inside = int(row[contents_index(row, k + 1)])
         if inside != 0:
             codes[identity_of(inside) - 1] = inside
     for k in range(objects):
@@ -244,7 +325,7 @@ def object_codes(row: Row) -> NDArray[np.int64]:
     return codes
 
 
-@part()
+@device_function()
 def count_carriable(codes: NDArray[np.int64]) -> int:
     """How many objects can be carried."""
     count = 0
@@ -254,18 +335,18 @@ def count_carriable(codes: NDArray[np.int64]) -> int:
     return count
 
 
-@part()
+@device_function()
 def store(row: Row, node: NDArray[np.int32], last: int) -> None:
     """Pack what actions can change."""
     node[0], node[1], node[2] = row[X], row[Y], row[DIRECTION]
     node[_HELD] = identity_of(row[CARRYING])
-    node[_LAST] = last
+    node[LAST] = last
     for k in range(row[OBJECTS]):
         cell = where_is(row, k + 1)
         node[_OBJECTS + k] = 0 if cell == NOWHERE else cell + 1 | state_of(row[HEADER + cell]) << _STATE_BIT
 
 
-@part()
+@device_function()
 def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
     """Bring a row to a node."""
     row[X], row[Y], row[DIRECTION] = node[0], node[1], node[2]
@@ -282,7 +363,7 @@ def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
             put(row, cell // height, cell % height, in_state(int(codes[k]), packed >> _STATE_BIT))
 
 
-@part()
+@device_function()
 def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
     """Where in the table an equal node is, or the free place for this one."""
     key = 17
@@ -302,8 +383,8 @@ def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
     return place
 
 
-@part()
-def actions_to(parent: NDArray[np.int32], cause: NDArray[np.int8], node: int, action: int) -> NDArray[np.int64]:
+@device_function()
+def actions_to_node(parent: NDArray[np.int32], cause: NDArray[np.int8], node: int, action: int) -> NDArray[np.int64]:
     """The actions from the start to a node, and the one after it."""
     length = 1
     at = node

@@ -1,16 +1,34 @@
-"""A world's state: one row of int32, so that a batch of worlds is a matrix and a copy is a copy.
+"""The state of a grid world: one row of int32, so that a batch of worlds is a matrix and a copy is a copy of a row.
 
-A row is a header, then the cells (column by column: ``x * height + y``), then two numbers an object: the cell it
-lies in, and the code of what it contains. Kernels work on rows; `State` reads one by name.
+A row is a header, then the cells (column by column: `x * height + y`), then two numbers per object: the cell it lies
+in, and the code of what it contains. Kernels work on rows; `State` reads one by name.
+
+A world's own object kinds have the numbers 11 to 15. What each of them allows is four bits in the header, so one
+compiled kernel plays every world, and a copy or a hash of the row holds them.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.core.cells import EMPTY, GREY_WALL, identity_of, pack
-from minihuman.worlds.kernels import inlined, kernel
+from minihuman.worlds.grid.core.cells import (
+    EMPTY,
+    GREY_WALL,
+    OPEN,
+    can_be_carried,
+    colours_of,
+    identities_of,
+    identity_of,
+    kind_of,
+    kinds_of,
+    lets_pass,
+    pack,
+    state_of,
+    states_of,
+)
+from minihuman.worlds.kernels import inline, kernel
 
 Row = NDArray[np.int32]
 
@@ -19,10 +37,10 @@ X, Y, DIRECTION = 2, 3, 4  # direction: 0 right, 1 down, 2 left, 3 up
 CARRYING = 5  # code of the object in hand, EMPTY for none
 STEP, MAX_STEPS = 6, 7
 PHASE = 8
-SEE_THROUGH = 9  # bit 0: walls hide nothing; above it what kinds of the world's own let happen (own.py)
+SEE_THROUGH = 9  # bit 0: walls hide nothing; above it what kinds of the world's own let happen
 ACTIONS = 10  # how many of the seven actions this world takes
 OBJECTS = 11  # how many objects were made so far
-TASK = 12  # which rule of tasks.py judges a step
+TASK = 12  # which rule of `rewards` judges a step
 TARGET = 13  # 13..18: what the task is about
 MISSION = 19  # 19..22: the choices that fill the mission's template
 FAILED = 23  # 1: the layout found no place for something
@@ -38,24 +56,25 @@ def row_length(width: int, height: int) -> int:
     return HEADER + 3 * width * height
 
 
-@inlined
-def _place_of(row: Row, identity: int) -> int:
+@inline
+def place_index(row: Row, identity: int) -> int:
+    """Where in the row the cell is that an object lies in."""
     return HEADER + row[WIDTH] * row[HEIGHT] + identity - 1
 
 
-@inlined
+@inline
 def where_is(row: Row, identity: int) -> int:
     """The cell (x * height + y) an object lies in, NOWHERE while it lies in none."""
-    return row[_place_of(row, identity)]
+    return row[place_index(row, identity)]
 
 
-@inlined
+@inline
 def contents_index(row: Row, identity: int) -> int:
     """Where in the row the code of an object's contents is; 0 there means nothing inside."""
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
 
 
-@kernel(brief=True)
+@kernel(hold_gil=True)
 def clear(row: Row) -> None:
     """Make the row an empty floor before a layout: no objects, no agent, step 0; sizes and settings stay."""
     row[X] = row[Y] = row[DIRECTION] = -1
@@ -86,7 +105,7 @@ def lift(row: Row, x: int, y: int) -> int:
     row[HEADER + x * row[HEIGHT] + y] = EMPTY
     identity = identity_of(code)
     if identity > 0:
-        row[_place_of(row, identity)] = NOWHERE
+        row[place_index(row, identity)] = NOWHERE
     return code
 
 
@@ -101,17 +120,17 @@ def put(row: Row, x: int, y: int, code: int) -> None:
         return
     identity = identity_of(row[HEADER + x * row[HEIGHT] + y])
     if identity > 0:
-        row[_place_of(row, identity)] = NOWHERE
+        row[place_index(row, identity)] = NOWHERE
     row[HEADER + x * row[HEIGHT] + y] = code
     identity = identity_of(code)
     if identity > 0:
-        row[_place_of(row, identity)] = x * row[HEIGHT] + y
+        row[place_index(row, identity)] = x * row[HEIGHT] + y
 
 
 @kernel()
 def move(row: Row, identity: int, cell: int) -> None:
     """Move an object that lies in a cell to an empty one (x * height + y)."""
-    place = _place_of(row, identity)
+    place = place_index(row, identity)
     row[HEADER + cell] = row[HEADER + row[place]]
     row[HEADER + row[place]] = EMPTY
     row[place] = cell
@@ -124,7 +143,7 @@ def make(row: Row, kind: int, colour: int, state: int) -> int:
         row[FAILED] = 1
         return EMPTY
     row[OBJECTS] += 1
-    row[_place_of(row, row[OBJECTS])] = NOWHERE
+    row[place_index(row, row[OBJECTS])] = NOWHERE
     return pack(kind, colour, state, row[OBJECTS])
 
 
@@ -175,14 +194,24 @@ class State:
         return self.row[HEADER : HEADER + self.width * self.height].reshape(self.width, self.height)
 
     @property
-    def kinds(self) -> NDArray[np.int64]:
+    def kinds(self) -> NDArray[np.integer[Any]]:
         """Kinds, (width, height), indexed [x, y]: places in ``cells.KINDS``."""
-        return self.cells.astype(np.int64) & 15
+        return kinds_of(self.cells.astype(np.int64))
 
     @property
-    def colours(self) -> NDArray[np.int64]:
+    def colours(self) -> NDArray[np.integer[Any]]:
         """Colours, (width, height), indexed [x, y]: places in ``cells.COLOURS``."""
-        return self.cells.astype(np.int64) >> 4 & 7
+        return colours_of(self.cells.astype(np.int64))
+
+    @property
+    def states(self) -> NDArray[np.integer[Any]]:
+        """States of doors, (width, height), indexed [x, y]: places in ``cells.DOOR_STATES``; 0 for all else."""
+        return states_of(self.cells)
+
+    @property
+    def identities(self) -> NDArray[np.integer[Any]]:
+        """Identities, (width, height), indexed [x, y]; 0 where no object lies."""
+        return identities_of(self.cells)
 
     @property
     def contents(self) -> NDArray[np.int32]:
@@ -194,3 +223,41 @@ class State:
         """Where an object lies; None while it is carried, inside a box, or gone."""
         cell = int(self.row[HEADER + self.width * self.height + identity - 1])
         return None if cell == NOWHERE else divmod(cell, self.height)
+
+
+FIRST_OWN_KIND = 11  # the number of a world's first own kind
+MAX_OWN_KINDS = 5
+
+STEPPED_ON, CARRIED, HIDES, OPENS = 1, 2, 4, 8  # what a kind lets happen, as bits
+
+
+@inline
+def own_properties(row: Row, code: int) -> int:
+    """The bits of an own kind; 0 for every kind of ours."""
+    return row[SEE_THROUGH] >> 1 + 4 * (kind_of(code) - FIRST_OWN_KIND) & 15 if kind_of(code) >= FIRST_OWN_KIND else 0
+
+
+@inline
+def can_enter(row: Row, code: int) -> bool:
+    """Whether the agent can stand in a cell with this in it: own things that open let pass while they are open."""
+    own = own_properties(row, code)
+    return lets_pass(code) or own & STEPPED_ON != 0 or (own & OPENS != 0 and state_of(code) == OPEN)
+
+
+@inline
+def can_carry(row: Row, code: int) -> bool:
+    """Whether the agent can pick this up."""
+    return can_be_carried(code) or (code != EMPTY and own_properties(row, code) & CARRIED != 0)
+
+
+@inline
+def hiding_looks(row: Row) -> int:
+    """What own things hide what is behind them: bit ``kind | state << 4`` of a number; an open one hides nothing."""
+    looks = 0
+    for own in range(MAX_OWN_KINDS if row[SEE_THROUGH] > 1 else 0):
+        bits = row[SEE_THROUGH] >> 1 + 4 * own & 15
+        if bits & HIDES:
+            looks |= 1 << FIRST_OWN_KIND + own | 1 << FIRST_OWN_KIND + own + 16 | 1 << FIRST_OWN_KIND + own + 32
+            if bits & OPENS:
+                looks &= ~(1 << FIRST_OWN_KIND + own)
+    return looks

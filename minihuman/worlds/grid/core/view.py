@@ -1,13 +1,34 @@
-"""What the agent sees: the cells in front of it, turned so that it looks up, without what walls and doors hide."""
+"""What the agent sees: the cells in front of it, turned so that it looks up, without those that walls hide."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.core.cells import AGENT, DOOR, GREY_WALL, OPEN, RED, WALL, colour_of, kind_of, state_of
-from minihuman.worlds.grid.core.own import hiding_looks
-from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, HEADER, HEIGHT, SEE_THROUGH, WIDTH, Row, X, Y
-from minihuman.worlds.kernels import inlined, int64, kernel, part
-from minihuman.worlds.options import whole
+from minihuman.worlds.grid.core.cells import (
+    AGENT,
+    DOOR,
+    GREY_WALL,
+    OPEN,
+    RED,
+    WALL,
+    colour_of,
+    kind_of,
+    look_of,
+    state_of,
+)
+from minihuman.worlds.grid.core.state import (
+    CARRYING,
+    DIRECTION,
+    HEADER,
+    HEIGHT,
+    SEE_THROUGH,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    hiding_looks,
+)
+from minihuman.worlds.kernels import device_function, inline, int64, kernel
+from minihuman.worlds.options import check_whole
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
 USUAL_VIEW = 7
@@ -22,10 +43,10 @@ def see_size(size: int) -> int:
     Raises:
         WorldError: if it cannot.
     """
-    return whole("agent_view_size", size, 3, LARGEST_VIEW, odd=True)
+    return check_whole("agent_view_size", size, 3, LARGEST_VIEW, odd=True)
 
 
-@kernel(brief=True)
+@kernel(hold_gil=True)
 def see(row: Row, image: NDArray[np.uint8]) -> None:
     """Fill ``image`` (size, size, 3: kind, colour, state; indexed [right, down]) with the agent's view.
 
@@ -39,7 +60,7 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
         see_cells(row, image, image.shape[0])
 
 
-@part(into_caller=True)
+@device_function(force_inline=True)
 def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
     """What `see` says, for a view of ``size`` cells. Without branches on what lies where: those cannot be foreseen."""
     half = size // 2
@@ -74,7 +95,7 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
                 inside = (first <= i) & (i <= last)
                 place = np.uint64(start + i * aside if inside else 0)  # unsigned: not looked for from the end
                 code = row[place]
-                clear |= (showing >> (code & 15 | code >> 3 & 48) & inside) << i
+                clear |= (showing >> look_of(code) & inside) << i
             giving = spread_right(ahead, clear) & everything >> 1
             seen = ahead | giving << 1
             ahead = giving | giving << 1
@@ -90,7 +111,7 @@ def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
     show(image, half, size - 1, int64(row[CARRYING]))
 
 
-@part(into_caller=True)
+@device_function(force_inline=True)
 def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
     """Write down a cell as the agent sees it: kind, colour, state."""
     image[i, j, 0] = kind_of(code)
@@ -98,7 +119,7 @@ def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
     image[i, j, 2] = state_of(code)
 
 
-@inlined
+@inline
 def leave_dark(image: NDArray[np.uint8], rows: int) -> None:
     """Make the upper rows of a view unseen."""
     for i in range(image.shape[0]):
@@ -106,14 +127,14 @@ def leave_dark(image: NDArray[np.uint8], rows: int) -> None:
             image[i, j, 0] = image[i, j, 1] = image[i, j, 2] = 0
 
 
-@inlined
+@inline
 def spread_right(seen: int, clear: int) -> int:
     """The clear cells of a row that are seen once sight has spread along it to higher bits."""
     giving = seen & clear
     return (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
 
 
-@inlined
+@inline
 def spread_left(seen: int, clear: int, size: int) -> int:
     """The clear cells of a row that are seen once sight has spread along it to lower bits."""
     giving = seen & clear

@@ -1,1 +1,1 @@
-"""Layouts: where things stand at an episode's start. One function a family, compiled, drawing as Minigrid draws."""
+"""Layouts: where everything stands at the start of an episode. One compiled function per family."""

@@ -1,19 +1,50 @@
-"""Room grids: equal rooms side by side, each wall between two with a place for one door.
+"""Layouts on a grid of equal rooms with a place for one door in each wall between two.
 
-The plan of a room grid is an array, one line a room (line ``j * columns + i``): a door's x and y for each wall, for
-each wall whether it has a way through, and whether a locked door was put to the room. Walls: right, down, left, up.
+Unlock, UnlockPickup, BlockedUnlockPickup, KeyCorridor and ObstructedMaze; BabyAI's levels build on the same rooms. The
+plan is an array, one line per room (line `j * columns + i`): a door's x and y for each wall, for each wall whether it
+has a way through, and whether the room has a locked door. Walls: right, down, left, up.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.core.cells import CLOSED, DOOR, EMPTY, LOCKED, WALL, kind_of
-from minihuman.worlds.grid.core.chance import Words, integer
-from minihuman.worlds.grid.core.place import place_agent, stand, wall_rect
-from minihuman.worlds.grid.core.state import FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, cell_at, make, put
-from minihuman.worlds.grid.core.tasks import front
-from minihuman.worlds.grid.layouts.objects import draw_colour
-from minihuman.worlds.kernels import inlined, kernel, part
+from minihuman.worlds.grid.core.cells import (
+    BALL,
+    BLUE,
+    BOX,
+    CLOSED,
+    DOOR,
+    EMPTY,
+    GREEN,
+    GREY,
+    KEY,
+    LOCKED,
+    SORTED_COLOURS,
+    WALL,
+    identity_of,
+    kind_of,
+)
+from minihuman.worlds.grid.core.placement import place_agent, stand, wall_rect
+from minihuman.worlds.grid.core.rewards import OPEN_DOOR, PICK, cell_in_front
+from minihuman.worlds.grid.core.rng import RngState, integer
+from minihuman.worlds.grid.core.state import (
+    FAILED,
+    HEADER,
+    HEIGHT,
+    MISSION,
+    TARGET,
+    TASK,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    cell_at,
+    contents_index,
+    make,
+    put,
+)
+from minihuman.worlds.grid.layouts.single_rooms import draw_colour
+from minihuman.worlds.kernels import device_function, inline, kernel
 
 Plan = NDArray[np.int64]  # (rooms, 13)
 
@@ -27,7 +58,7 @@ AGENT_TRIES = 100_000  # Minigrid never gives up; a room that needs more cannot 
 
 
 @kernel()
-def rooms(row: Row, words: Words, columns: int, lines: int, size: int) -> Plan:
+def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) -> Plan:
     """Draw the walls of a room grid and the places of its doors; the agent stands in the middle room for now."""
     plan = np.full((columns * lines, 13), NO_DOOR, np.int64)
     for room in range(columns * lines):
@@ -41,28 +72,28 @@ def rooms(row: Row, words: Words, columns: int, lines: int, size: int) -> Plan:
             room = j * columns + i
             x, y = i * (size - 1), j * (size - 1)
             if i < columns - 1:
-                link(plan, room, room + 1, RIGHT, x + size - 1, integer(words, y + 1, y + size - 1))
+                link(plan, room, room + 1, RIGHT, x + size - 1, integer(rng_state, y + 1, y + size - 1))
             if j < lines - 1:
-                link(plan, room, room + columns, DOWN, integer(words, x + 1, x + size - 1), y + size - 1)
+                link(plan, room, room + columns, DOWN, integer(rng_state, x + 1, x + size - 1), y + size - 1)
     stand(row, columns // 2 * (size - 1) + size // 2, lines // 2 * (size - 1) + size // 2, 0)
     return plan
 
 
-@inlined
+@inline
 def link(plan: Plan, room: int, other: int, wall: int, x: int, y: int) -> None:
     """Note the place of the door between two rooms, in both."""
     plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall] = x, y
     plan[other, DOOR_X + wall + 2], plan[other, DOOR_Y + wall + 2] = x, y
 
 
-@inlined
+@inline
 def behind(room: int, wall: int, columns: int) -> int:
     """The room on the other side of a wall."""
     step = 1 if wall % 2 == 0 else columns
     return room + step if wall < 2 else room - step
 
 
-@part()
+@device_function()
 def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: bool) -> None:
     """Put a door into a room's wall."""
     door = make(row, DOOR, colour, LOCKED if locked else CLOSED)
@@ -72,7 +103,7 @@ def add_door(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: i
     plan[behind(room, wall, columns), WAY + (wall + 2) % 4] = 1
 
 
-@part()
+@device_function()
 def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: int) -> None:
     """Open the whole wall between two rooms, corners excluded."""
     x, y = room % columns * (size - 1), room // columns * (size - 1)
@@ -89,33 +120,33 @@ def remove_wall(row: Row, plan: Plan, columns: int, size: int, room: int, wall: 
     plan[behind(room, wall, columns), WAY + (wall + 2) % 4] = 1
 
 
-@part()
-def add_object(row: Row, words: Words, columns: int, size: int, room: int, code: int) -> None:
+@device_function()
+def add_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, code: int) -> None:
     """Put a code into a drawn free cell of a room, not beside the agent."""
     left, top = room % columns * (size - 1), room // columns * (size - 1)
     for _ in range(PLACE_TRIES):
-        x = integer(words, left, min(left + size, row[WIDTH]))
-        y = integer(words, top, min(top + size, row[HEIGHT]))
+        x = integer(rng_state, left, min(left + size, row[WIDTH]))
+        y = integer(rng_state, top, min(top + size, row[HEIGHT]))
         if row[HEADER + x * row[HEIGHT] + y] == EMPTY and abs(row[X] - x) + abs(row[Y] - y) >= 2:
             put(row, x, y, code)
             return
     row[FAILED] = 1
 
 
-@part()
-def place_in_room(row: Row, words: Words, columns: int, size: int, room: int) -> None:
+@device_function()
+def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
     """Put the agent into a drawn free cell of a room, not facing anything but a wall."""
     x, y = room % columns * (size - 1), room // columns * (size - 1)
     for _ in range(AGENT_TRIES):
-        place_agent(row, words, x, y, size, size)
-        ahead_x, ahead_y = front(row)
+        place_agent(row, rng_state, x, y, size, size)
+        ahead_x, ahead_y = cell_in_front(row)
         kind = kind_of(cell_at(row, ahead_x, ahead_y))
         if row[FAILED] or kind == EMPTY or kind == WALL:
             return
     row[FAILED] = 1
 
 
-@part()
+@device_function()
 def reachable(plan: Plan, columns: int, start: int) -> int:
     """How many rooms can be reached through ways, locked doors included."""
     seen = np.zeros(len(plan), np.bool_)
@@ -134,19 +165,154 @@ def reachable(plan: Plan, columns: int, start: int) -> int:
     return seen.sum()
 
 
-@part()
-def connect_all(row: Row, words: Words, plan: Plan, columns: int, size: int) -> None:
+@device_function()
+def connect_all(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int) -> None:
     """Add closed doors at drawn walls until every room can be reached from the agent's; locked rooms get none."""
     start = row[Y] // (size - 1) * columns + row[X] // (size - 1)
     lines = len(plan) // columns
     for _ in range(CONNECT_TRIES):
         if reachable(plan, columns, start) == len(plan):
             return
-        i, j, wall = integer(words, 0, columns), integer(words, 0, lines), integer(words, 0, 4)
+        i, j, wall = integer(rng_state, 0, columns), integer(rng_state, 0, lines), integer(rng_state, 0, 4)
         room = j * columns + i
         if plan[room, DOOR_X + wall] == NO_DOOR or plan[room, WAY + wall]:
             continue
         if plan[room, LOCKED_ROOM] or plan[behind(room, wall, columns), LOCKED_ROOM]:
             continue
-        add_door(row, plan, columns, room, wall, draw_colour(words), False)
+        add_door(row, plan, columns, room, wall, draw_colour(rng_state), False)
     row[FAILED] = 1
+
+
+SIZE = 6  # of the rooms of all these worlds but KeyCorridor
+
+
+@device_function()
+def pick_task(row: Row, code: int, colour: int, kind: int) -> None:
+    """Success is to pick this object up."""
+    row[TASK] = PICK
+    row[TARGET] = identity_of(code)
+    row[MISSION], row[MISSION + 1] = colour, kind
+
+
+@kernel()
+def unlock(row: Row, rng_state: RngState) -> None:
+    """Two rooms, a locked door between them, its key with the agent."""
+    plan = rooms(row, rng_state, 2, 1, SIZE)
+    colour = draw_colour(rng_state)
+    add_door(row, plan, 2, 0, RIGHT, colour, True)
+    add_object(row, rng_state, 2, SIZE, 0, make(row, KEY, colour, 0))
+    place_in_room(row, rng_state, 2, SIZE, 0)
+    row[TASK] = OPEN_DOOR
+    row[TARGET], row[TARGET + 1] = plan[0, DOOR_X + RIGHT], plan[0, DOOR_Y + RIGHT]
+
+
+@kernel()
+def unlock_pickup(row: Row, rng_state: RngState, blocked: int) -> None:
+    """A box behind a locked door, whose key lies with the agent; a ball before the door if ``blocked``."""
+    plan = rooms(row, rng_state, 2, 1, SIZE)
+    box_colour = draw_colour(rng_state)
+    box = make(row, BOX, box_colour, 0)
+    add_object(row, rng_state, 2, SIZE, 1, box)
+    colour = draw_colour(rng_state)
+    add_door(row, plan, 2, 0, RIGHT, colour, True)
+    if blocked:
+        ball = make(row, BALL, draw_colour(rng_state), 0)
+        put(row, plan[0, DOOR_X + RIGHT] - 1, plan[0, DOOR_Y + RIGHT], ball)
+    add_object(row, rng_state, 2, SIZE, 0, make(row, KEY, colour, 0))
+    place_in_room(row, rng_state, 2, SIZE, 0)
+    pick_task(row, box, box_colour, BOX)
+
+
+@kernel()
+def key_corridor(row: Row, rng_state: RngState, lines: int, size: int, kind: int) -> None:
+    """A corridor between rooms: an object behind a locked door on the right, its key somewhere on the left."""
+    plan = rooms(row, rng_state, 3, lines, size)
+    for j in range(1, lines):
+        remove_wall(row, plan, 3, size, 3 * j + 1, UP)
+    line = integer(rng_state, 0, lines)
+    door_colour = draw_colour(rng_state)
+    add_door(row, plan, 3, 3 * line + 2, 2, door_colour, True)
+    colour = draw_colour(rng_state)
+    target = make(row, kind, colour, 0)
+    add_object(row, rng_state, 3, size, 3 * line + 2, target)
+    key_line = integer(rng_state, 0, lines)
+    add_object(row, rng_state, 3, size, 3 * key_line, make(row, KEY, door_colour, 0))
+    place_in_room(row, rng_state, 3, size, 3 * (lines // 2) + 1)
+    connect_all(row, rng_state, plan, 3, size)
+    pick_task(row, target, colour, kind)
+
+
+@device_function()
+def draw_door_colours(rng_state: RngState) -> NDArray[np.int64]:
+    """All six colours in a drawn order."""
+    left = np.array(SORTED_COLOURS)
+    drawn = np.empty(6, np.int64)
+    for k in range(6):
+        place = integer(rng_state, 0, len(left))
+        drawn[k] = left[place]
+        left = np.concatenate((left[:place], left[place + 1 :]))
+    return drawn
+
+
+@device_function()
+def add_barrier(row: Row, plan: Plan, columns: int, room: int, wall: int, colour: int, blocked: int) -> None:
+    """A locked door, a ball before it if ``blocked``."""
+    add_door(row, plan, columns, room, wall, colour, True)
+    if blocked:
+        x = plan[room, DOOR_X + wall] - (1 - wall) * (1 - wall % 2)
+        y = plan[room, DOOR_Y + wall] - (2 - wall) * (wall % 2)
+        put(row, x, y, make(row, BALL, GREEN, 0))
+
+
+@device_function()
+def add_key(row: Row, rng_state: RngState, columns: int, room: int, colour: int, boxed: int) -> None:
+    """A key, inside a box if ``boxed``."""
+    code = make(row, KEY, colour, 0)
+    if boxed:
+        key = code
+        code = make(row, BOX, GREY, 0)
+        row[contents_index(row, identity_of(code))] = key
+    add_object(row, rng_state, columns, SIZE, room, code)
+
+
+@kernel()
+def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> None:
+    """Two rooms: a blue ball behind a locked door."""
+    plan = rooms(row, rng_state, 2, 1, SIZE)
+    colours = draw_door_colours(rng_state)
+    add_barrier(row, plan, 2, 0, RIGHT, colours[0], blocked)
+    add_key(row, rng_state, 2, 0, colours[0], boxed)
+    target = make(row, BALL, BLUE, 0)
+    add_object(row, rng_state, 2, SIZE, 1, target)
+    place_in_room(row, rng_state, 2, SIZE, 0)
+    pick_task(row, target, BLUE, BALL)
+
+
+@kernel()
+def obstructed_maze(
+    row: Row, rng_state: RngState, start_room: int, boxed: int, blocked: int, quarters: int, keys_last: int
+) -> None:
+    """Nine rooms: a blue ball in a corner, locked doors to all corners of the first ``quarters`` sides.
+
+    With ``keys_last`` (the worlds' version 1) a side's keys come after its doors and balls, so that no ball is put on
+    a key.
+    """
+    plan = rooms(row, rng_state, 3, 3, SIZE)
+    colours = draw_door_colours(rng_state)
+    sides = (5, 7, 3, 1)  # right, below, left and above the middle room, 4
+    for i in range(quarters):
+        add_door(row, plan, 3, 4, i, colours[i], False)
+        for k in (-1, 1):
+            colour = colours[(i + k) % 6]
+            add_barrier(row, plan, 3, sides[i], (i + k) % 4, colour, blocked)
+            if not keys_last:
+                add_key(row, rng_state, 3, sides[i], colour, boxed)
+        if keys_last:
+            for k in (-1, 1):
+                add_key(row, rng_state, 3, sides[i], colours[(i + k) % 6], boxed)
+    corners = (2, 8, 6, 0)
+    corner = corners[integer(rng_state, 0, quarters)]
+    target = make(row, BALL, BLUE, 0)
+    add_object(row, rng_state, 3, SIZE, corner, target)
+    place_in_room(row, rng_state, 3, SIZE, start_room)
+    pick_task(row, target, BLUE, BALL)

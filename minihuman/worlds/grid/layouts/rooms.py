@@ -1,6 +1,10 @@
-"""Worlds of fixed rooms: FourRooms, DoorKey, RedBlueDoors, LockedRoom, Playground."""
+"""Layouts of several rooms: FourRooms, DoorKey, RedBlueDoors, LockedRoom, Playground; and MultiRoom.
+
+MultiRoom is a chain of rooms of drawn size and place with closed doors between them.
+"""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.worlds.grid.core.cells import (
     BLUE,
@@ -15,26 +19,26 @@ from minihuman.worlds.grid.core.cells import (
     SORTED_COLOURS,
     YELLOW,
 )
-from minihuman.worlds.grid.core.chance import Words, integer
-from minihuman.worlds.grid.core.place import (
-    across,
-    down,
+from minihuman.worlds.grid.core.placement import (
     outer_walls,
     place,
     place_agent,
     place_agent_anywhere,
     place_anywhere,
     stand,
+    wall_across,
+    wall_down,
     wall_rect,
 )
-from minihuman.worlds.grid.core.state import HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
-from minihuman.worlds.grid.core.tasks import IN_ORDER
-from minihuman.worlds.grid.layouts.objects import draw_colour, draw_kind
-from minihuman.worlds.kernels import kernel, part
+from minihuman.worlds.grid.core.rewards import IN_ORDER
+from minihuman.worlds.grid.core.rng import RngState, integer
+from minihuman.worlds.grid.core.state import FAILED, HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
+from minihuman.worlds.grid.layouts.single_rooms import draw_colour, draw_kind
+from minihuman.worlds.kernels import device_function, kernel
 
 
 @kernel()
-def four_rooms(row: Row, words: Words, agent_x: int, agent_y: int, goal_x: int, goal_y: int) -> None:
+def four_rooms(row: Row, rng_state: RngState, agent_x: int, agent_y: int, goal_x: int, goal_y: int) -> None:
     """Four rooms, a gap in each wall between them. A negative ``agent_x`` or ``goal_x`` draws the place."""
     outer_walls(row)
     room_width, room_height = row[WIDTH] // 2, row[HEIGHT] // 2
@@ -43,94 +47,94 @@ def four_rooms(row: Row, words: Words, agent_x: int, agent_y: int, goal_x: int, 
             left, top = i * room_width, j * room_height
             right, bottom = left + room_width, top + room_height
             if i == 0:
-                down(row, right, top, room_height, GREY_WALL)
-                put(row, right, integer(words, top + 1, bottom), EMPTY)
+                wall_down(row, right, top, room_height, GREY_WALL)
+                put(row, right, integer(rng_state, top + 1, bottom), EMPTY)
             if j == 0:
-                across(row, left, bottom, room_width, GREY_WALL)
-                put(row, integer(words, left + 1, right), bottom, EMPTY)
+                wall_across(row, left, bottom, room_width, GREY_WALL)
+                put(row, integer(rng_state, left + 1, right), bottom, EMPTY)
     if agent_x < 0:
-        place_agent_anywhere(row, words)
+        place_agent_anywhere(row, rng_state)
     else:
         put(row, agent_x, agent_y, EMPTY)
-        stand(row, agent_x, agent_y, integer(words, 0, 4))
+        stand(row, agent_x, agent_y, integer(rng_state, 0, 4))
     if goal_x < 0:
-        place_anywhere(row, words, GREEN_GOAL)
+        place_anywhere(row, rng_state, GREEN_GOAL)
     else:
         put(row, goal_x, goal_y, GREEN_GOAL)
 
 
 @kernel()
-def door_key(row: Row, words: Words) -> None:
+def door_key(row: Row, rng_state: RngState) -> None:
     """Two rooms, a locked door between them, its key on the agent's side, the goal on the other."""
     width, height = row[WIDTH], row[HEIGHT]
     outer_walls(row)
     put(row, width - 2, height - 2, GREEN_GOAL)
-    split = integer(words, 2, width - 2)
-    down(row, split, 0, height, GREY_WALL)
-    place_agent(row, words, 0, 0, split, height)
-    put(row, split, integer(words, 1, width - 2), make(row, DOOR, YELLOW, LOCKED))
-    place(row, words, make(row, KEY, YELLOW, 0), 0, 0, split, height)
+    split = integer(rng_state, 2, width - 2)
+    wall_down(row, split, 0, height, GREY_WALL)
+    place_agent(row, rng_state, 0, 0, split, height)
+    put(row, split, integer(rng_state, 1, width - 2), make(row, DOOR, YELLOW, LOCKED))
+    place(row, rng_state, make(row, KEY, YELLOW, 0), 0, 0, split, height)
 
 
 @kernel()
-def red_blue_doors(row: Row, words: Words) -> None:
+def red_blue_doors(row: Row, rng_state: RngState) -> None:
     """A room with a red door in its left wall and a blue one in its right wall."""
     size = row[HEIGHT]
     wall_rect(row, 0, 0, 2 * size, size)
     wall_rect(row, size // 2, 0, size, size)
-    place_agent(row, words, size // 2, 0, size, size)
+    place_agent(row, rng_state, size // 2, 0, size, size)
     row[TASK] = IN_ORDER
-    row[TARGET], row[TARGET + 1] = size // 2, integer(words, 1, size - 1)
+    row[TARGET], row[TARGET + 1] = size // 2, integer(rng_state, 1, size - 1)
     put(row, row[TARGET], row[TARGET + 1], make(row, DOOR, RED, CLOSED))
-    row[TARGET + 2], row[TARGET + 3] = size // 2 + size - 1, integer(words, 1, size - 1)
+    row[TARGET + 2], row[TARGET + 3] = size // 2 + size - 1, integer(rng_state, 1, size - 1)
     put(row, row[TARGET + 2], row[TARGET + 3], make(row, DOOR, BLUE, CLOSED))
 
 
 @kernel()
-def locked_room(row: Row, words: Words) -> None:
+def locked_room(row: Row, rng_state: RngState) -> None:
     """Six rooms along a corridor: the goal in a locked one, its key in another."""
     width, height = row[WIDTH], row[HEIGHT]
     outer_walls(row)
     left_wall, right_wall = width // 2 - 2, width // 2 + 2
-    down(row, left_wall, 0, height, GREY_WALL)
-    down(row, right_wall, 0, height, GREY_WALL)
+    wall_down(row, left_wall, 0, height, GREY_WALL)
+    wall_down(row, right_wall, 0, height, GREY_WALL)
     room_width, room_height = left_wall + 1, height // 3 + 1
     for n in range(3):
-        across(row, 0, n * (height // 3), left_wall, GREY_WALL)
-        across(row, right_wall, n * (height // 3), width - right_wall, GREY_WALL)
+        wall_across(row, 0, n * (height // 3), left_wall, GREY_WALL)
+        wall_across(row, right_wall, n * (height // 3), width - right_wall, GREY_WALL)
     # rooms in pairs from the top, left then right: 2 n and 2 n + 1 at the height n
-    locked = integer(words, 0, 6)
-    put_inside(row, words, locked, right_wall, room_width, room_height, GREEN_GOAL)
+    locked = integer(rng_state, 0, 6)
+    put_inside(row, rng_state, locked, right_wall, room_width, room_height, GREEN_GOAL)
     left_colours = np.array(SORTED_COLOURS)
     colours = np.empty(6, np.int64)
     for room in range(6):
-        k = integer(words, 0, len(left_colours))
+        k = integer(rng_state, 0, len(left_colours))
         colours[room] = left_colours[k]
         left_colours = np.concatenate((left_colours[:k], left_colours[k + 1 :]))
         door = make(row, DOOR, colours[room], LOCKED if room == locked else CLOSED)
         put(row, left_wall if room % 2 == 0 else right_wall, room // 2 * (height // 3) + 3, door)
-    key_room = integer(words, 0, 6)
+    key_room = integer(rng_state, 0, 6)
     while key_room == locked:
-        key_room = integer(words, 0, 6)
-    put_inside(row, words, key_room, right_wall, room_width, room_height, make(row, KEY, colours[locked], 0))
-    place_agent(row, words, left_wall, 0, right_wall - left_wall, height)
+        key_room = integer(rng_state, 0, 6)
+    put_inside(row, rng_state, key_room, right_wall, room_width, room_height, make(row, KEY, colours[locked], 0))
+    place_agent(row, rng_state, left_wall, 0, right_wall - left_wall, height)
     row[MISSION], row[MISSION + 1], row[MISSION + 2] = colours[locked], colours[key_room], colours[locked]
 
 
-@part()
+@device_function()
 def put_inside(
-    row: Row, words: Words, room: int, right_wall: int, room_width: int, room_height: int, code: int
+    row: Row, rng_state: RngState, room: int, right_wall: int, room_width: int, room_height: int, code: int
 ) -> None:
     """Put a code into a drawn cell inside one of the six rooms of LockedRoom."""
     left = 0 if room % 2 == 0 else right_wall
     top = room // 2 * (row[HEIGHT] // 3)
-    x = integer(words, left + 1, left + room_width - 1)
-    y = integer(words, top + 1, top + room_height - 1)
+    x = integer(rng_state, left + 1, left + room_width - 1)
+    y = integer(rng_state, top + 1, top + room_height - 1)
     put(row, x, y, code)
 
 
 @kernel()
-def playground(row: Row, words: Words) -> None:
+def playground(row: Row, rng_state: RngState) -> None:
     """Nine rooms with doors between them and twelve objects."""
     outer_walls(row)
     room_width, room_height = row[WIDTH] // 3, row[HEIGHT] // 3
@@ -139,14 +143,127 @@ def playground(row: Row, words: Words) -> None:
             left, top = i * room_width, j * room_height
             right, bottom = left + room_width, top + room_height
             if i < 2:
-                down(row, right, top, room_height, GREY_WALL)
-                y = integer(words, top + 1, bottom - 1)
-                put(row, right, y, make(row, DOOR, draw_colour(words), CLOSED))
+                wall_down(row, right, top, room_height, GREY_WALL)
+                y = integer(rng_state, top + 1, bottom - 1)
+                put(row, right, y, make(row, DOOR, draw_colour(rng_state), CLOSED))
             if j < 2:
-                across(row, left, bottom, room_width, GREY_WALL)
-                x = integer(words, left + 1, right - 1)
-                put(row, x, bottom, make(row, DOOR, draw_colour(words), CLOSED))
-    place_agent_anywhere(row, words)
+                wall_across(row, left, bottom, room_width, GREY_WALL)
+                x = integer(rng_state, left + 1, right - 1)
+                put(row, x, bottom, make(row, DOOR, draw_colour(rng_state), CLOSED))
+    place_agent_anywhere(row, rng_state)
     for _ in range(12):
-        kind = draw_kind(words, 3)
-        place_anywhere(row, words, make(row, kind, draw_colour(words), 0))
+        kind = draw_kind(rng_state, 3)
+        place_anywhere(row, rng_state, make(row, kind, draw_colour(rng_state), 0))
+
+
+RIGHT, BOTTOM, LEFT, TOP = range(4)  # walls of a room
+SMALLEST = 4  # columns and rows, walls included
+MOST_TRIED = 2_000_000  # rooms, about a second; a grid that takes more cannot hold so many
+TRIES = 8  # places tried for each next room
+
+
+@kernel()
+def multi_room(row: Row, rng_state: RngState, fewest: int, most: int, largest: int) -> None:
+    """From ``fewest`` to ``most`` rooms of up to ``largest`` columns and rows."""
+    count = integer(rng_state, fewest, most + 1)
+    rooms = np.empty((0, 6), np.int64)
+    left = MOST_TRIED
+    while len(rooms) < count:
+        door_x, door_y = integer(rng_state, 0, row[WIDTH] - 2), integer(rng_state, 0, row[WIDTH] - 2)
+        drawn = draw_chain(row, rng_state, count, largest, door_x, door_y)
+        if len(drawn) > len(rooms):
+            rooms = drawn
+        left -= TRIES + len(drawn)
+        if left < 0:
+            row[FAILED] = 1
+            return
+    door_colour = -1
+    for k in range(count):
+        x, y, width, height, door_x, door_y = rooms[k]
+        wall_rect(row, x, y, width, height)
+        if k > 0:
+            door_colour = draw_other_colour(rng_state, door_colour)
+            put(row, door_x, door_y, make(row, DOOR, door_colour, CLOSED))
+    x, y, width, height, door_x, door_y = rooms[0]
+    place_agent(row, rng_state, x, y, width, height)
+    x, y, width, height, door_x, door_y = rooms[count - 1]
+    place(row, rng_state, GREEN_GOAL, x, y, width, height)
+
+
+@device_function()
+def draw_other_colour(rng_state: RngState, colour: int) -> int:
+    """Draw a colour other than ``colour`` (-1: any)."""
+    k = integer(rng_state, 0, 6 if colour < 0 else 5)
+    for candidate in SORTED_COLOURS:
+        if candidate != colour:
+            if k == 0:
+                return candidate
+            k -= 1
+    return -1
+
+
+@device_function()
+def draw_chain(row: Row, rng_state: RngState, count: int, largest: int, door_x: int, door_y: int) -> NDArray[np.int64]:
+    """Draw rooms one behind the other until ``count`` or none fits: x, y, width, height, entry door x, y of each."""
+    rooms = np.empty((count, 6), np.int64)
+    placed = 0
+    entry_wall = LEFT
+    tries = 0
+    while placed < count and tries < (1 if placed == 0 else TRIES):
+        tries += 1
+        wall = entry_wall
+        if placed > 0:
+            exit_wall = draw_other_wall(rng_state, entry_wall)
+            wall = (exit_wall + 2) % 4
+            door_x, door_y = draw_door(rng_state, rooms[placed - 1], exit_wall)
+        width, height = integer(rng_state, SMALLEST, largest + 1), integer(rng_state, SMALLEST, largest + 1)
+        x, y = door_x, door_y
+        if placed > 0:
+            if wall == RIGHT:
+                x = door_x - width + 1
+            if wall == BOTTOM:
+                y = door_y - height + 1
+            if wall in (RIGHT, LEFT):
+                y = integer(rng_state, door_y - height + 2, door_y)
+            else:
+                x = integer(rng_state, door_x - width + 2, door_x)
+        if fits(row, rooms, placed, x, y, width, height):
+            rooms[placed, 0], rooms[placed, 1], rooms[placed, 2], rooms[placed, 3] = x, y, width, height
+            rooms[placed, 4], rooms[placed, 5] = door_x, door_y
+            placed += 1
+            entry_wall = wall
+            tries = 0
+    return rooms[:placed]
+
+
+@device_function()
+def draw_other_wall(rng_state: RngState, wall: int) -> int:
+    """Draw a wall other than ``wall``."""
+    k = integer(rng_state, 0, 3)
+    return k if k < wall else k + 1
+
+
+@device_function()
+def draw_door(rng_state: RngState, room: NDArray[np.int64], wall: int) -> tuple[int, int]:
+    """Draw a cell of a room's wall, corners excluded."""
+    x, y, width, height = room[0], room[1], room[2], room[3]
+    if wall == RIGHT:
+        return x + width - 1, y + integer(rng_state, 1, height - 1)
+    if wall == BOTTOM:
+        return x + integer(rng_state, 1, width - 1), y + height - 1
+    if wall == LEFT:
+        return x, y + integer(rng_state, 1, height - 1)
+    return x + integer(rng_state, 1, width - 1), y
+
+
+@device_function()
+def fits(row: Row, rooms: NDArray[np.int64], placed: int, x: int, y: int, width: int, height: int) -> bool:
+    """Whether a room lies in the grid and overlaps none but the one it is entered from."""
+    if x < 0 or y < 0 or x + width > row[WIDTH] or y + height >= row[HEIGHT]:
+        return False
+    for k in range(placed - 1):
+        other_x, other_y, other_width, other_height = rooms[k, 0], rooms[k, 1], rooms[k, 2], rooms[k, 3]
+        apart = x + width < other_x or other_x + other_width <= x or y + height < other_y or other_y + other_height <= y
+        if not apart:
+            return False
+    return True

@@ -1,12 +1,89 @@
-"""The collapse: cells settle one by one on a pattern, each leaving the others what still fits."""
+"""The collapse: cells settle one by one on a pattern of a picture, each leaving the others what still fits.
+
+The overlapping model of Wave Function Collapse (M. Gumin, 2016) as Minigrid 3.2 has it: patterns are windows of so many
+cells, over the picture's edges too, in so many of its eight orientations. They are numbered by a hash, since Minigrid's
+draws go by that order; the hash is an inner product with the first numbers of `RandomState(0)`.
+
+Of the result, the largest connected part is used. Minigrid keeps it in a networkx graph and draws two of its nodes.
+Their order is the layout's own unless the part is smaller than half of the free cells: then networkx walks through a
+Python set, whose order depends on the order in which it was filled. The same sets are filled in the same order here.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.core.chance import Words, unit
+from minihuman.worlds.grid.core.rng import RngState, unit
 from minihuman.worlds.kernels import kernel
 
-Sets = NDArray[np.uint64]  # of patterns, (cells, words): one bit a pattern
+SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))  # a neighbour's place: along the first axis of a layout, along the second
+WORD = 64  # patterns that one number of a set holds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Overlaps:
+    """The n patterns of a picture.
+
+    Attributes:
+        weights: float64[n], in how many orientations of the picture a pattern comes.
+        walls: bool[n], whether the pattern's first cell is a wall.
+        beside: uint64[4, n, words], for each side the set of patterns that may have this one there.
+    """
+
+    weights: NDArray[np.float64]
+    walls: NDArray[np.bool_]
+    beside: NDArray[np.uint64]
+
+
+def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
+    """What a picture, uint8[height, width, 3], says of layouts; what has no red in it is wall."""
+    tiles = _codes(picture.reshape(-1, 3).astype(np.int64)).reshape(picture.shape[:2])
+    wall_tiles = np.unique(tiles[picture[:, :, 0] == 0])
+    times: dict[int, int] = {}
+    cells: dict[int, NDArray[np.int64]] = {}
+    for turned in _orientations(tiles, orientations):
+        around = np.pad(turned, ((0, width - 1), (0, width - 1)), mode="wrap")
+        windows = sliding_window_view(around, (width, width)).reshape(-1, width * width)
+        found, first = np.unique(_codes(windows), return_index=True)
+        for code, window in zip(found.tolist(), windows[first], strict=True):
+            times[code] = times.get(code, 0) + 1
+            cells[code] = window.reshape(width, width)
+    order = sorted(times)
+    patterns = np.stack([cells[code] for code in order])
+    weights = np.array([times[code] for code in order], np.float64)
+    return Overlaps(weights, np.isin(patterns[:, 0, 0], wall_tiles), _beside(patterns))
+
+
+def _codes(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A hash of each row of int64[n, k]."""
+    numbers = np.random.RandomState(0).randint(1 - (1 << 63), 1 << 63, values.shape[1], dtype=np.int64)
+    return values @ numbers  # modulo 2**64
+
+
+def _orientations(tiles: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
+    """The picture, and by turns its mirror image and the quarter turn of that."""
+    turned = [tiles]
+    for i in range(1, count):
+        turned.append(np.fliplr(turned[-1]) if i % 2 else np.rot90(turned[-1], axes=(1, 0)))
+    return turned
+
+
+def _beside(patterns: NDArray[np.int64]) -> NDArray[np.uint64]:
+    n, width = patterns.shape[:2]
+    beside = np.zeros((len(SIDES), n, -(-n // WORD)), np.uint64)
+    for side, (across, down) in enumerate(SIDES):  # of the pattern's columns and rows
+        mine = patterns[:, max(0, down) : width + min(0, down), max(0, across) : width + min(0, across)]
+        theirs = patterns[:, max(0, -down) : width + min(0, -down), max(0, -across) : width + min(0, -across)]
+        fits = (mine[:, None] == theirs[None]).all(axis=(2, 3))  # [mine, theirs]
+        for k in range(n):
+            beside[side, :, k // WORD] |= fits[k].astype(np.uint64) << np.uint64(k % WORD)
+    return beside
+
+
+Sets = NDArray[np.uint64]  # of patterns, (cells, words): one bit per pattern
 
 _0 = np.uint64(0)
 _1 = np.uint64(1)
@@ -14,15 +91,15 @@ _1 = np.uint64(1)
 
 @kernel()
 def collapse(
-    words: Words, weights: NDArray[np.float64], beside: Sets, size: int, periodic: bool, attempts: int
+    rng_state: RngState, weights: NDArray[np.float64], beside: Sets, size: int, periodic: bool, attempts: int
 ) -> NDArray[np.int64]:
-    """A pattern a cell, int64[size * size]; empty where ``attempts`` collapses all ended in contradiction.
+    """One pattern per cell, int64[size * size]; empty if all ``attempts`` ended in contradiction.
 
-    Draws what Minigrid's solver draws: one number a cell, once, which breaks ties between cells with as few patterns
-    left, then one a cell that settles.
+    Draws what Minigrid's solver draws: one number per cell, once, which breaks ties between cells with as few patterns
+    left, then one per cell that settles.
 
     Args:
-        words: The random stream.
+        rng_state: The random stream.
         weights: How often each of n patterns comes.
         beside: uint64[4, n, w], for each side the set of patterns that may have this one there.
         size: Cells on a side.
@@ -32,7 +109,7 @@ def collapse(
     cells, n = size * size, len(weights)
     untied = np.empty(cells)
     for cell in range(cells):
-        untied[cell] = unit(words) * 2.0**-53 * 0.1
+        untied[cell] = unit(rng_state) * 2.0**-53 * 0.1
     begun = np.zeros((cells, beside.shape[2]), np.uint64)
     for p in range(n):
         begun[:, p // 64] |= _1 << np.uint64(p % 64)
@@ -52,7 +129,7 @@ def collapse(
         fits = True
         while fits and not settled:
             cell = _fewest(counts, untied)
-            _settle(sets, counts, cell, _draw(words, weights, sets[cell]))
+            _settle(sets, counts, cell, _draw(rng_state, weights, sets[cell]))
             waiting[0], waits[cell] = cell, True
             fits = _spread(sets, counts, beside, size, periodic, waiting, waits, 1)
             settled = counts.max() == 1
@@ -147,7 +224,7 @@ def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
 
 
 @kernel()
-def _draw(words: Words, weights: NDArray[np.float64], patterns: NDArray[np.uint64]) -> int:
+def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[np.uint64]) -> int:
     """One of the patterns by weight, as ``Generator.choice`` draws it."""
     n = len(weights)
     shares = np.zeros(n)
@@ -159,7 +236,7 @@ def _draw(words: Words, weights: NDArray[np.float64], patterns: NDArray[np.uint6
     for p in range(n):
         so_far += shares[p] / total
         shares[p] = so_far
-    drawn = unit(words) * 2.0**-53
+    drawn = unit(rng_state) * 2.0**-53
     for p in range(n):
         if shares[p] / so_far > drawn:
             return p
@@ -181,3 +258,47 @@ def _patterns(sets: Sets) -> NDArray[np.int64]:
             if sets[cell, p // 64] >> np.uint64(p % 64) & _1 != _0:
                 patterns[cell] = p
     return patterns
+
+
+Cell = tuple[int, int]
+
+
+def largest_part(free: list[Cell]) -> list[Cell]:
+    """The largest connected part of two cells or more, the first of several; empty if there is none.
+
+    Args:
+        free: The free cells in the layout's order.
+    """
+    unseen = dict.fromkeys(free)
+    largest: set[Cell] = set()
+    seen = 0
+    for cell in free:
+        if cell in unseen:
+            part = _reached(cell, unseen, len(free) - seen)
+            seen += len(part)
+            for each in part:
+                del unseen[each]
+            if len(part) > max(1, len(largest)):
+                largest = part
+    return _in_order(_in_order(largest, free), free)
+
+
+def _reached(source: Cell, unseen: dict[Cell, None], at_most: int) -> set[Cell]:
+    """The cells that can be reached, breadth first: up, left, down and right of each."""
+    reached = {source}
+    level = [source]
+    while level:
+        this, level = level, []
+        for x, y in this:
+            for cell in ((x - 1, y), (x, y - 1), (x + 1, y), (x, y + 1)):
+                if cell in unseen and cell not in reached:
+                    reached.add(cell)
+                    level.append(cell)
+            if len(reached) == at_most:
+                return reached
+    return reached
+
+
+def _in_order(cells: Iterable[Cell], free: list[Cell]) -> list[Cell]:
+    chosen = set(iter(cells))
+    return list(chosen) if 2 * len(chosen) < len(free) else [cell for cell in free if cell in chosen]

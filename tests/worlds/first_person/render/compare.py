@@ -13,8 +13,8 @@ import gymnasium  # noqa: E402
 import miniworld  # noqa: E402
 import numpy as np  # noqa: E402
 
-from minihuman.worlds.first_person.picture import camera  # noqa: E402
-from minihuman.worlds.first_person.render.draw import render, render_depth  # noqa: E402
+from minihuman.worlds.first_person.pictures import camera  # noqa: E402
+from minihuman.worlds.first_person.render.drawing import render, render_depth  # noqa: E402
 
 WIDTH, HEIGHT = 80, 60
 QUANTUM = 1 / 65535 / 0.04  # one step of a 16-bit depth buffer with a near plane of 0.04 m, per squared metre

@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from minihuman.worlds.first_person.render.draw import Easel, render, render_depth, render_top
-from minihuman.worlds.first_person.render.layout import lay_out
-from minihuman.worlds.first_person.render.own import own_library
+from minihuman.worlds.first_person.render.asset_files import own_library
+from minihuman.worlds.first_person.render.drawing import RenderTarget, render, render_depth, render_top
+from minihuman.worlds.first_person.render.render_pool import RenderPool
 from minihuman.worlds.first_person.render.scene import (
     BoxLook,
     Camera,
@@ -20,8 +20,8 @@ from minihuman.worlds.first_person.render.scene import (
     Scene,
     SceneRoom,
     Surface,
+    build_scene,
 )
-from minihuman.worlds.first_person.render.studio import Studio
 
 HEIGHT = 2.5
 CAMERA = Camera((-1.5, 1.5, 0.3), 0.1)
@@ -59,7 +59,7 @@ def two_rooms(*, roofed: bool = True) -> Scene:
         FrameLook(("chars/ch_0x65_1",), 1, 1),
     ]
     places = np.array([[0.8, 0.0, -0.7, 0.4], [4.0, 0.0, 0.5, 0.0], [-1.9, 1.4, -0.5, 0.0]])
-    return lay_out(rooms, looks, library=own_library(), places=places)
+    return build_scene(rooms, looks, library=own_library(), places=places)
 
 
 def digest(width: int, height: int) -> str:
@@ -82,11 +82,11 @@ def apart(width: int, height: int) -> str:
 
 def together(width: int, height: int, *, threads: int = 2) -> str:
     """The same, of pictures drawn together."""
-    easels = [Easel(two_rooms(), width, height) for _ in range(5)]
-    for yaw, easel in enumerate(easels):
-        easel.aim(CAMERA.position, yaw, 0.0, CAMERA.fov_y_deg, CAMERA.near_m, CAMERA.far_m)
+    targets = [RenderTarget(two_rooms(), width, height) for _ in range(5)]
+    for yaw, target in enumerate(targets):
+        target.aim(CAMERA.position, yaw, 0.0, CAMERA.fov_y_deg, CAMERA.near_m, CAMERA.far_m)
     out = np.empty((5, height, width, 3), np.uint8)
-    Studio(5, threads).paint(easels, out)
+    RenderPool(5, threads).paint(targets, out)
     return hashlib.sha256(out.tobytes()).hexdigest()
 
 

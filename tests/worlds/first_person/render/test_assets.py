@@ -8,11 +8,9 @@ import pytest
 from PIL import Image
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.render.noise import cloud, tiles
-from minihuman.worlds.first_person.render.obj import read_obj
-from minihuman.worlds.first_person.render.own import OwnAssets, own_library
-from minihuman.worlds.first_person.render.paint import RECIPES
-from minihuman.worlds.first_person.render.shapes import COLOURS, SHAPES
+from minihuman.worlds.first_person.render.asset_files import OwnAssets, own_library, read_obj
+from minihuman.worlds.first_person.render.built_in_meshes import COLOURS, SHAPES
+from minihuman.worlds.first_person.render.built_in_textures import RECIPES, cloud, tiles
 from minihuman.worlds.first_person.render.texture import MOST_SIZES
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n"
@@ -91,8 +89,8 @@ def test_a_mesh_file_is_read_and_set_on_the_floor(tmp_path: Path) -> None:
         ("v 1 2\n", "obj:1: expected 3 numbers"),
         ("v 1 2 nan\n", "obj:1: expected 3 numbers"),
         (TRIANGLE + "f 1//1 2//1 3//1 1//1\n", "obj:6: a face has 4 corners"),
-        (TRIANGLE + "f 1//1 2//1 9//1\n", "there is no vertex '9'; 3 came before"),
-        (TRIANGLE + "f 1//1 2//1 0//1\n", "there is no vertex '0'"),
+        (TRIANGLE + "f 1//1 2//1 9//1\n", "vertex '9' does not exist; 3 precede"),
+        (TRIANGLE + "f 1//1 2//1 0//1\n", "vertex '0' does not exist"),
         (TRIANGLE + "f 1 2 3\n", "has no normal"),
         (TRIANGLE.replace("v 0 1 0", "v 2 0 0"), "flat"),
     ],

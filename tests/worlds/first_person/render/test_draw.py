@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.render.assets import Assets, Library, Mesh, Texture
-from minihuman.worlds.first_person.render.draw import plan_scale, render, render_depth, render_top, visible_things
-from minihuman.worlds.first_person.render.layout import lay_out
-from minihuman.worlds.first_person.render.own import OwnAssets
-from minihuman.worlds.first_person.render.scene import Camera, MeshLook, Surface
+from minihuman.worlds.first_person.render.asset_files import OwnAssets
+from minihuman.worlds.first_person.render.assets import Assets, Library, MeshData, Texture
+from minihuman.worlds.first_person.render.drawing import plan_scale, render, render_depth, render_top, visible_things
+from minihuman.worlds.first_person.render.scene import Camera, MeshLook, Surface, build_scene
 from minihuman.worlds.pose import Pose
 from tests.worlds.first_person.render.stages import CAMERA, room, two_rooms
 
@@ -61,9 +60,9 @@ def test_the_plan_shows_the_agent_where_it_stands() -> None:
 
 
 def test_a_picture_without_pixels_and_a_surface_without_area_are_refused() -> None:
-    with pytest.raises(WorldError, match="0x60"):
+    with pytest.raises(WorldError, match="0 x 60"):
         render(two_rooms(), CAMERA, 0, 60)
-    with pytest.raises(WorldError, match="3 or more corners"):
+    with pytest.raises(WorldError, match="give 3 or more of x, y, z"):
         Surface(np.zeros((2, 3)), np.zeros((2, 2)), "wood_1")
 
 
@@ -79,11 +78,11 @@ class Crumbs(Assets):
     def texture(self, name: str) -> Texture:
         return OwnAssets().texture(name)
 
-    def mesh(self, name: str) -> Mesh:
+    def mesh(self, name: str) -> MeshData:
         kept = slice(None) if name == "whole" else slice(40 * int(name), 40 * int(name) + 40)
         corners = self.corners[kept]
         up = np.broadcast_to((0.0, 1.0, 0.0), corners.shape)
-        return Mesh(corners, up, np.zeros((*corners.shape[:2], 2)), self.colours[kept], (None,) * len(corners))
+        return MeshData(corners, up, np.zeros((*corners.shape[:2], 2)), self.colours[kept], (None,) * len(corners))
 
 
 @pytest.mark.parametrize("roofed", [True, False])
@@ -94,7 +93,7 @@ def test_a_thing_of_many_faces_is_drawn_as_its_pieces_are_wherever_it_is_partly_
         looks = [MeshLook(name, crumbs.mesh(name).height) for name in names]
         rng = np.random.default_rng(1)
         rooms = [room(-2.0, 2.0, {0: 1}, roofed=roofed), room(2.0, 6.0, {2: 0}, roofed=roofed)]
-        scene = lay_out(rooms, looks, library=Library(crumbs))
+        scene = build_scene(rooms, looks, library=Library(crumbs))
         for _ in range(60):
             place = [rng.uniform(-1.5, 5.5), rng.uniform(-0.5, 0.5), rng.uniform(-1.5, 1.5), rng.uniform(-3.0, 3.0)]
             eye = rng.uniform(-1.9, 5.9), rng.uniform(0.3, 2.2), rng.uniform(-1.9, 1.9)

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from minihuman.worlds.first_person.render import draw
-from minihuman.worlds.first_person.render.memory import drawn_in
+from minihuman.worlds.first_person.render import drawing
 from minihuman.worlds.first_person.render.scene import Camera, Scene
 from minihuman.worlds.first_person.render.texture import MOST_SIZES
+from minihuman.worlds.first_person.render.visibility import drawn_in
 from tests.worlds.first_person.render.stages import two_rooms
 
 WIDTH, HEIGHT = 160, 120
@@ -50,11 +50,11 @@ def between(texels: np.ndarray, offset: int, width: int, height: int, u: float, 
 @pytest.mark.parametrize(("yaw", "pitch"), [(0.1, 0.0), (2.0, -20.0), (-1.0, 8.0)])
 def test_a_pixel_that_one_face_covers_has_the_colour_that_face_has_there(yaw: float, pitch: float) -> None:
     scene, camera = two_rooms(), Camera((-1.5, 1.5, 0.3), yaw, math.radians(pitch))
-    picture = draw.render(scene, camera, WIDTH, HEIGHT).astype(float)
-    view = draw._perspective(camera, WIDTH, HEIGHT)
-    draw._complete(scene, view, WIDTH, HEIGHT)
+    picture = drawing.render(scene, camera, WIDTH, HEIGHT).astype(float)
+    view = drawing._perspective(camera, WIDTH, HEIGHT)
+    drawing._complete(scene, view, WIDTH, HEIGHT)
     drawn, _, _ = getattr(drawn_in, "py_func", drawn_in)(
-        view, *draw._cover(scene.layout, view, draw._turned(scene.places))
+        view, *drawing._cover(scene.layout, view, drawing._turned(scene.places))
     )
     owner = np.full((4 * HEIGHT, WIDTH), -1)
     for row in range(4 * HEIGHT):

@@ -2,25 +2,24 @@
 
 import numpy as np
 
-from minihuman.worlds.first_person.render.project import TILES
-from minihuman.worlds.first_person.render.raster import claim
-from minihuman.worlds.first_person.render.tables import Drawn
+from minihuman.worlds.first_person.render.kernel_tables import DrawBuffers
+from minihuman.worlds.first_person.render.rasterisation import TILES, claim
 from minihuman.worlds.kernels import kernel
 
 WIDTH = 8
 
 
-@kernel(lean=True)
-def claims(drawn: Drawn, face: int, first: int, last: int) -> int:
+@kernel(nogil=True)
+def claims(drawn: DrawBuffers, face: int, first: int, last: int) -> int:
     return claim(drawn, face, first, last, -1)
 
 
-def blank(rows: list[tuple[int, int]], *, nearness: tuple[tuple[float, float], ...], spans: int = 8) -> Drawn:
+def blank(rows: list[tuple[int, int]], *, nearness: tuple[tuple[float, float], ...], spans: int = 8) -> DrawBuffers:
     """Nothing drawn yet; faces by how near they are, a step right and at the left, and where in each row one lies."""
     planes = np.zeros((len(nearness), 21))
     planes[:, 0], planes[:, 2] = np.array(nearness).T
     left, right = (np.array(ends, np.int32) for ends in zip(*rows, strict=True))
-    return Drawn(
+    return DrawBuffers(
         np.zeros((len(rows), spans, 3), np.int32),
         np.zeros(len(rows), np.int32),
         np.zeros((3 * spans + 8, 3), np.int32),
@@ -37,7 +36,7 @@ def blank(rows: list[tuple[int, int]], *, nearness: tuple[tuple[float, float], .
     )
 
 
-def owners(drawn: Drawn) -> list[list[int]]:
+def owners(drawn: DrawBuffers) -> list[list[int]]:
     """Who owns each sample, -1 for nobody; no two spans overlap."""
     rows = []
     for spans, count in zip(drawn.spans, drawn.counts, strict=True):

@@ -9,10 +9,10 @@ from minigrid.envs.babyai.core import verifier as theirs
 from minigrid.envs.babyai.core.roomgrid_level import RoomGridLevel
 
 import minihuman  # noqa: F401
-from minihuman.worlds.grid.instructions.language import And, Before, GoTo, Open, Pickup, PutNext, Thing
-from minihuman.worlds.grid.instructions.planner import plan_instruction
-from minihuman.worlds.grid.instructions.space import InstructionSpace
-from minihuman.worlds.grid.text import from_text
+from minihuman.worlds.grid.babyai.expert import plan_instruction
+from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
+from minihuman.worlds.grid.babyai.language import And, Before, GoTo, ObjectDescription, Open, Pickup, PutNext
+from minihuman.worlds.grid.layout import from_text
 from minihuman.worlds.grid.world import GridWorld
 
 ACTIONS = {
@@ -87,7 +87,7 @@ def outcome(env, letters):
     return None
 
 
-RED_BALL, BLUE_BALL, BOX = Thing("ball", "red"), Thing("ball", "blue"), Thing("box")
+RED_BALL, BLUE_BALL, BOX = ObjectDescription("ball", "red"), ObjectDescription("ball", "blue"), ObjectDescription("box")
 AHEAD = "WWWWWWWWWW\nWW>>ArBbWW\nWW      WW\nWW    AbWW\nWWWWWWWWWW"
 ONE_BALL = "WWWWWWWWWW\nWW>>Ar  WW\nWW      WW\nWW      WW\nWWWWWWWWWW"
 TWO_BALLS = "WWWWWWWWWW\nWW>>Ar  WW\nWWAb    WW\nWW      WW\nWWWWWWWWWW"
@@ -98,7 +98,10 @@ RED_BOX = "WWWWWWWWWW\nWW>>Br  WW\nWW      WW\nWW      WW\nWWWWWWWWWW"
 TRACES = {
     "a door's opening is judged by what comes after it": (
         TWO_DOORS,
-        Before(Open(Thing("door", "red"), strict=True), Open(Thing("door", "blue"), strict=True)),
+        Before(
+            Open(ObjectDescription("door", "red"), strict=True),
+            Open(ObjectDescription("door", "blue"), strict=True),
+        ),
         "TRT",
         (1, False),
         (3, True),
@@ -107,12 +110,12 @@ TRACES = {
         TWO_BALLS, PutNext(RED_BALL, BLUE_BALL, strict=True), "P", (1, False), (1, False),
     ),
     "strict opening fails at the right door while it is locked": (
-        LOCKED, Open(Thing("door", "red"), strict=True), "T", (1, False), (1, False),
+        LOCKED, Open(ObjectDescription("door", "red"), strict=True), "T", (1, False), (1, False),
     ),
     "one pick-up is two": (ONE_BALL, Before(Pickup(RED_BALL), Pickup(RED_BALL)), "PDP", (1, True), (3, True)),
     "going to where something was": (ONE_BALL, Before(Pickup(RED_BALL), GoTo(RED_BALL)), "PD", (1, True), (2, True)),
     "going to where a box was": (
-        RED_BOX.replace("Br  ", "  Br"), GoTo(Thing("box", "red")), "F", (1, True), (1, True),
+        RED_BOX.replace("Br  ", "  Br"), GoTo(ObjectDescription("box", "red")), "F", (1, True), (1, True),
     ),
     "a strict failure inside and is forgotten": (
         TWO_BALLS, And(Pickup(BLUE_BALL, strict=True), GoTo(RED_BALL)), "PDRP", (4, True), (4, True),
@@ -131,7 +134,7 @@ def test_trace(what):
 
 def test_a_box_that_was_opened_still_counts_until_something_is_dropped():
     diagram = "WWWWWWWWWW\nWWvvBr  WW\nWW      WW\nWW      WW\nWWWWWWWWWW"
-    said = Before(Open(Thing("door")), GoTo(Thing("box")))
+    said = Before(Open(ObjectDescription("door")), GoTo(ObjectDescription("box")))
     diagram = diagram.replace("WWWWWWWWWW\nWWvv", "WWDgWWWWWW\nWWvv", 1)
     for letters, kept in (("LTRRRTR", (7, True)), ("LTRRRTDR", None)):
         assert outcome(Theirs(diagram, said), letters) == outcome(Ours(diagram, said), letters) == kept

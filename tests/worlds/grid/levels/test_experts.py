@@ -7,19 +7,26 @@ import numpy as np
 import pytest
 
 import minihuman  # noqa: F401
+from minihuman.worlds.catalogue import BABYAI_WORLDS
+from minihuman.worlds.grid.babyai.clause_search import (
+    codes_of,
+    distance_heuristic,
+    find_locks,
+    search_clause,
+    sort_things,
+)
+from minihuman.worlds.grid.babyai.expert import plan_instruction
+from minihuman.worlds.grid.babyai.exploring_expert import Explorer
+from minihuman.worlds.grid.belief_state import prospects, walk
 from minihuman.worlds.grid.core.cells import GREY_WALL
-from minihuman.worlds.grid.core.search import FAR
+from minihuman.worlds.grid.core.search import FAR, FOUND, FULL, NONE
 from minihuman.worlds.grid.core.state import MAX_STEPS, State
-from minihuman.worlds.grid.instructions.belief import prospects, walk
-from minihuman.worlds.grid.instructions.explorer import Explorer
-from minihuman.worlds.grid.instructions.planner import plan_instruction
-from minihuman.worlds.grid.levels.catalogue import ENTRIES
 from minihuman.worlds.grid.planner import plan
 from tests.counts import count
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")
 
-IDS = [entry.id for entry in ENTRIES]
+IDS = [entry.id for entry in BABYAI_WORLDS]
 SEEDS = count(2, 100)
 TRAPS = ("OpenDoorsOrderN2Debug-v0", "OpenDoorsOrderN4Debug-v0")  # most missions fail at the right door
 LOCKED_IN = {"GoToImpUnlock-v0": (6, 14, 35, 63), "Unlock-v0": (63,)}  # of the first 100 seeds
@@ -57,6 +64,23 @@ def test_the_planner_solves_whatever_can_be_solved(world):
             reward, ends = follow(env, way.actions)
             assert reward > 0
             assert ends
+
+
+def test_a_clause_search_with_too_few_states_says_that_it_is_full_and_not_that_there_is_no_way():
+    env = gymnasium.make("minihuman/BabyAI-PutNextLocalS5N3-v0").unwrapped
+    env.reset(seed=0)
+    row = env.state.row.copy()
+    codes, locks = codes_of(row), find_locks(row)
+    sorts = sort_things(row, 0, codes, locks)
+    table = distance_heuristic(row, 0, codes, locks, sorts, False)
+    found = [search_clause(row, 0, table, locks, sorts, 1, 1 << bits) for bits in range(15)]
+    outcomes = [outcome for outcome, _ in found]
+    assert outcomes == [FULL] * outcomes.count(FULL) + [FOUND] * outcomes.count(FOUND)
+    assert outcomes[0] == FULL
+    assert outcomes[-1] == FOUND
+    assert all((len(actions) > 0) == (outcome == FOUND) for outcome, actions in found)
+    table[:] = FAR
+    assert search_clause(row, 0, table, locks, sorts, 1, 1 << 14)[0] == NONE
 
 
 @pytest.mark.parametrize("world", IDS)

@@ -14,16 +14,15 @@ from hypothesis import strategies as st
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
+from minihuman.worlds.catalogue import BABYAI_WORLDS
+from minihuman.worlds.grid.babyai.encoding import instruction_of
+from minihuman.worlds.grid.babyai.expert import plan_instruction
+from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
+from minihuman.worlds.grid.babyai.language import GoTo, ObjectDescription, PutNext, as_tree, clauses, parse
+from minihuman.worlds.grid.babyai.level_builder import level
+from minihuman.worlds.grid.babyai.levels import LEVELS
 from minihuman.worlds.grid.env import GridEnv
-from minihuman.worlds.grid.instructions.language import GoTo, PutNext, Thing, as_tree, clauses, parse
-from minihuman.worlds.grid.instructions.numbers import instruction_of
-from minihuman.worlds.grid.instructions.planner import plan_instruction
-from minihuman.worlds.grid.instructions.space import InstructionSpace
-from minihuman.worlds.grid.levels.catalogue import ENTRIES
-from minihuman.worlds.grid.levels.level import level
-from minihuman.worlds.grid.levels.table import LEVELS
-from minihuman.worlds.grid.tokens import Tokens
-from minihuman.worlds.grid.wrappers import FullyObserved, OneHot, Pictures, ViewSize
+from minihuman.worlds.grid.wrappers import FullyObserved, OneHot, PictureObservation, Tokens, ViewSize
 from tests.counts import count
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")
@@ -37,7 +36,7 @@ def in_two_clauses(name=BOSS):
     for seed in range(50):
         env.reset(seed=seed)
         way = plan_instruction(env.state.row)
-        if len(env.clauses()) > 1 and way.found:
+        if len(env.subgoals()) > 1 and way.found:
             return env, way.actions
     raise AssertionError("no such mission")
 
@@ -58,7 +57,7 @@ def test_the_tree_of_a_mission():
         "do": "PutNext",
         "thing": {"kind": "ball", "colour": "blue", "many": False},
         "other": {"kind": "box", "many": True},
-    } or as_tree(PutNext(Thing("ball", "blue"), Thing("box")))
+    } or as_tree(PutNext(ObjectDescription("ball", "blue"), ObjectDescription("box")))
 
 
 @pytest.mark.parametrize("sentence", ["banana", "go to", "go to the red", "fetch a ball", "go to the ball quickly", ""])
@@ -73,7 +72,7 @@ def test_clauses_are_satisfied_one_by_one_and_the_step_is_known():
     done = []
     for action in actions:
         env.step(action)
-        done.append([step for _, step in env.clauses()])
+        done.append([step for _, step in env.subgoals()])
     assert all(
         all(before == 0 or before == after for before, after in zip(a, b, strict=True)) for a, b in pairwise(done)
     )
@@ -82,12 +81,12 @@ def test_clauses_are_satisfied_one_by_one_and_the_step_is_known():
 
 def test_save_and_restore_in_mid_clause():
     env, actions = in_two_clauses()
-    half = next(k for k in range(len(actions)) if env.step(actions[k]) and any(step for _, step in env.clauses())) + 1
+    half = next(k for k in range(len(actions)) if env.step(actions[k]) and any(step for _, step in env.subgoals())) + 1
     saved, copied = env.save(), pickle.loads(pickle.dumps(env))
     ends = []
     for world in (env, copied, env):
         world.restore(saved)
-        ends.append([world.step(action)[1:4] for action in actions[half:]] + [world.state_hash(), world.clauses()])
+        ends.append([world.step(action)[1:4] for action in actions[half:]] + [world.state_hash(), world.subgoals()])
     assert ends[0] == ends[1] == ends[2]
     assert ends[0][-3][1]
 
@@ -140,9 +139,9 @@ def test_a_mission_of_every_episode():
     ("mission", "said"),
     [
         ("open the red door", "any_mission=True"),
-        ("go to the banana", "no thing"),
+        ("go to the banana", "names no object"),
         ("go to the ball on your left", "any_mission=True"),
-        (7, "a sentence"),
+        (7, "must be a string"),
     ],
 )
 def test_a_mission_that_cannot_be_is_refused(mission, said):
@@ -154,14 +153,14 @@ def test_a_mission_that_cannot_be_is_refused(mission, said):
 
 
 @level(room=6, columns=2, lines=1)
-def next_door(house, num_dists=3):
+def next_door(builder, num_dists=3):
     """A level of one's own: go to a thing in the other room."""
-    left, right = house.room(0, 0), house.room(1, 0)
-    house.door(left, "right", locked=False)
-    house.place_agent(left)
-    things = house.things(num_dists, right)
-    house.require_reachable()
-    return GoTo(house.choice(things).thing)
+    left, right = builder.room(0, 0), builder.room(1, 0)
+    builder.door(left, "right", locked=False)
+    builder.place_agent(left)
+    things = builder.things(num_dists, right)
+    builder.require_reachable()
+    return GoTo(builder.choice(things).thing)
 
 
 def test_a_level_of_ones_own_is_seven_lines():
@@ -174,7 +173,7 @@ def test_a_level_of_ones_own_is_seven_lines():
         GridEnv(next_door, doors=2)
 
 
-@pytest.mark.parametrize("wrap", [Pictures, OneHot, FullyObserved, lambda env: ViewSize(env, 9)])
+@pytest.mark.parametrize("wrap", [PictureObservation, OneHot, FullyObserved, lambda env: ViewSize(env, 9)])
 def test_grid_wrappers_fit_levels(wrap):
     env = wrap(gymnasium.make(BOSS))
     observation, _ = env.reset(seed=0)
@@ -284,5 +283,5 @@ def test_any_options_make_a_world_or_one_line(data):
 
 
 def test_every_entry_has_its_summary():
-    assert all(entry.summary for entry in ENTRIES)
-    assert all(clauses(parse(GridEnv(**entry.kwargs).mission)) for entry in ENTRIES)
+    assert all(entry.summary for entry in BABYAI_WORLDS)
+    assert all(clauses(parse(GridEnv(**entry.kwargs).mission)) for entry in BABYAI_WORLDS)

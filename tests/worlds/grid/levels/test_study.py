@@ -6,16 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.lab.protocol_file import read_protocol
-from minihuman.lab.verify import verify
-from minihuman.log.read.open_log import open_log, read_events
-from minihuman.seats.simulate import simulate
-from minihuman.study.again import differences
-from minihuman.study.events import ClauseDone, EpisodeStarted, SessionStarted, Stepped
-from minihuman.study.protocol import decode
-from minihuman.study.well_formed import complaints
-from minihuman.worlds.adapt.world import World
-from minihuman.worlds.grid.instructions.language import clauses, parse
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.experiment.machine.events import ClauseDone, EpisodeStarted, SessionStarted, Stepped, find_violations
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.replay import compare_replay
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.runtime.simulated_session import simulate
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.grid.babyai.language import clauses, parse
 
 pytestmark = [pytest.mark.program, pytest.mark.filterwarnings("ignore:.*out of date")]
 
@@ -25,11 +24,11 @@ STUDY = read_protocol(Path(__file__).parents[4] / "protocols" / "instructions.to
 @pytest.mark.parametrize("player", ["exploring", "human-like"])
 def test_a_session_of_eight_levels_is_played_and_verifies(tmp_path, player):
     (path,) = simulate(STUDY, tmp_path, participants=1, seed=3, player=player)
-    log = open_log(path)
+    log = read_log(path)
     assert log.end_reason == "complete"
-    assert verify(log).difference == ""
+    assert verify_episodes(log).difference == ""
     events = list(read_events(path))
-    assert complaints(events) == []
+    assert find_violations(events) == []
     missions = {event.plan.episode: event.mission for event in events if isinstance(event, EpisodeStarted)}
     said = [event for event in events if isinstance(event, ClauseDone)]
     for event in said:
@@ -43,7 +42,7 @@ def test_a_session_of_eight_levels_is_played_and_verifies(tmp_path, player):
 
 
 def test_from_inside_clauses_are_told_too_and_logs_of_before_they_were_are_proven(tmp_path):
-    study = decode(
+    study = decode_protocol(
         b"""
         keys.pool = ["1", "2", "3", "4", "5", "6", "7"]
         [study]
@@ -67,13 +66,13 @@ def test_from_inside_clauses_are_told_too_and_logs_of_before_they_were_are_prove
     (path,) = simulate(study, tmp_path, participants=1, seed=3, player="optimal")
     events = list(read_events(path))
     assert [event.clause for event in events if isinstance(event, ClauseDone)] == [0]
-    assert list(differences(events, World)) == []
+    assert list(compare_replay(events, World)) == []
     without = [event for event in events if not isinstance(event, ClauseDone)]
-    assert "ClauseDone" in next(differences(without, World))
+    assert "ClauseDone" in next(compare_replay(without, World))
     first = without[0]
     assert isinstance(first, SessionStarted)
     earlier = {name: value for name, value in first.facts.items() if name != "clauses"}
-    assert list(differences([replace(first, facts=earlier), *without[1:]], World)) == []
+    assert list(compare_replay([replace(first, facts=earlier), *without[1:]], World)) == []
 
 
 def test_the_code_in_the_docs_runs():

@@ -1,0 +1,138 @@
+"""List the participants who are due for a further session, overdue, or left one unfinished.
+
+From the logs and the protocol in them; dates are calendar days where the participant was, or in UTC for logs that do
+not hold the local time's offset.
+"""
+
+import re
+from dataclasses import dataclass
+from datetime import date, timedelta
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from minihuman.admin.enrolment_entries import list_replaced, read_enrolled, read_enrolment_log
+from minihuman.admin.next_session import find_start_date
+from minihuman.admin.session_index import SessionRow, read_session_index
+from minihuman.errors import LogError
+from minihuman.experiment.machine.events import FINAL_END_REASONS
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
+from minihuman.log.model.session_log import SessionLog
+from minihuman.log.read.session_reader import read_log
+
+_SESSION_FOLDER = re.compile(r"([^/]+)/ses-(\d+)")
+DueState = Literal["due", "later", "overdue", "unfinished", "unreadable", "never came"]
+
+
+class DueSession(msgspec.Struct, frozen=True):
+    """What is expected of a participant; dates are calendar days where the participant was."""
+
+    participant: str
+    group: str
+    session: int  # that is to come, or to be finished
+    state: DueState
+    earliest: date | None = None
+    latest: date | None = None
+
+    def line(self) -> str:
+        """Say so, and how it goes on."""
+        return f"{self.participant:12} {self.group:16} {self.session:7}  {self._words()}"
+
+    def _words(self) -> str:
+        again = f"minihuman replace {self.participant}"
+        until = f" until {self.latest}" if self.latest else ""
+        match self.state:
+            case "due":
+                return f"due now{until}"
+            case "later":
+                return f"due from {self.earliest}{until}"
+            case "overdue":
+                return f"was due until {self.latest}; if they do not come back: {again}"
+            case "unfinished":
+                return f"was broken off and can be gone on with; if they do not come back: {again}"
+            case "unreadable":
+                return "has a log that cannot be read: see minihuman status, and minihuman recover"
+            case "never came":
+                return f"has a slot and never came; to offer it again: {again}"
+
+
+@dataclass(slots=True)
+class _LatestSession:
+    """The furthest session of a participant."""
+
+    row: SessionRow
+    session: int
+    complete: bool
+
+
+def list_due_sessions(study_dir: Path, today: date) -> tuple[DueSession, ...]:
+    """Everybody of whom a further session is expected, or the rest of one, in order of enrolment.
+
+    Raises:
+        LogError: if there is no such folder.
+        AllocationError: if the register cannot be read.
+        ProtocolError: if the protocol in the logs cannot be understood.
+    """
+    seen, unreadable = _latest_sessions(study_dir)
+    replaced = list_replaced(read_enrolment_log(study_dir))
+    protocols: dict[str, Protocol] = {}
+    found = []
+    for slot in read_enrolled(study_dir):
+        if slot.participant in replaced:
+            continue
+        last = seen.get(slot.participant)
+        if (session := unreadable.get(slot.participant, 0)) > (0 if last is None else last.session):
+            found.append(DueSession(slot.participant, slot.group, session, "unreadable"))
+        elif last is None:
+            found.append(DueSession(slot.participant, slot.group, 1, "never came"))
+        elif not last.complete:
+            found.append(DueSession(slot.participant, slot.group, last.session, "unfinished"))
+        else:
+            try:
+                log = read_log(last.row.path)
+                protocol = _protocol(log.plan, protocols)
+            except LogError:  # damaged where a glance does not look
+                found.append(DueSession(slot.participant, slot.group, last.session, "unreadable"))
+            else:
+                found += _next(last, log, protocol, today)
+    return tuple(found)
+
+
+def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
+    """Everybody's furthest session, and the furthest that cannot be read, by whose folder its log is in."""
+    seen: dict[str, _LatestSession] = {}
+    unreadable: dict[str, int] = {}
+    for row in read_session_index(study_dir):
+        found = row.summary
+        if found is None:
+            if in_place := _SESSION_FOLDER.fullmatch("/".join(row.path.parts[-3:-1])):
+                participant, session = in_place[1], int(in_place[2])
+                unreadable[participant] = max(session, unreadable.get(participant, 0))
+            continue
+        if found.participant in seen and seen[found.participant].session > found.session:
+            continue
+        whole = found.complete or found.end_reason in FINAL_END_REASONS
+        seen[found.participant] = _LatestSession(row, found.session, whole)
+    return seen, unreadable
+
+
+def _protocol(plan: SessionPlan, known: dict[str, Protocol]) -> Protocol:
+    """The protocol that a session was played by, decoded once."""
+    if plan.protocol_sha256 not in known:
+        known[plan.protocol_sha256] = decode_logged_protocol(plan.protocol_toml, f"the protocol of {plan.study}")
+    return known[plan.protocol_sha256]
+
+
+def _next(last: _LatestSession, log: SessionLog, protocol: Protocol, today: date) -> list[DueSession]:
+    assert last.row.summary is not None
+    if last.session >= len(protocol.sessions) or last.row.summary.end_reason == "screened_out":
+        return []
+    participant, group = log.plan.participant.id, log.plan.participant.group
+    days = protocol.sessions[last.session].days_after_previous
+    if days is None:
+        return [DueSession(participant, group, last.session + 1, "due")]
+    earliest, latest = (find_start_date(log) + timedelta(days=count) for count in days)
+    state: DueState = "later" if today < earliest else "overdue" if today > latest else "due"
+    return [DueSession(participant, group, last.session + 1, state, earliest, latest)]

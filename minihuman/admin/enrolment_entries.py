@@ -1,0 +1,261 @@
+"""The enrolment log: the lines of a study's register, and who is in the study according to them.
+
+Read only. It imports no world and no NumPy, so that ``minihuman status`` starts fast; what writes is in
+``enrolment``.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.dataset.journal import ENROLMENT_FILE_NAME, Journal, open_journal
+from minihuman.errors import AllocationError
+
+
+class AuditNote(msgspec.Struct, frozen=True):
+    """Why something was done by hand, and who did it."""
+
+    reason: str = ""
+    experimenter: str = ""  # their code
+
+
+NO_NOTE = AuditNote()
+
+
+class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One line of the register: a place, and the allocation list it was taken from."""
+
+    allocation_sha256: str
+    list_length: int
+    index: int
+    participant: str
+    group: str  # "" where it is still to be drawn
+    overridden: bool  # chosen by hand with --participant or --group
+    stratum: str = ""
+    slot: int | None = None  # where the group was drawn after an answer: the place in the list
+    at: str = ""  # ISO 8601 UTC; "" in lines of earlier versions
+    reason: str = ""  # of an override
+    experimenter: str = ""
+
+
+class GroupDrawn(msgspec.Struct, frozen=True):
+    """Somebody's group was drawn after an answer; the last such line counts."""
+
+    drawn: str  # the code
+    stratum: str
+    slot: int
+    group: str
+    at: str  # ISO 8601 UTC
+
+
+class ParticipantWithdrawn(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A tombstone: this participant's data count nowhere, and their slot is free again."""
+
+    withdrawn: str  # the code
+    at: str  # ISO 8601 UTC
+    kept: Literal["erased", "sealed"]  # what became of the data
+    reason: str = ""
+    experimenter: str = ""
+
+
+class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Somebody does not come back: what they did counts, and their slot is free again."""
+
+    replaced: str  # the code
+    at: str  # ISO 8601 UTC
+    reason: str = ""
+    experimenter: str = ""
+
+
+class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Somebody took a slot and left no data: slot and code are as if they had never come."""
+
+    freed: str  # the code, which the next one gets
+    at: str  # ISO 8601 UTC
+    why: str = ""  # why their session ended: "declined", "screened_out", ...; "" in registers of before
+
+
+class ChainHeadRecorded(msgspec.Struct, frozen=True):
+    """How a segment's log ended: the head of its hash chain."""
+
+    sealed: str  # the log's name
+    segment: str
+    chain: str
+
+
+class DayOverridden(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A session was run on a day that the protocol does not allow."""
+
+    any_day: str  # the participant's code
+    session: int
+    at: str  # ISO 8601 UTC
+    reason: str = ""
+    experimenter: str = ""
+
+
+class LogRecovered(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A cut-off log was finished, a damaged one rewritten, or a log's missing chain heads were added."""
+
+    recovered: str  # the log's name
+    at: str  # ISO 8601 UTC
+    what: str
+    reason: str = ""
+    experimenter: str = ""
+
+
+EnrolmentEntry = (
+    SlotTaken
+    | GroupDrawn
+    | ParticipantWithdrawn
+    | ParticipantReplaced
+    | SlotFreed
+    | ChainHeadRecorded
+    | DayOverridden
+    | LogRecovered
+)
+
+
+def read_enrolled(study_dir: Path) -> tuple[SlotTaken, ...]:
+    """Who is in the study, in order of taking their slots; those who withdrew are not."""
+    lines = read_enrolment_log(study_dir)
+    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    return tuple(line for line in list_taken_slots(lines) if line.participant not in gone)
+
+
+def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
+    """All that the register says, in order of writing; nothing if the study has not begun.
+
+    Raises:
+        AllocationError: if a whole line cannot be read.
+    """
+    return open_enrolment_log(study_dir).read()
+
+
+def open_enrolment_log(study_dir: Path) -> Journal[EnrolmentEntry]:
+    """A study's register."""
+    return open_journal(study_dir, ENROLMENT_FILE_NAME, _decode_entry, chained=True)
+
+
+def read_chain_heads(study_dir: Path, log: str) -> dict[str, str]:
+    """By what the register says a log's segments ended with: the head of the chain, the latest of each segment."""
+    lines = read_enrolment_log(study_dir)
+    return {line.segment: line.chain for line in lines if isinstance(line, ChainHeadRecorded) and line.sealed == log}
+
+
+def find_incomplete_logs(
+    lines: Sequence[EnrolmentEntry], logs: Mapping[str, Collection[str]]
+) -> Iterator[tuple[str, bool]]:
+    """Name each log that is gone, and each segment whose end the enrolment log does not hold; with whether it is fine.
+
+    What an earlier version did not write down is fine. Who withdrew has no log.
+
+    Args:
+        lines: of the enrolment log.
+        logs: the finished segments of each finished log, by its name.
+    """
+    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    known = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
+    for name in dict.fromkeys(line.sealed for line in lines if isinstance(line, ChainHeadRecorded)):
+        if name not in logs and name.partition("_")[0] not in gone:
+            yield f"{name} is gone: the enrolment log holds the head of its chain", False
+    earlier = {line.participant for line in lines if isinstance(line, SlotTaken) and not line.at}
+    for name, segments in logs.items():
+        for segment in segments:
+            if (name, segment) not in known:
+                lacks = f"the enrolment log does not say how segment {segment} of {name} ended"
+                yield f"{lacks}; add it with `minihuman recover LOG`", name.partition("_")[0] in earlier
+
+
+def find_slots_without_log(
+    lines: Sequence[EnrolmentEntry], participants: Collection[str]
+) -> Iterator[tuple[str, bool]]:
+    """Name each participant who holds a slot and has no log; with whether it is fine, as in earlier versions' studies.
+
+    Args:
+        lines: of the enrolment log.
+        participants: the codes of those who have a log, finished or not.
+    """
+    known = {*participants, *list_replaced(lines)}
+    known |= {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    known |= {line.sealed.partition("_")[0] for line in lines if isinstance(line, ChainHeadRecorded)}  # a log gone
+    for slot in list_taken_slots(lines):
+        if slot.participant not in known:
+            code = slot.participant
+            yield (
+                f"{code} has a slot and no log; if no session of theirs is running: minihuman replace {code}",
+                (not slot.at),
+            )
+
+
+def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
+    """The slots that were taken and not freed, in order, each as the last draw left it."""
+    taken: dict[str, SlotTaken] = {}
+    for line in lines:
+        match line:
+            case SlotTaken():
+                taken[line.participant] = line
+            case GroupDrawn() if (before := taken.get(line.drawn)) is not None:
+                taken[line.drawn] = msgspec.structs.replace(
+                    before, group=line.group, stratum=line.stratum, slot=line.slot
+                )
+            case SlotFreed():
+                taken.pop(line.freed, None)
+    return tuple(taken.values())
+
+
+def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
+    """Count what was done by hand, by kind, and how much of it has no reason; nothing that never occurred."""
+    kinds = {
+        ParticipantWithdrawn: "withdrawn",
+        ParticipantReplaced: "replaced",
+        LogRecovered: "logs recovered",
+        DayOverridden: "run on another day",
+        SlotTaken: "chosen by hand",
+    }
+    by_hand = [line for line in lines if isinstance(line, tuple(kinds)) and getattr(line, "overridden", True)]
+    counts = Counter(kinds[type(line)] for line in by_hand)
+    counts["without a reason"] = sum(not getattr(line, "reason", "") for line in by_hand)
+    return {what: counts[what] for what in (*kinds.values(), "without a reason") if counts[what]}
+
+
+def list_replaced(lines: Sequence[EnrolmentEntry]) -> tuple[str, ...]:
+    """Who does not come back, in the order in which that was said; whose slot was freed since is nobody."""
+    replaced: dict[str, None] = {}
+    for line in lines:
+        match line:
+            case ParticipantReplaced():
+                replaced.setdefault(line.replaced)
+            case SlotFreed():
+                replaced.pop(line.freed, None)
+    return tuple(replaced)
+
+
+def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
+    """Decode a line; those of kinds that other programs add are passed over.
+
+    Raises:
+        AllocationError: if a whole line cannot be read.
+    """
+    try:
+        found = msgspec.json.decode(line, type=dict[str, Any]) if line else {}
+        kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in found), None)
+        return None if kind is None else msgspec.convert(found, kind)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        raise AllocationError(
+            f"{ENROLMENT_FILE_NAME}:{number}: cannot be read: {line[:60]!r}; restore the file"
+        ) from None
+
+
+_ENTRY_TYPES: dict[str, type[EnrolmentEntry]] = {
+    "participant": SlotTaken,
+    "drawn": GroupDrawn,
+    "withdrawn": ParticipantWithdrawn,
+    "replaced": ParticipantReplaced,
+    "freed": SlotFreed,
+    "sealed": ChainHeadRecorded,
+    "any_day": DayOverridden,
+    "recovered": LogRecovered,
+}

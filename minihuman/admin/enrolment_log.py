@@ -1,0 +1,303 @@
+"""Enrol participants: take, draw and free allocation slots in a study's enrolment log.
+
+The log is append-only and fsynced, one line per entry. Two stations that share the data folder never get the same
+slot: a slot is taken under an exclusive lock of the file. Lines of kinds that other programs add are passed over.
+"""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+
+import msgspec
+
+from minihuman.admin.enrolment_entries import (
+    NO_NOTE,
+    AuditNote,
+    ChainHeadRecorded,
+    DayOverridden,
+    EnrolmentEntry,
+    GroupDrawn,
+    LogRecovered,
+    ParticipantReplaced,
+    ParticipantWithdrawn,
+    SlotFreed,
+    SlotTaken,
+    list_replaced,
+    list_taken_slots,
+    open_enrolment_log,
+)
+from minihuman.dataset.journal import ENROLMENT_FILE_NAME
+from minihuman.errors import AllocationError
+from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
+from minihuman.experiment.plan.expansion import (
+    assign_slot,
+    enrol_participant,
+    format_participant_code,
+    parse_participant_code,
+)
+from minihuman.experiment.plan.session_plan import Participant
+from minihuman.experiment.protocol.protocol import Protocol
+
+
+def take_slot(
+    protocol: Protocol,
+    study_dir: Path,
+    *,
+    participant: str | None = None,
+    group: str | None = None,
+    note: AuditNote = NO_NOTE,
+) -> tuple[Participant, SlotTaken]:
+    """Take the next free slot, or the one of a participant named by hand, and make it last.
+
+    A participant who has a slot keeps it: asked for again, the line already written is the answer. Where groups are
+    drawn after an answer they have no group until ``draw_slot``, unless one was chosen by hand.
+
+    Args:
+        protocol: the study's.
+        study_dir: its folder.
+        participant: a code; None takes the next free slot.
+        group: overrides the allocation list's.
+        note: why a code or a group is chosen by hand, and who chooses.
+
+    Raises:
+        AllocationError: if every slot is taken, the code is no code, the participant's group is another,
+            or the study began with another allocation list.
+    """
+    slots = build_allocation_list(protocol)
+    study_dir.mkdir(parents=True, exist_ok=True)
+    with open_enrolment_log(study_dir).hold() as register:
+        holders = _SlotHolders(register.lines)
+        _check_list(holders.taken, study_dir, protocol)
+        if participant is not None and (line := holders.slot_entry_of(participant)) is not None:
+            return _taken_before(line, group)
+        index = holders.next_free(protocol) if participant is None else holders.free(participant)
+        who = msgspec.structs.replace(
+            enrol_participant(protocol, index, group), id=participant or holders.next_code(index)
+        )
+        if who.slot is not None:
+            who = Participant(who.id, who.index, group or "")
+        by_hand = participant is not None or group is not None
+        taken = SlotTaken(
+            allocation_sha256(slots), protocol.study.participants, index, who.id, who.group, by_hand, at=now_text()
+        )
+        if by_hand:
+            taken = msgspec.structs.replace(taken, reason=note.reason, experimenter=note.experimenter)
+        register.append(taken)
+    return who, taken
+
+
+def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
+    """Refuse more participants than there is room for, before any of them has a slot.
+
+    Raises:
+        AllocationError: if fewer slots are free, or the register cannot be read.
+    """
+    free = len(_SlotHolders(open_enrolment_log(study_dir).read()).free_slots(protocol))
+    if count > free:
+        raise AllocationError(
+            f"{count} participants are more than the {free} free slots of study {protocol.study.name!r}; ask for "
+            f"fewer, or raise $.study.participants in the protocol, which is {protocol.study.participants}"
+        )
+
+
+def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> Participant:
+    """Draw the group of somebody who has answered: the first slot of their stratum that nobody holds; make it last.
+
+    Drawn again for the same stratum, since a program was killed in between, it is the same slot.
+
+    Raises:
+        AllocationError: if they have no place in the study, or the stratum has no slot left.
+    """
+    with open_enrolment_log(study_dir).hold() as register:
+        holders = _SlotHolders(register.lines)
+        line = holders.slot_entry_of(code)
+        if line is None:
+            raise AllocationError(f"{code} has no slot in {study_dir}, so no group can be allocated; check the code")
+        if (line.stratum, line.slot is None) == (stratum, False):
+            return _taken_before(line, None)[0]
+        by_hand = holders.chosen_group(code)
+        slot = holders.next_in_stratum(protocol, stratum)
+        who = assign_slot(protocol, Participant(code, line.index, by_hand), slot)
+        register.append(GroupDrawn(code, stratum, slot.index, who.group, now_text()))
+    return who
+
+
+def record_chain_heads(study_dir: Path, heads: Sequence[ChainHeadRecorded], *, only_missing: bool = False) -> int:
+    """Write down how a log's segments ended, unless that is written already; return how many lines were added.
+
+    Of all segments but the last only a missing head is added: a head that differs is evidence.
+
+    Args:
+        study_dir: the study's folder.
+        heads: of one log, in order.
+        only_missing: do so with the last one, too.
+
+    Raises:
+        OSError: if the enrolment log cannot be written.
+    """
+    with open_enrolment_log(study_dir).hold() as register:
+        written = [line for line in register.lines if isinstance(line, ChainHeadRecorded)]
+        known = {(line.sealed, line.segment) for line in written}
+        added = [head for head in heads if (head.sealed, head.segment) not in known]
+        if not only_missing and heads and heads[-1] not in (*written, *added):
+            added.append(heads[-1])
+        if added:
+            register.append(*added)
+    return len(added)
+
+
+def record_intervention(study_dir: Path, entry: DayOverridden | LogRecovered) -> None:
+    """Add an entry to the audit trail of a study that has an enrolment log.
+
+    Raises:
+        OSError: if the enrolment log cannot be written.
+    """
+    journal = open_enrolment_log(study_dir)
+    if journal.begun:
+        with journal.hold() as register:
+            register.append(entry)
+
+
+def record_departure(study_dir: Path, parting: ParticipantWithdrawn | ParticipantReplaced) -> None:
+    """Write that somebody left the study, and make it last; said twice it is written once.
+
+    Raises:
+        AllocationError: if there is no such participant, or they withdrew before.
+    """
+    code = parting.withdrawn if isinstance(parting, ParticipantWithdrawn) else parting.replaced
+    journal = open_enrolment_log(study_dir)
+    if not journal.begun:
+        raise AllocationError(
+            f"{study_dir} is not a study folder: it has no {ENROLMENT_FILE_NAME}; name a study folder with --study"
+        )
+    with journal.hold() as register:
+        holders = _SlotHolders(register.lines)
+        if holders.slot_entry_of(code) is None:
+            gone = {line.withdrawn for line in register.lines if isinstance(line, ParticipantWithdrawn)}
+            here = [line.participant for line in holders.taken if line.participant not in gone]
+            known = ", ".join(here[:8]) or "nobody yet"
+            raise AllocationError(f"{code!r} has no slot in {study_dir}; there are {known}")
+        if not isinstance(parting, ParticipantReplaced) or code not in holders.replaced:
+            register.append(parting)
+
+
+def free_slot(study_dir: Path, code: str, why: str) -> None:
+    """Free the slot of somebody of whom there are no data, for the next one, code and all; written once.
+
+    Args:
+        study_dir: the study's folder.
+        code: theirs.
+        why: why their session ended, which is all that is kept of it.
+
+    Raises:
+        AllocationError: if there are data of them, who then withdraw or are replaced, or the register cannot be read.
+    """
+    if (study_dir / code).exists():
+        raise AllocationError(f"{code} has data in {study_dir}; withdraw or replace them instead")
+    with open_enrolment_log(study_dir).hold() as register:
+        if _SlotHolders(register.lines).slot_entry_of(code) is not None:
+            register.append(SlotFreed(code, now_text(), why))
+
+
+class _SlotHolders:
+    """Who holds which slot, from the register's lines."""
+
+    def __init__(self, lines: tuple[EnrolmentEntry, ...]) -> None:
+        self.taken = list_taken_slots(lines)
+        self._began = {line.participant: line for line in lines if isinstance(line, SlotTaken)}
+        self._withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+        self.replaced = set(list_replaced(lines))
+        self._held = {
+            line.index: line for line in self.taken if line.participant not in self._withdrawn | self.replaced
+        }
+
+    def slot_entry_of(self, code: str) -> SlotTaken | None:
+        """The slot that a participant took.
+
+        Raises:
+            AllocationError: if they withdrew.
+        """
+        if code in self._withdrawn:
+            raise AllocationError("this participant has withdrawn; remove --participant to offer the slot again")
+        return next((line for line in self.taken if line.participant == code), None)
+
+    def chosen_group(self, code: str) -> str:
+        """The group that was chosen by hand for somebody whose draw is still to come; "" where none was."""
+        return self._began[code].group
+
+    def free(self, code: str) -> int:
+        """The slot of a code that has none yet.
+
+        Raises:
+            AllocationError: if it is no code, or somebody else has that slot.
+        """
+        index = parse_participant_code(code)
+        if index in self._held:
+            raise AllocationError(
+                f"{code} would take the same slot as {self._held[index].participant}; choose another code"
+            )
+        return index
+
+    def free_slots(self, protocol: Protocol) -> list[int]:
+        """The slots that nobody holds, in order."""
+        return [index for index in range(protocol.study.participants) if index not in self._held]
+
+    def next_free(self, protocol: Protocol) -> int:
+        """The first slot that nobody holds.
+
+        Raises:
+            AllocationError: if all are held.
+        """
+        if free := self.free_slots(protocol):
+            return free[0]
+        raise AllocationError(
+            f"all {protocol.study.participants} slots of study {protocol.study.name!r} are taken; raise "
+            "$.study.participants in the protocol"
+        )
+
+    def next_in_stratum(self, protocol: Protocol, stratum: str) -> AllocationSlot:
+        """The first slot of a stratum that nobody holds.
+
+        Raises:
+            AllocationError: if all are held.
+        """
+        held = {line.slot for line in self._held.values()}
+        slots = (find_slot(protocol, place, stratum) for place in range(protocol.study.participants))
+        free = next((slot for slot in slots if slot.index not in held), None)
+        if free is None:
+            raise AllocationError(f"every slot of the stratum {stratum!r} of study {protocol.study.name!r} is taken")
+        return free
+
+    def next_code(self, index: int) -> str:
+        """The code of the next participant in a slot: never one that was somebody's."""
+        known = {line.participant for line in self.taken}
+        codes = (format_participant_code(index, before) for before in count())
+        return next(code for code in codes if code not in known)
+
+
+def _taken_before(line: SlotTaken, group: str | None) -> tuple[Participant, SlotTaken]:
+    if group is not None and not line.group:
+        raise AllocationError(f"{line.participant} has a slot whose group is not allocated yet; remove --group")
+    if group is not None and group != line.group:
+        raise AllocationError(f"{line.participant} is in group {line.group!r}, not {group!r}; remove --group")
+    return Participant(line.participant, line.index, line.group, line.stratum, line.slot), line
+
+
+def _check_list(lines: tuple[SlotTaken, ...], study_dir: Path, protocol: Protocol) -> None:
+    """A study may make its list longer, which keeps the slots it had, but not draw another."""
+    if not lines:
+        return
+    begun = lines[-1]
+    study = msgspec.structs.replace(protocol.study, participants=begun.list_length)
+    digest = allocation_sha256(build_allocation_list(msgspec.structs.replace(protocol, study=study)))
+    if digest != begun.allocation_sha256:
+        raise AllocationError(
+            f"{study_dir}: the study began with allocation list {begun.allocation_sha256[:12]}, this protocol makes "
+            f"{digest[:12]}; its seed, groups, keys or actions changed: restore them or rename {protocol.study.name!r}"
+        )
+
+
+def now_text() -> str:
+    """The time for an entry: ISO 8601, UTC, whole seconds."""
+    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -1,0 +1,148 @@
+"""Check that a plan can be read: a font has every character, and every text fits its screen."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+
+from minihuman.display.drawing.questions import question_fits
+from minihuman.display.drawing.text_screens import text_fits
+from minihuman.display.text import TypefaceSet, find_installed_typeface, measure_width_px, select_typefaces
+from minihuman.errors import ProtocolError
+from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.experiment.activities.pages import PagePlan
+from minihuman.experiment.activities.questions.question import QuestionItemSpec, build_draft
+from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.screens import TextScreen
+from minihuman.experiment.plan.allocation import build_allocation_list
+from minihuman.experiment.plan.expansion import assign_slot, expand_protocol, format_participant_code
+from minihuman.experiment.plan.session_plan import Participant, PlannedPart, SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.words import ENGLISH, InterfaceWords
+from minihuman.worlds.adapters.world import World
+
+NARROWEST_SCREEN_PX = (1024, 768)  # the narrowest screen that a study is likely to meet
+_LONGEST_TITLE = 1.25  # of the height
+
+
+def require_legible(protocol: Protocol, source: str) -> None:
+    """Let nobody sit down before what they could not read; ``source`` names the file.
+
+    Raises:
+        ProtocolError: with everything that cannot be read in any session of any group.
+    """
+    if problems := list(dict.fromkeys(find_illegible_in_study(protocol))):
+        raise ProtocolError.of([f"{source}: {problem}" for problem in problems], source)
+
+
+def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
+    """What cannot be read in any session of any group."""
+    first = {slot.group: slot for slot in reversed(build_allocation_list(protocol))}
+    for slot in sorted(first.values(), key=lambda slot: slot.index):
+        who = assign_slot(protocol, Participant(format_participant_code(slot.index), slot.index, ""), slot)
+        for session in range(1, max(1, len(protocol.sessions)) + 1):
+            yield from find_illegible_in_plan(expand_protocol(protocol, who, session=session))
+
+
+def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
+    """What cannot be read of a session, and the way out, one sentence each."""
+    words, faces = (
+        InterfaceWords(plan.language, plan.words, plan.fonts),
+        select_typefaces(plan.language, fonts=plan.fonts),
+    )
+    for name in plan.fonts:
+        if find_installed_typeface(name) is None:
+            yield f"$.study.fonts names {name!r}, a face that is not installed here; install it, or leave it out"
+    yield from _without_typeface(plan, faces)
+    for part in plan.parts:
+        yield from _too_long(part, words, faces)
+    yield from _without_translation(plan, words)
+
+
+def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
+    """The first text with a character that no face has, and how many more there are: one font helps all of a script."""
+    found = [(where, missing) for where, text in _texts(plan) if (missing := faces.missing(text))]
+    if found:
+        where, missing = found[0]
+        more = f" (and {len(found) - 1} more texts have such characters)" if len(found) > 1 else ""
+        yield (
+            f"{where}: no face on this machine has {missing!r} (U+{ord(missing):04X}){more}; install a Noto font that "
+            "has it (Debian: fonts-noto-core, fonts-noto-cjk) or use another character"
+        )
+
+
+def _texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
+    for key, word in plan.words.items():
+        yield f"word {key}", word
+    for part in plan.parts:
+        for field, text in _strings(msgspec.to_builtins(part.plan, builtin_types=(bytes,))):
+            yield f"{part.name}, {field}", text
+
+
+def _strings(value: Any, field: str = "") -> Iterator[tuple[str, str]]:
+    match value:
+        case str():
+            yield field, value
+        case dict():
+            for key, inner in value.items():
+                yield from _strings(inner, f"{field}.{key}" if field else str(key))
+        case list() | tuple():
+            for number, inner in enumerate(value, 1):
+                yield from _strings(inner, f"{field} {number}")
+
+
+def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> Iterator[str]:
+    match part.plan:
+        case PlayPlan() as play:
+            for outcome, text in play.feedback.items():
+                if not text_fits(TextScreen("", text, "", locale=words.locale), NARROWEST_SCREEN_PX):
+                    yield f"{part.name}, feedback for {outcome}: {_does_not_fit(text)}"
+            if not text_fits(TextScreen(words["rest.title"], play.rest, "", locale=words.locale), NARROWEST_SCREEN_PX):
+                yield f"{part.name}, rest: {_does_not_fit(play.rest)}"
+        case QuestionsPlan() as asked:
+            if not text_fits(screen_texts.build_wrong_answer_screen(words, asked.wrong), NARROWEST_SCREEN_PX):
+                yield f"{part.name}, wrong: {_does_not_fit(asked.wrong)}"
+            for item in asked.items:
+                if not question_fits(_empty(item, words), NARROWEST_SCREEN_PX):
+                    yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
+    for title in _titles(part):
+        if _width(title, faces) > _LONGEST_TITLE:
+            yield f"{part.name}, title: is too long for one line: {title[:40]!r}; shorten it"
+
+
+def _does_not_fit(text: str) -> str:
+    return f"does not fit a screen in type of 1/40 of its height: {text[:40]!r}...; shorten it, or give it a page"
+
+
+def _titles(part: PlannedPart) -> Iterator[str]:
+    if isinstance(part.plan, PagePlan | QuestionsPlan | PlayPlan):
+        yield part.plan.title
+
+
+def _width(title: str, faces: TypefaceSet) -> float:
+    """How long a title is in the smallest type it may be set in, as a share of the height."""
+    return measure_width_px(title, faces, 25) / 1000
+
+
+def _empty(item: QuestionItemSpec, words: InterfaceWords) -> Any:
+    draft = build_draft(item, rtl=words.rtl)
+    return screen_texts.build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
+
+
+def _without_translation(plan: SessionPlan, words: InterfaceWords) -> Iterator[str]:
+    """Blocks whose world says in English what is to be done, in a study in another language."""
+    if plan.language == ENGLISH:
+        return
+    for part in plan.parts:
+        if not isinstance(part.plan, PlayPlan) or part.plan.mission:
+            continue
+        first = plan.episodes[part.plan.first]
+        world = World(first.world, first.options)
+        said = world.reset(first.seed).mission
+        world.close()
+        if said and not words.mission(said):
+            yield (
+                f"{part.name}: the world says {said!r}, for which there are no words in {plan.language!r}, so nothing "
+                'is shown; give the block a mission = "..." or the words under [words.mission]'
+            )

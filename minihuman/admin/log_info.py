@@ -1,0 +1,234 @@
+"""What is in a session log: its summary from every message, its description as lines or JSON, and its recovery.
+
+The full read serves sessions that are running or were cut off, and logs of earlier versions. Recovery finishes
+cut-off and damaged logs one by one; a log that cannot be recovered does not stop the others.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, LogRecovered
+from minihuman.admin.enrolment_log import now_text, record_intervention
+from minihuman.admin.manifest import record_log_end, record_missing_heads
+from minihuman.admin.session_index import SessionSummary
+from minihuman.dataset.measures import playing_s, response_ms
+from minihuman.errors import LogError, MinihumanError
+from minihuman.experiment.machine import events
+from minihuman.experiment.machine.part_sequence import is_only_closing_left
+from minihuman.log import topics
+from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, Segment, SessionLog
+from minihuman.log.paths import PART_SUFFIX, raise_as_log_error, study_folder
+from minihuman.log.read.reader import LogReader, read_segment_starts
+from minihuman.log.record.finalization import find_leftovers, recover_log, repair_log
+from minihuman.log.salvage.summary_section import all_ended_cleanly
+
+_READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.PART_END, topics.SESSION_END})
+
+
+def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
+    """Sum up a session's log and segments, in order.
+
+    Raises:
+        LogError: if one cannot be opened, is no session log, of another schema version or damaged, or holds no plan.
+    """
+    readings = [LogReader(file) for file in files]
+    plan: events.SessionStarted | None = None
+    completed: set[int] = set()
+    spans: list[tuple[int, int]] = []  # a segment's first and last log time
+    steps, skipped, next_part, end_reason = 0, 0, 0, CUT_OFF
+    for reading, message in ((source, found) for source in readings for found in source.messages()):
+        topic = message.channel.topic
+        steps += topic == topics.STEP
+        match reading.event(topic, message.data) if topic in _READ else None:
+            case events.SessionStarted() as started:
+                plan, end_reason = plan or started, CUT_OFF
+                spans.append((message.log_time, message.log_time))
+            case events.EpisodeEnded() as ended if ended.outcome != "abandoned":
+                completed.add(ended.episode)
+            case events.EpisodesSkipped() as passed:
+                skipped += passed.count
+            case events.PartEnded() as ended:
+                next_part = ended.next
+            case events.SessionEnded() as over:
+                end_reason = over.reason
+        if spans:
+            spans[-1] = (spans[-1][0], max(spans[-1][1], message.log_time))
+    if plan is None:
+        raise LogError(f"{files[0]} holds no session plan; it was cut off before the session started")
+    starts = [facts for reading in readings for facts in reading.starts]
+    ends = [facts for reading in readings for facts in reading.ends]
+    who = plan.plan.participant
+    planned = len(plan.plan.episodes) - skipped
+    all_done = 0 < planned == len(completed) and is_only_closing_left(plan.plan.parts, next_part)
+    return SessionSummary(
+        study=plan.plan.study,
+        participant=who.id,
+        group=who.group,
+        session=plan.plan.session,
+        player=plan.facts.get("player", "unknown"),
+        started_at=starts[0]["started_at"],
+        segments=len(spans),
+        clean=all_ended_cleanly(starts, ends),
+        end_reason=end_reason,
+        episodes_planned=planned,
+        episodes_completed=len(completed),
+        steps=steps,
+        duration_s=sum(last - first for first, last in spans) / 1e9,
+        complete=end_reason == "complete" or (end_reason not in events.FINAL_END_REASONS and all_done),
+    )
+
+
+_HEADS = (
+    f"{'episode':>7} {'attempt':>7} {'segment':>7}  {'block':16} {'outcome':10} {'steps':>5} {'return':>7} "
+    f"{'at s':>9} {'played':>7} {'rt ms':>6}  seed"
+)
+
+
+def format_session_lines(session: SessionLog) -> list[str]:
+    """A readable summary: the session in a few lines, then a line an episode."""
+    plan = session.plan
+    lines = [
+        f"{session.path}",
+        f"study        {plan.study} (version {plan.study_version}, seed {plan.study_seed})",
+        f"participant  {plan.participant.id}, group {plan.participant.group}, session {plan.session}",
+        f"player       {session.player}",
+        f"started      {session.started_at}",
+        f"ended        {session.end_reason}, {'clean' if session.clean else 'not clean'}",
+        f"episodes     {len(session.episodes)} played, {len(plan.episodes)} planned",
+        f"steps        {sum(len(episode.actions) for episode in session.episodes)}",
+        f"keys         {sum(key.down for key in session.keys)} presses",
+        *(_segment_line(segment) for segment in session.segments),
+        "",
+        "at s: session time at the reset, since the first segment began; played: seconds to the last step, no pauses",
+        _HEADS,
+    ]
+    return lines + [_episode_line(episode) for episode in session.episodes]
+
+
+def format_session_json(session: SessionLog) -> str:
+    """The same facts as one JSON object."""
+    plan = session.plan
+    facts = {
+        "path": str(session.path),
+        "study": plan.study,
+        "study_version": plan.study_version,
+        "participant": plan.participant.id,
+        "group": plan.participant.group,
+        "session": plan.session,
+        "player": session.player,
+        "started_at": session.started_at,
+        "end_reason": session.end_reason,
+        "clean": session.clean,
+        "episodes_planned": len(plan.episodes),
+        "episodes": [_episode_facts(episode) for episode in session.episodes],
+        "segments": [_segment_facts(segment) for segment in session.segments],
+        "key_presses": sum(key.down for key in session.keys),
+        "facts": session.facts,
+    }
+    return msgspec.json.format(msgspec.json.encode(facts), indent=2).decode()
+
+
+def _segment_line(segment: Segment) -> str:
+    ended = f"{segment.end_reason}, {'clean' if segment.clean else 'not clean'}"
+    return (
+        f"segment {segment.number:<4} {segment.started_at}, session time {segment.start_ns / 1e9:.1f} to "
+        f"{segment.end_ns / 1e9:.1f} s; {ended}; {len(segment.pauses)} pauses"
+    )
+
+
+def _segment_facts(segment: Segment) -> dict[str, Any]:
+    return {
+        "segment": segment.number,
+        "started_at": segment.started_at,
+        "started_unix_ns": segment.started_unix_ns,
+        "started_monotonic_ns": segment.started_monotonic_ns,
+        "monotonic_clock": segment.monotonic_clock or None,
+        "start_s": segment.start_ns / 1e9,
+        "end_s": segment.end_ns / 1e9,
+        "end_reason": segment.end_reason,
+        "clean": segment.clean,
+        "pauses_s": [[begin / 1e9, end / 1e9] for begin, end in segment.pauses],
+    }
+
+
+def _episode_line(episode: EpisodeLog) -> str:
+    facts = _episode_facts(episode)
+    rt_ms = "-" if facts["median_rt_ms"] is None else f"{facts['median_rt_ms']:.0f}"
+    return (
+        f"{facts['episode']:7} {facts['attempt']:7} {facts['segment']:7}  {facts['block']:16} {facts['outcome']:10} "
+        f"{facts['steps']:5} {facts['return']:7.3f} {facts['session_time_s']:9.1f} {facts['playing_s']:7.1f} "
+        f"{rt_ms:>6}  {facts['seed']}"
+    )
+
+
+def _episode_facts(episode: EpisodeLog) -> dict[str, Any]:
+    plan, times_ms = episode.plan, response_ms(episode)
+    answered = times_ms[~np.isnan(times_ms)]
+    return {
+        "episode": episode.number,
+        "attempt": episode.attempt,
+        "block": plan.block_name,
+        "world": plan.world,
+        "seed": plan.seed,
+        "segment": episode.segment,
+        "outcome": episode.outcome_word,
+        "steps": len(episode.actions),
+        "return": episode.return_,
+        "session_time_s": float(episode.t_ns[0]) / 1e9,
+        "playing_s": playing_s(episode),
+        "median_rt_ms": float(np.median(answered)) if len(answered) else None,
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryResult:
+    """What became of a log: a line on it, and whether something in it was damaged."""
+
+    line: str
+    damaged: bool = False
+
+
+def recover_logs(given: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[RecoveryResult | MinihumanError]:
+    """Finish cut-off logs and rewrite damaged finished ones; yield what became of each, or why nothing did.
+
+    Of a whole log the chain heads that the enrolment log lacks are added to it.
+
+    Args:
+        given: logs, or folders to look for cut-off ones in.
+        note: why, and who does it, for the enrolment log.
+    """
+    for path in given:
+        for log in find_leftovers(path) if path.is_dir() else [path]:
+            try:
+                if not log.name.endswith(PART_SUFFIX) and (added := _add_missing_heads(log)):
+                    what = f"whole; {added} chain heads added to the enrolment log"
+                    _record_recovery(log, what, note)
+                    yield RecoveryResult(f"{log}: {what}")
+                    continue
+                finished = recover_log(log) if log.name.endswith(PART_SUFFIX) else repair_log(log)
+                if finished.readable:
+                    record_log_end(finished.path)
+                    _record_recovery(finished.path, f"ended: {finished.end_reason}; {finished.damage}", note)
+                yield RecoveryResult(finished.describe(), finished.damaged)
+            except MinihumanError as error:
+                yield error
+
+
+def _record_recovery(log: Path, what: str, note: AuditNote) -> None:
+    entry = LogRecovered(log.name, now_text(), what.removesuffix("; "), note.reason, note.experimenter)
+    record_intervention(study_folder(log), entry)
+
+
+def _add_missing_heads(log: Path) -> int:
+    """Add a whole log's missing chain heads; 0 where none is missing, or the log is damaged."""
+    try:
+        with raise_as_log_error(log):
+            read_segment_starts(log)
+    except LogError:
+        return 0
+    return record_missing_heads(log)

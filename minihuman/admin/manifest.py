@@ -1,0 +1,149 @@
+"""Study manifests: one digest for a log and one for a study, which another file or a publication can cite.
+
+A log's digest is the head of its hash chain. A study's is a SHA-256 over the SHA-256 of every file in its folder: it
+shows later whether anything was changed, added or removed, whatever tool did it.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from minihuman.admin.enrolment_entries import ChainHeadRecorded, open_enrolment_log
+from minihuman.admin.enrolment_log import record_chain_heads
+from minihuman.admin.remote_store import upload_log
+from minihuman.dataset.caches import is_cache
+from minihuman.errors import LogError, name_file_in_errors
+from minihuman.log.integrity import CHAIN_KEY
+from minihuman.log.paths import require_folder, study_folder
+from minihuman.log.record.file_lock import sync_folder
+from minihuman.log.salvage.summary_section import read_summary
+
+MANIFEST_FILE_NAME = "seal.json"
+_UNFINISHED = f"{MANIFEST_FILE_NAME}.part"
+_DIGITS = 64
+
+
+class StudyManifest(msgspec.Struct, frozen=True):
+    """A study as it was: its digest, and the SHA-256 of every file, by its path within the study's folder."""
+
+    digest: str
+    files: dict[str, str]
+
+
+def record_log_end(log: Path) -> str:
+    """Write the chain heads of a finished log into the study's enrolment log, and give the last; "" if it has none.
+
+    The log is uploaded to the study's remote store, too, if there is one.
+
+    Raises:
+        OSError: if the enrolment log cannot be written.
+        RemoteStoreError: if the store cannot be reached; the enrolment log is written.
+    """
+    heads = _read_chain_heads(log)
+    if heads and open_enrolment_log(study_folder(log)).begun:  # a log far from its study stays by itself
+        record_chain_heads(study_folder(log), heads)
+        upload_log(log)
+    return heads[-1].chain if heads else ""
+
+
+def record_missing_heads(log: Path) -> int:
+    """Write those chain heads of a finished log that the study's enrolment log lacks; return their number.
+
+    Raises:
+        OSError: if the enrolment log cannot be written.
+    """
+    heads = _read_chain_heads(log)
+    begun = heads and open_enrolment_log(study_folder(log)).begun
+    return record_chain_heads(study_folder(log), heads, only_missing=True) if begun else 0
+
+
+def _read_chain_heads(log: Path) -> list[ChainHeadRecorded]:
+    found = read_summary(log)
+    if found is None or not found.ends or CHAIN_KEY not in found.ends[-1]:
+        return []
+    return [ChainHeadRecorded(log.name, end["segment"], end[CHAIN_KEY]) for end in found.ends if CHAIN_KEY in end]
+
+
+def write_manifest(study: Path) -> StudyManifest:
+    """Seal a study's folder as it is now, in its file ``seal.json``; a seal of before is replaced.
+
+    Raises:
+        LogError: if it is no folder, or empty.
+        OSError: if a file cannot be read, or the seal cannot be written.
+    """
+    require_folder(study)
+    files = _digests(study)
+    if not files:
+        raise LogError(f"{study} is not a folder with files in it; name a study's folder")
+    made = StudyManifest(_digest(files), files)
+    unfinished = study / _UNFINISHED
+    try:
+        with name_file_in_errors(unfinished), unfinished.open("wb") as file:
+            file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+        unfinished.replace(study / MANIFEST_FILE_NAME)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    sync_folder(study)
+    return made
+
+
+def find_changed_files(study: Path, given: str) -> Iterator[str]:
+    """Yield what in a study's folder is not as it was sealed: ``given`` is the digest, or a seal's file.
+
+    Raises:
+        LogError: if it is neither.
+        OSError: if a file cannot be read.
+    """
+    file = Path(given)
+    kept = _read(file if file.is_file() else study / MANIFEST_FILE_NAME)
+    digest = given.lower()
+    if not file.is_file():
+        if len(digest) != _DIGITS or not set(digest) <= set("0123456789abcdef"):
+            raise LogError(f"{given!r} is neither a manifest file nor {_DIGITS} hexadecimal digits")
+        if kept is None or kept.digest != digest:
+            now = _digest(_digests(study))
+            if now != digest:
+                yield f"the study is not as it was sealed with {digest[:16]}: it is {now[:16]} now"
+            return
+    if kept is None or _digest(kept.files) != kept.digest:
+        yield f"{file if file.is_file() else study / MANIFEST_FILE_NAME} is not a manifest, or was changed"
+        return
+    now_there = _digests(study)
+    sealed = {name for name in kept.files if not is_cache(Path(name))}  # earlier versions sealed one cache, too
+    for name in sorted({*sealed, *now_there}):
+        if name not in now_there:
+            yield f"{name} is gone"
+        elif name not in kept.files:
+            yield f"{name} was not there"
+        elif kept.files[name] != now_there[name]:
+            yield f"{name} was changed"
+
+
+def _read(path: Path) -> StudyManifest | None:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=StudyManifest)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def _digests(study: Path) -> dict[str, str]:
+    found = {}
+    for folder, _, names in os.walk(study):
+        for name in names:
+            path = Path(folder, name)
+            within = path.relative_to(study)
+            if path.is_file() and within.as_posix() not in (MANIFEST_FILE_NAME, _UNFINISHED) and not is_cache(within):
+                with path.open("rb") as file:
+                    found[within.as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+    return dict(sorted(found.items()))
+
+
+def _digest(files: dict[str, str]) -> str:
+    """Of the lines that ``sha256sum`` prints for these files, in the order of their paths."""
+    lines = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
+    return hashlib.sha256(lines.encode()).hexdigest()

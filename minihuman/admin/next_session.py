@@ -1,0 +1,219 @@
+"""Decide what a participant plays next: a new session, or the unfinished rest of one that was cut short."""
+
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+
+import msgspec
+
+from minihuman.admin.enrolment_entries import (
+    NO_NOTE,
+    AuditNote,
+    DayOverridden,
+    LogRecovered,
+    list_replaced,
+    read_enrolled,
+    read_enrolment_log,
+)
+from minihuman.admin.enrolment_log import draw_slot, now_text, record_intervention, take_slot
+from minihuman.admin.manifest import record_missing_heads
+from minihuman.admin.session_index import SessionSummary, read_session_index
+from minihuman.errors import AllocationError
+from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.experiment.machine.events import FINAL_END_REASONS, Answered, EpisodesSkipped, PartEnded, Scored
+from minihuman.experiment.machine.part_sequence import is_only_closing_left
+from minihuman.experiment.plan.expansion import expand_protocol
+from minihuman.experiment.plan.session_plan import Participant, ResumeState, SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.log.model.session_log import CUT_OFF, SessionLog
+from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.log.record.finalization import find_leftovers, recover_log
+
+
+def plan_next_session(
+    protocol: Protocol,
+    data: Path,
+    *,
+    participant: str | None = None,
+    group: str | None = None,
+    session: int = 1,
+    any_day: bool = False,
+    note: AuditNote | None = None,
+) -> SessionPlan:
+    """Take the participant's slot and plan what is to be played; a session that is not complete is resumed.
+
+    A session is resumed by the plan it began with, at the first episode not completed: same keys, same seeds, whatever
+    became of the protocol file. Logs that an earlier run left cut off are finished first.
+
+    Args:
+        participant: a code ("sub-07"); None takes the next free slot.
+        group: overrides the allocation list's.
+        session: 1 for the participant's first.
+        any_day: whether a later session may be too early or too late.
+        note: why something is overridden, and who does it, for the enrolment log; None records no other day.
+
+    Raises:
+        AllocationError: if there is no slot to take, or the session is complete.
+        LogError: if an earlier log is damaged.
+        OSError: if the data folder cannot be read or written.
+    """
+    study_dir = data / protocol.study.name
+    another_day = session > 1 and _check_came_before(protocol, study_dir, participant, session, any_day=any_day)
+    who, taken = take_slot(protocol, study_dir, participant=participant, group=group, note=note or NO_NOTE)
+    if another_day and note is not None:
+        entry = DayOverridden(who.id, session, now_text(), note.reason, note.experimenter)
+        record_intervention(study_dir, entry)
+    folder = session_folder(data, protocol.study.name, who.id, session)
+    for part in find_leftovers(folder):
+        if (finished := recover_log(part)).readable:
+            record_missing_heads(finished.path)
+            recovered = LogRecovered(finished.path.name, now_text(), f"ended: {finished.end_reason}", "resumed")
+            record_intervention(study_dir, recovered)
+    if folder.is_dir() and list_sessions(folder):
+        return _plan_rest(read_log(folder))
+    if protocol.allocation.stratify_by and session == 1:
+        who = Participant(who.id, who.index, "")  # drawn, or drawn again, after the answer
+    return expand_protocol(protocol, who, session=session, overridden=taken.overridden)
+
+
+def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, stratum: str) -> SessionPlan:
+    """The plan of somebody who has answered, their group drawn.
+
+    Raises:
+        AllocationError: if there is no slot of that stratum.
+        OSError: if the data folder cannot be read or written.
+    """
+    who = draw_slot(protocol, data / protocol.study.name, undrawn.participant.id, stratum)
+    return expand_protocol(protocol, who, session=undrawn.session, overridden=undrawn.overridden)
+
+
+def _check_came_before(
+    protocol: Protocol, study_dir: Path, participant: str | None, session: int, *, any_day: bool
+) -> bool:
+    """Check the session before; return whether this one is on a day that the protocol does not allow."""
+    if participant is None:
+        raise AllocationError(f"session {session} needs a participant; name one with --participant")
+    before = session_folder(study_dir.parent, study_dir.name, participant, session - 1)
+    if not before.is_dir() or not list_sessions(before):
+        raise AllocationError(
+            f"{participant} has not begun session {session - 1}; run it first: --participant {participant} "
+            f"--session {session - 1}"
+        )
+    log = read_log(before)
+    if log.end_reason == "screened_out":
+        raise AllocationError(f"{participant} was screened out in session {session - 1}: there is no session {session}")
+    left = len(_remaining_episodes(log))
+    if not is_session_complete(log) and (left or not is_only_closing_left(log.plan.parts, _resume_state(log).part)):
+        what = f"{left} episodes of session {session - 1} left to play" if left else f"not ended session {session - 1}"
+        raise AllocationError(
+            f"{participant} has {what}; finish it first: --participant {participant} --session {session - 1}"
+        )
+    try:
+        _check_day(protocol, log, session)
+    except AllocationError:
+        if any_day:
+            return True
+        raise
+    return False
+
+
+def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
+    """Find the first session that a crash cut off and that is to be resumed; None where there is none.
+
+    Sessions that are running now are none, and so are those of participants who withdrew or were replaced.
+    """
+    expected = {slot.participant for slot in read_enrolled(study_dir)} - {*list_replaced(read_enrolment_log(study_dir))}
+    if not expected:
+        return None
+    for row in read_session_index(study_dir):
+        found = row.summary
+        if found is None or found.participant not in expected or found.complete or found.end_reason != CUT_OFF:
+            continue
+        if not any(is_being_recorded(part) for part in row.path.parent.glob(f"*{PART_SUFFIX}")):
+            return found
+    return None
+
+
+def find_start_date(log: SessionLog) -> date:
+    """The calendar day on which a session began, where the participant was; in UTC where the log has no offset."""
+    started = datetime.fromisoformat(log.started_at).astimezone(UTC)
+    offset_min = _utc_offset_min(log)
+    return (started + timedelta(minutes=offset_min or 0)).date()
+
+
+def _utc_offset_min(log: SessionLog) -> int | None:
+    facts = log.segments[0].facts if log.segments else {}
+    return int(facts["utc_offset_min"]) if "utc_offset_min" in facts else None
+
+
+def _today(before: SessionLog) -> date:
+    """Today, on the calendar of the session before: a server may stand in another time zone than its participants."""
+    return (datetime.now(UTC) + timedelta(minutes=_utc_offset_min(before) or 0)).date()
+
+
+def _check_day(protocol: Protocol, before: SessionLog, session: int) -> None:
+    day = protocol.sessions[session - 1] if session <= len(protocol.sessions) else None
+    if day is None or day.days_after_previous is None:
+        return
+    earliest, latest = day.days_after_previous
+    passed = (_today(before) - find_start_date(before)).days
+    if not earliest <= passed <= latest:
+        raise AllocationError(
+            f"session {session} is due {earliest} to {latest} days after session {session - 1}, which was {passed} "
+            "days ago; run it within that period, or run it now with --any-day"
+        )
+
+
+def is_session_complete(log: SessionLog) -> bool:
+    """Whether nothing of a session is left to do."""
+    return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not _remaining_episodes(log))
+
+
+def _remaining_episodes(log: SessionLog) -> list[int]:
+    """The episodes that are neither completed nor skipped."""
+    done = {played.plan.episode for played in log.episodes if played.outcome not in (None, "abandoned")}
+    for event in log.part_events:
+        if isinstance(event, EpisodesSkipped):
+            done.update(range(event.first, event.first + event.count))
+    return [episode.episode for episode in log.plan.episodes if episode.episode not in done]
+
+
+def _plan_rest(log: SessionLog) -> SessionPlan:
+    who, session = log.plan.participant.id, log.plan.session
+    if is_session_complete(log):
+        raise AllocationError(
+            f"{who} has completed session {session} ({log.path}); start their next one with --session {session + 1}"
+        )
+    left = _remaining_episodes(log)
+    segments = [int(start["segment"]) for start in log.metadata["segments"]]
+    return msgspec.structs.replace(
+        log.plan,
+        first_episode=left[0] if left else len(log.plan.episodes),
+        segment=max(segments) + 1,
+        standing=_resume_state(log),
+    )
+
+
+def _resume_state(log: SessionLog) -> ResumeState:
+    """The part that was not ended, and what had been reached by then."""
+    part, points = log.plan.standing.part, log.plan.standing.points
+    tries = dict(log.plan.standing.tries)
+    names = [its.name for its in log.plan.parts]
+    for event in log.part_events:
+        match event:
+            case PartEnded():
+                part = event.next
+                if event.end == "again":
+                    tries[names[event.part]] = tries.get(names[event.part], 0) + 1
+            case Scored():
+                points = event.total
+            case Answered() if event.attempt > 1:
+                tries[event.part_name] = max(tries.get(event.part_name, 0), event.attempt - 1)
+    its = log.plan.parts[part].plan if part < len(log.plan.parts) else None
+    outcomes: tuple[str, ...] = ()
+    if isinstance(its, PlayPlan):
+        played = {episode.plan.episode: episode.outcome for episode in log.episodes}
+        places = range(its.first, its.first + its.count)
+        outcomes = tuple(outcome for place in places if (outcome := played.get(place)) and outcome != "abandoned")
+    return ResumeState(part, points, outcomes, tries)

@@ -1,0 +1,88 @@
+"""Payments to participants beyond the base: the points of each session, in the currency of its protocol."""
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+from minihuman.admin.enrolment_entries import read_enrolled
+from minihuman.admin.recruitment import Recruitment
+from minihuman.admin.session_index import read_session_index
+from minihuman.errors import AllocationError, LogError
+from minihuman.experiment.machine.events import Scored
+from minihuman.experiment.machine.screen_texts import compute_bonus
+from minihuman.log.read.session_reader import read_log
+
+
+@dataclass(frozen=True, slots=True)
+class Payment:
+    """One session of one participant."""
+
+    participant: str
+    session: int
+    platform: str  # "" for who came by a link, or to the lab
+    id: str  # on that platform
+    end: str  # why the session ended
+    points: float
+    bonus: float
+    currency: str
+
+
+def compute_payments(study_dir: Path) -> Iterator[Payment]:
+    """Yield what each recorded session earned, in order of path; nobody who withdrew is among them.
+
+    Raises:
+        LogError: if there is no such folder, a log cannot be read, or a session is there twice.
+        AllocationError: if the protocol of a session has no [bonus].
+    """
+    ids = Recruitment(study_dir).ids()
+    here = {line.participant for line in read_enrolled(study_dir)}
+    paid: dict[tuple[str, int], Path] = {}
+    for row in read_session_index(study_dir):
+        if row.summary is None and row.path.relative_to(study_dir).parts[0] in here:
+            raise LogError(f"{row.path} cannot be read, so what it earned is not known: {row.problem}")
+        if row.summary is None or row.summary.participant not in here:
+            continue
+        whose = row.summary.participant, row.summary.session
+        if (other := paid.setdefault(whose, row.path)) != row.path:
+            raise LogError(f"{row.path} and {other} are the same session; move one of them out of {study_dir}")
+        log = read_log(row.path.parent)  # with what was cut off behind a finished log
+        bonus = log.plan.bonus
+        if bonus is None:
+            raise AllocationError(f"{row.path}: its protocol has no [bonus]; add one, with per_point and currency")
+        code = log.plan.participant.id
+        points = next((event.total for event in reversed(log.part_events) if isinstance(event, Scored)), 0.0)
+        who = ids.get(code)
+        yield Payment(
+            code,
+            log.plan.session,
+            who.platform if who else "",
+            who.id if who else "",
+            log.end_reason,
+            points,
+            round(compute_bonus(bonus, points), 2),
+            bonus.currency,
+        )
+
+
+def format_payments_csv(paid: Iterator[Payment]) -> str:
+    """A table with a heading."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([field.name for field in fields(Payment)])
+    writer.writerows(_row(one) for one in paid)
+    return text.getvalue()
+
+
+def format_platform_payments(paid: Iterator[Payment], platform: str) -> str:
+    """Lines of ``id,amount`` as Prolific takes them: the sum of each person's sessions, none of nothing."""
+    sums: dict[str, float] = {}
+    for one in paid:
+        if one.platform == platform:
+            sums[one.id] = sums.get(one.id, 0.0) + one.bonus
+    return "".join(f"{who},{amount:.2f}\n" for who, amount in sums.items() if amount > 0)
+
+
+def _row(one: Payment) -> tuple[object, ...]:
+    return tuple(f"{value:.2f}" if isinstance(value, float) else value for value in astuple(one))

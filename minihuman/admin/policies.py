@@ -1,0 +1,120 @@
+"""The policy files of a study, and the check that an agent's logged advice is what its policy says.
+
+Every file that ever played in a study is kept under its SHA-256 beside the participants. The check computes the
+advice
+for every state again from the file; that the actions were drawn from the advice is verified without it.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from minihuman.agents.agent import BaseAgent, is_registered_agent, make_agent, make_policy_agent
+from minihuman.errors import LogError, MinihumanError
+from minihuman.experiment.activities.activity import WorldFactory
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
+from minihuman.log.paths import study_folder
+from minihuman.log.read.session_reader import list_session_files
+from minihuman.worlds.adapters.world import World
+
+POLICIES_FOLDER = "policies"
+POLICY_SUFFIX = ".pt"
+
+
+class PolicyStore:
+    """The policy files of one study, in its folder; a file that is there is never written again."""
+
+    def __init__(self, study_dir: Path) -> None:
+        self.folder = study_dir / POLICIES_FOLDER
+
+    def keep(self, content: bytes) -> str:
+        """Keep a policy file; returns its SHA-256, under which it is found.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        sha256 = hashlib.sha256(content).hexdigest()
+        path = self.path(sha256)
+        if not path.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            unfinished = path.with_suffix(f".{os.getpid()}")
+            with unfinished.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            unfinished.replace(path)
+        return sha256
+
+    def path(self, sha256: str) -> Path:
+        """Where the file of that SHA-256 is, or would be."""
+        return self.folder / f"{sha256}{POLICY_SUFFIX}"
+
+    def checked(self, sha256: str) -> Path:
+        """Where the file of that SHA-256 is.
+
+        Raises:
+            LogError: if it is not there, or is another.
+        """
+        path = self.path(sha256)
+        if not path.is_file():
+            raise LogError(f"policy {sha256[:16]} is not in {self.folder}; copy the study's folder as a whole")
+        if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+            raise LogError(f"{path} does not match the digest in its name: it was changed")
+        return path
+
+
+PROBABILITY_TOLERANCE = 1e-5  # of a probability: sums may come in another order on another processor
+
+
+def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[str, bool]]:
+    """Yield lines on what the policies of a session said, each with whether it is good news.
+
+    Raises:
+        LogError: if a policy's file is not in the study's folder, or was changed.
+        MinihumanError: if it cannot be loaded.
+        WorldError: if a world of the log cannot be made here.
+    """
+    policies = PolicyStore(study_folder(list_session_files(log.path)[0]))
+    agents: dict[str, BaseAgent] = {}
+    states, furthest = 0, 0.0
+    for episode in log.episodes:
+        taught = episode.taught
+        if taught is None or not taught.policy:
+            continue
+        name = taught.policy
+        if name not in agents:
+            agents[name] = make_agent(name) if is_registered_agent(name) else make_policy_agent(policies.checked(name))
+        with closing(make_world(episode.plan.world, episode.plan.options)) as world:
+            for step, off in _advice_deviations(episode, taught, agents[name], world):
+                states += 1
+                furthest = max(furthest, off)
+                if off > PROBABILITY_TOLERANCE:
+                    where = f"{episode.name} step {step}"
+                    yield f"{where}: policy {name[:16]} now says otherwise, by {off:.3g} of a probability", False
+                    return
+    if states:
+        how = "equal" if not furthest else f"within {furthest:.1g}"
+        yield f"{len(agents)} policies, what they said of {states} states: {how}", True
+
+
+def _advice_deviations(
+    episode: EpisodeLog, taught: TeachingRecord, agent: BaseAgent, world: World
+) -> Iterator[tuple[int, float]]:
+    """For each state of which the policy said something, by how much a probability is another now."""
+    world.reset(episode.plan.seed)
+    try:
+        agent.begin(episode.plan, world)
+    except MinihumanError:
+        if (taught.policy_actions != NO_ADVICE).any():
+            raise
+        return
+    for step, action in enumerate(episode.actions):
+        said = agent.action_probabilities(world)  # also where nothing was said: an agent may remember
+        if taught.policy_actions[step] != NO_ADVICE:
+            yield step, float(np.abs(said - taught.probabilities[step]).max())
+        world.step(int(action))

@@ -1,0 +1,248 @@
+"""Online recruitment: the links that were issued, who arrived by which, and whether more participants are accepted.
+
+Kept in the journal ``arrivals.jsonl`` beside the enrolment log, which many servers share. A link is stored as the
+SHA-256 of its token, a participant of a recruiting platform as the HMAC of the platform's id. The id itself, which
+paying a bonus needs, is in the journal ``platform-ids.jsonl``, which only the owner may read.
+"""
+
+import hashlib
+import hmac
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from minihuman.dataset.journal import ARRIVALS_FILE_NAME, Journal, LockedJournal, find_database_url, open_journal
+
+IDS_FILE_NAME = "platform-ids.jsonl"
+SECRET_FILE_NAME = "arrivals.secret"
+_OWNER_ONLY = 0o600
+
+
+class LinkIssued(msgspec.Struct, frozen=True):
+    """A link, good for one slot."""
+
+    issued: str  # "link:" and the SHA-256 of its token, hexadecimal
+    at: str  # ISO 8601 UTC
+
+
+class ParticipantArrived(msgspec.Struct, frozen=True):
+    """Somebody came and has this slot; whoever comes by the same again is them."""
+
+    came: str  # "link:..." or "prolific:..." with an HMAC
+    participant: str
+    at: str
+
+
+class RecruitmentSwitched(msgspec.Struct, frozen=True):
+    """Whether new people may come; who has a slot may always go on."""
+
+    recruiting: bool
+    at: str
+
+
+class PlatformId(msgspec.Struct, frozen=True):
+    """Who a participant is on the platform that sent them."""
+
+    participant: str
+    platform: str
+    id: str
+
+
+class PlatformSecret(msgspec.Struct, frozen=True):
+    """What platforms' ids are hashed with."""
+
+    secret: str  # hexadecimal
+
+
+RecruitmentEntry = LinkIssued | ParticipantArrived | RecruitmentSwitched
+_ENTRY_TYPES: dict[str, type[RecruitmentEntry]] = {
+    "issued": LinkIssued,
+    "came": ParticipantArrived,
+    "recruiting": RecruitmentSwitched,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class RecruitmentState:
+    """What all lines together say."""
+
+    issued: frozenset[str]
+    came: dict[str, str]  # by what they came -> participant
+    recruiting: bool
+
+
+class Recruitment:
+    """The arrivals of one study, shared by every process that has its folder.
+
+    Args:
+        study_dir: the study's folder; made when first written to.
+    """
+
+    def __init__(self, study_dir: Path) -> None:
+        self._journal: Journal[RecruitmentEntry] = open_journal(study_dir, ARRIVALS_FILE_NAME, _decode_entry)
+        self._ids = open_journal(study_dir, IDS_FILE_NAME, _platform_id, mode=_OWNER_ONLY)
+        self._in_database = bool(find_database_url(study_dir))
+        self._secrets = open_journal(study_dir, SECRET_FILE_NAME, _secret, mode=_OWNER_ONLY)
+        self._secret_path = study_dir / SECRET_FILE_NAME
+
+    @property
+    def begun(self) -> bool:
+        """Whether anybody was ever offered a place online."""
+        return self._journal.begun
+
+    def issue(self, count: int) -> list[str]:
+        """Make links: their tokens, which are kept nowhere.
+
+        Raises:
+            OSError: if the folder cannot be written.
+        """
+        tokens = [secrets.token_urlsafe(16) for _ in range(count)]
+        with self._journal.hold() as held:
+            held.append(*(LinkIssued(hash_link_token(token), _now()) for token in tokens))
+        return tokens
+
+    def recruit(self, recruiting: bool) -> None:
+        """Open or close recruitment, for every server of the study."""
+        with self.exclusive() as arrivals:
+            if arrivals.standing.recruiting != recruiting:
+                arrivals.write(RecruitmentSwitched(recruiting, _now()))
+
+    def standing(self) -> RecruitmentState:
+        """What all lines say now."""
+        return _state_of(self._journal.read())
+
+    @contextmanager
+    def exclusive(self) -> Iterator["RecruitmentTransaction"]:
+        """Keep everybody else out while somebody is given a slot."""
+        with self._journal.hold() as held:
+            yield RecruitmentTransaction(held)
+
+    def hash_platform_id(self, platform: str, person: str) -> str:
+        """What stands for somebody from a platform: an HMAC with the study's own secret."""
+        digest = hmac.new(self._secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
+        return f"{platform}:{digest}"
+
+    def remember(self, who: PlatformId) -> None:
+        """Keep a platform's id where only the owner can read it; said twice it is written once."""
+        with self._ids.hold() as held:
+            if who not in held.lines:
+                held.append(who)
+
+    def ids(self) -> dict[str, PlatformId]:
+        """Who participants are on their platforms, by code; the latest of each."""
+        return {who.participant: who for who in self._ids.read()}
+
+    def id_of(self, participant: str) -> PlatformId | None:
+        """Who a participant is on their platform; None for who came by a link, or was forgotten."""
+        return self.ids().get(participant)
+
+    def forget(self, participant: str) -> None:
+        """Take out how somebody came and who they are elsewhere, for ever."""
+        for kept in (self._journal, self._ids):
+            kept.keep(lambda line: not _names(line, "participant", participant))
+
+    def _secret(self) -> bytes:
+        """The study's secret; whoever asks first makes it for all."""
+        if not self._in_database:
+            return _secret_in(self._secret_path)
+        known = self._secrets.read()
+        if not known:
+            with self._secrets.hold() as held:
+                if not held.lines:
+                    held.append(PlatformSecret(secrets.token_hex(32)))
+                known = held.lines
+        return bytes.fromhex(known[0].secret)
+
+
+class RecruitmentTransaction:
+    """The arrivals while nobody else can add to them."""
+
+    def __init__(self, held: LockedJournal[RecruitmentEntry]) -> None:
+        self.standing = _state_of(held.lines)
+        self._held = held
+
+    @staticmethod
+    def now() -> str:
+        """The time, for a line."""
+        return _now()
+
+    def write(self, *lines: RecruitmentEntry) -> None:
+        """Append lines, and make them last."""
+        self._held.append(*lines)
+
+
+def hash_link_token(token: str) -> str:
+    """What stands for a link's token."""
+    return f"link:{hashlib.sha256(token.encode()).hexdigest()}"
+
+
+def _state_of(lines: tuple[RecruitmentEntry, ...]) -> RecruitmentState:
+    issued: set[str] = set()
+    came: dict[str, str] = {}
+    recruiting = True
+    for line in lines:
+        match line:
+            case LinkIssued(issued=key):
+                issued.add(key)
+            case ParticipantArrived(came=key, participant=participant):
+                came[key] = participant
+            case RecruitmentSwitched(recruiting=now):
+                recruiting = now
+    return RecruitmentState(frozenset(issued), came, recruiting)
+
+
+def _decode_entry(line: bytes, number: int) -> RecruitmentEntry | None:
+    """A whole line of ours; a cut-off one was never acknowledged."""
+    try:
+        found = msgspec.json.decode(line, type=dict[str, Any])
+        kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in found), None)
+        return None if kind is None else msgspec.convert(found, kind)
+    except msgspec.DecodeError:
+        return None
+
+
+def _names(line: bytes, field: str, value: str) -> bool:
+    try:
+        return bool(msgspec.json.decode(line, type=dict[str, Any]).get(field) == value)
+    except msgspec.DecodeError:
+        return False
+
+
+def _platform_id(line: bytes, number: int) -> PlatformId | None:
+    with suppress(msgspec.DecodeError):  # half a line, of a crash
+        return msgspec.json.decode(line, type=PlatformId)
+    return None
+
+
+def _secret_in(path: Path) -> bytes:
+    """The secret in a file; whoever makes it first makes it for all."""
+    while not path.exists():
+        made = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        fd = os.open(made, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, _OWNER_ONLY)
+        try:
+            os.write(fd, secrets.token_bytes(32))
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+        with suppress(FileExistsError):
+            os.link(made, path)
+        made.unlink()
+    return path.read_bytes()
+
+
+def _secret(line: bytes, number: int) -> PlatformSecret | None:
+    with suppress(msgspec.DecodeError):
+        return msgspec.json.decode(line, type=PlatformSecret)
+    return None
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -1,0 +1,249 @@
+"""Report a study's progress: the participant flow (CONSORT) in counts, and one line per session.
+
+Counted from the enrolment log and the session index. The flow names no participant; of those who left before
+anything was recorded it knows only the reason, from the line that freed their slot. It imports neither NumPy nor
+MCAP.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from minihuman.admin.enrolment_entries import (
+    EnrolmentEntry,
+    ParticipantWithdrawn,
+    SlotFreed,
+    SlotTaken,
+    count_interventions,
+    find_incomplete_logs,
+    list_replaced,
+    list_taken_slots,
+    read_enrolled,
+    read_enrolment_log,
+)
+from minihuman.admin.session_index import SessionRow, SessionSummary, read_session_index
+from minihuman.log.paths import PART_SUFFIX, find_log_folders, group_sessions
+
+GroupCounts = Mapping[str, int]  # by group
+_LEFT_BEFORE = {
+    "declined": "did not agree",
+    "screened_out": "screened out before a group was drawn",
+}
+_LEFT = "left before anything was recorded"
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFlow:
+    """What became of one session; counts of participants by group."""
+
+    began: GroupCounts
+    complete: GroupCounts
+    screened_out: GroupCounts
+    unfinished: GroupCounts
+
+
+@dataclass(frozen=True, slots=True)
+class ParticipantFlow:
+    """Counts of participants. Who declined and came again came twice: nothing is kept that could tell."""
+
+    came: int
+    before: Mapping[str, int]  # who left no data, by what they did
+    allocated: GroupCounts
+    withdrew: GroupCounts
+    replaced: GroupCounts
+    without_data: GroupCounts  # have a slot and no data
+    courses: Mapping[int, SessionFlow]  # by session, from 1
+
+
+def count_participant_flow(study_dir: Path) -> ParticipantFlow:
+    """Count.
+
+    Raises:
+        LogError: if there is no such folder.
+        AllocationError: if the register cannot be read.
+    """
+    lines = read_enrolment_log(study_dir)
+    taken = {line.participant: line.group for line in list_taken_slots(lines)}
+    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    replaced = set(list_replaced(lines))
+    found: dict[tuple[int, str], SessionSummary] = {}
+    for row in read_session_index(study_dir):
+        one = row.summary
+        if one is not None and one.participant in taken.keys() - gone:
+            if row.path.name.partition(".")[0] == f"{one.participant}_ses-{one.session:02d}":
+                found[one.session, one.participant] = one  # not a copy beside it
+            found.setdefault((one.session, one.participant), one)
+    without_data = taken.keys() - gone - {participant for _, participant in found}
+    return ParticipantFlow(
+        came=sum(isinstance(line, SlotTaken) for line in lines),
+        before=count_unrecorded_departures(lines),
+        allocated=_by_group(taken, taken),
+        withdrew=_by_group(taken, taken.keys() & gone),
+        replaced=_by_group(taken, (taken.keys() & replaced) - gone),
+        without_data=_by_group(taken, without_data),
+        courses={number: _session_flow(number, found) for number in sorted({number for number, _ in found})},
+    )
+
+
+def count_unrecorded_departures(lines: Iterable[EnrolmentEntry]) -> dict[str, int]:
+    """How many left no data, by what they did."""
+    left = Counter(_LEFT_BEFORE.get(line.why, _LEFT) for line in lines if isinstance(line, SlotFreed))
+    return {what: left[what] for what in (*_LEFT_BEFORE.values(), _LEFT) if left[what]}
+
+
+def _by_group(groups: Mapping[str, str], codes: Collection[str]) -> GroupCounts:
+    return Counter(groups[code] for code in codes if groups[code])
+
+
+def _session_flow(number: int, found: Mapping[tuple[int, str], SessionSummary]) -> SessionFlow:
+    here = [one for (session, _), one in found.items() if session == number]
+    states = [(one.group, _flow_state(one)) for one in here]
+    of = {state: Counter(group for group, its in states if its == state) for state in ("complete", "out", "unfinished")}
+    return SessionFlow(Counter(one.group for one in here), of["complete"], of["out"], of["unfinished"])
+
+
+def _flow_state(one: SessionSummary) -> str:
+    if one.end_reason == "screened_out":
+        return "out"
+    return "complete" if one.complete else "unfinished"
+
+
+def format_status(study_dir: Path) -> Iterator[str]:
+    """One line a session, then one a slot that was taken but never played.
+
+    Raises:
+        LogError: if there is no such folder.
+        AllocationError: if the register cannot be read.
+    """
+    rows = list(read_session_index(study_dir))
+    yield f"{'participant':12} {'group':16} {'session':>7} {'episodes':>9} {'steps':>7}  state"
+    logs = Counter(_session(row.summary) for row in rows if row.summary)
+    for row in rows:
+        many = logs[_session(row.summary)] if row.summary else 1
+        copied = f", one of {many} logs of this session, of which one counts: {row.path}" if many > 1 else ""
+        yield _line(row) + copied
+    played = {row.summary.participant for row in rows if row.summary}
+    for slot in read_enrolled(study_dir):
+        if slot.participant not in played:
+            yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
+    yield from _departure_lines(study_dir)
+    if counts := count_all_interventions(study_dir):
+        yield "audit trail: " + ", ".join(f"{count} {what}" for what, count in counts.items())
+    yield from list_problems(study_dir)
+
+
+def count_all_interventions(study_dir: Path) -> dict[str, int]:
+    """Count the enrolment log's interventions and the annotations of a study, by kind.
+
+    Raises:
+        LogError: if a line is damaged.
+    """
+    counts = count_interventions(read_enrolment_log(study_dir))
+    files = [folder / name for folder, names in find_log_folders(study_dir) for name in names]
+    paths = [path for path in files if path.suffix == ".jsonl"]
+    if paths:
+        from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, read_annotation_file
+
+        notes = [one for path in paths if path.name.endswith(ANNOTATIONS_SUFFIX) for one in read_annotation_file(path)]
+        missing = counts.pop("without a reason", 0) + sum(not note.note for note in notes)
+        counts |= {"annotations": len(notes)} | ({"without a reason": missing} if missing else {})
+    return counts
+
+
+def list_problems(study_dir: Path) -> tuple[str, ...]:
+    """Name each session log that is gone, and each end of a segment that the enrolment log lacks."""
+    lines = read_enrolment_log(study_dir)
+    if not lines:
+        return ()
+    segments = {row.path.name: row.summary.segments if row.summary else 0 for row in read_session_index(study_dir)}
+    finished = {
+        log.name: [str(number) for number in range(1, segments.get(log.name, 0) - (len(files) - 1) + 1)]
+        for folder, names in find_log_folders(study_dir)
+        for log, files in group_sessions(folder, names).items()
+        if log in files  # the others of a session are live segments
+    }
+    return tuple(text for text, fine in find_incomplete_logs(lines, finished) if not fine)
+
+
+@dataclass(frozen=True, slots=True)
+class StudyStatus:
+    """The progress of a study; no participant who withdrew or left no data is named."""
+
+    sessions: tuple[SessionRow, ...]
+    slots_without_data: tuple[str, ...]  # participants who took a slot and recorded nothing
+    replaced: tuple[str, ...]  # participants whose slots are offered again
+    left_without_data: Mapping[str, int]  # counts by what they did
+    withdrew: int
+    interventions: Mapping[str, int]  # what was done by hand, in counts
+    problems: tuple[str, ...]  # logs that are gone, and ends of logs that the enrolment log lacks
+
+
+def read_study_status(study_dir: Path) -> StudyStatus:
+    """Read what `format_status` formats.
+
+    Raises:
+        LogError: if there is no such folder.
+        AllocationError: if the register cannot be read.
+    """
+    rows = tuple(read_session_index(study_dir))
+    played = {row.summary.participant for row in rows if row.summary}
+    lines = read_enrolment_log(study_dir)
+    return StudyStatus(
+        sessions=tuple(replace(row, summary=row.summary and _with_booleans(row.summary)) for row in rows),
+        slots_without_data=tuple(one.participant for one in read_enrolled(study_dir) if one.participant not in played),
+        replaced=tuple(list_replaced(lines)),
+        left_without_data=count_unrecorded_departures(lines),
+        withdrew=sum(isinstance(line, ParticipantWithdrawn) for line in lines),
+        interventions=count_all_interventions(study_dir),
+        problems=list_problems(study_dir),
+    )
+
+
+def _with_booleans(summary: SessionSummary) -> SessionSummary:
+    return replace(summary, clean=bool(summary.clean), complete=bool(summary.complete))  # SQLite has integers
+
+
+def _session(summary: SessionSummary) -> tuple[str, str, int]:
+    return summary.study, summary.participant, summary.session
+
+
+def _departure_lines(study_dir: Path) -> Iterator[str]:
+    """Who left; nobody is named who withdrew or left no data."""
+    lines = read_enrolment_log(study_dir)
+    for what, count in count_unrecorded_departures(lines).items():
+        yield f"{count} {what}"
+    for code in list_replaced(lines):
+        yield f"{code:12} does not come back; the slot is offered again"
+    withdrawn = sum(isinstance(line, ParticipantWithdrawn) for line in lines)
+    if withdrawn:
+        yield f"{withdrawn} withdrew and {'is' if withdrawn == 1 else 'are'} excluded"
+
+
+def _line(row: SessionRow) -> str:
+    found = row.summary
+    if found is None:
+        return f"{row.path}  cannot be read: {row.problem}"
+    episodes = f"{found.episodes_completed}/{found.episodes_planned}"
+    return f"{found.participant:12} {found.group:16} {found.session:7} {episodes:>9} {found.steps:7}  {_state(row)}"
+
+
+def _progress(summary: SessionSummary) -> str:
+    if summary.end_reason == "screened_out":
+        return "screened out"
+    return "complete" if summary.complete else f"unfinished: {summary.end_reason}"
+
+
+def _state(row: SessionRow) -> str:
+    summary = row.summary
+    assert summary is not None
+    parts = [_progress(summary)]
+    if row.path.name.endswith(PART_SUFFIX):
+        parts.append("live, or cut off: finished at its next start")
+    elif not summary.clean:
+        parts.append("unclean: recovered after a cut")
+    if summary.segments > 1:
+        parts.append(f"{summary.segments} segments")
+    if summary.player != "human":
+        parts.append(summary.player)
+    return ", ".join(parts)

@@ -1,0 +1,119 @@
+"""Verify a log's episodes: replay them from world id, options, seed and actions, and compare every number."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from minihuman.experiment.activities.activity import WorldFactory
+from minihuman.experiment.machine.events import EpisodeStarted, Stepped
+from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError
+from minihuman.experiment.replay import renders_same_images
+from minihuman.log.model.session_log import EpisodeLog, SessionLog, pose_as_row
+from minihuman.worlds.adapters.world import World, trusted_world_factory
+from minihuman.worlds.source_digest import rules_digest
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeVerification:
+    """What playing a log again gave."""
+
+    episodes: int
+    steps: int
+    difference: str  # the first, "episode 3 step 17: state hash ..."; "" if the log replays exactly
+    n_other_renderer: int = 0  # episodes of which what was seen is not compared: an earlier renderer drew it
+
+
+def describe_other_rules(log: SessionLog) -> str:
+    """What to know before a log is compared: that other sources of worlds than ours made it; "" if ours did.
+
+    Also "" for logs of before there were digests, and for a world of somebody else's: its sources are not ours.
+    """
+    recorded = dict.fromkeys(segment.facts["rules"] for segment in log.segments if "rules" in segment.facts)
+    recorded.pop(rules_digest(), None)
+    return f"recorded by rules {' and '.join(recorded)}, checked by rules {rules_digest()}" if recorded else ""
+
+
+def verify_episodes(log: SessionLog, make_world: WorldFactory | None = None) -> EpisodeVerification:
+    """Play every episode of a log again, up to the first number that differs.
+
+    Pictures in first person that an earlier renderer drew are not compared; states, rewards and ends are all the same.
+
+    ``make_world`` makes the worlds; without it only modules that are known or imported already are trusted.
+
+    Raises:
+        WorldError: if a world of the log cannot be made here.
+    """
+    make_world = make_world or trusted_world_factory()
+    episodes = steps = n_other_renderer = 0
+    same = all(renders_same_images(segment.facts) for segment in log.segments)
+    for (world_id, options), group in groupby(log.episodes, lambda episode: (episode.plan.world, episode.plan.options)):
+        with closing(make_world(world_id, options)) as world:
+            unlike = world.drawn and not same
+            for episode in group:
+                difference = _first_difference(episode, world, seen=not unlike)
+                if difference:
+                    return EpisodeVerification(episodes, steps, difference, n_other_renderer)
+                n_other_renderer += unlike
+                episodes += 1
+                steps += len(episode.actions)
+    return EpisodeVerification(episodes, steps, "", n_other_renderer)
+
+
+def _first_difference(episode: EpisodeLog, world: World, *, seen: bool) -> str:
+    differences = _differences(episode, world)
+    try:
+        return next((each for each in differences if seen or " observation hash " not in each), "")
+    except WorldFailedError as error:
+        return f"{episode.name}: the world raises {error}"
+
+
+def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
+    plan = episode.plan
+    play = RunningEpisode(plan, world, picture_px=None)
+    yield from _at_start(episode.start, play.start(episode.start.t_ns), f"{episode.name} reset")
+    for index, action in enumerate(episode.actions):
+        where = f"{episode.name} step {index + 1}"
+        if play.outcome is not None:
+            yield f"{where}: logged, but the episode now ends at step {index} with {play.outcome!r}"
+        again = play.step(0, int(action), key=episode.step_keys[index], key_t_ns=0)
+        yield from _at_step(episode, index, again, where)
+    if episode.end_cause and episode.outcome == "timeout" and play.outcome is None:
+        return  # a time limit ended it: the replay of the session's inputs compares when
+    if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
+        yield f"{episode.name}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
+
+
+def _at_start(logged: EpisodeStarted, again: EpisodeStarted, where: str) -> Iterator[str]:
+    for name in ("action_names", "mission", "map", "pose"):
+        if getattr(logged, name) != getattr(again, name):
+            yield f"{where}: {name} {getattr(logged, name)!r} in the log, now {getattr(again, name)!r}"
+    yield from _hashes(where, logged.state_hash, again.state_hash, logged.observation_hash, again.observation_hash)
+
+
+def _at_step(episode: EpisodeLog, index: int, again: Stepped, where: str) -> Iterator[str]:
+    yield from _hashes(
+        where,
+        int(episode.state_hashes[index + 1]),
+        again.state_hash,
+        int(episode.observation_hashes[index + 1]),
+        again.observation_hash,
+    )
+    for name, logged, now in (
+        ("reward", float(episode.rewards[index]), again.reward),
+        ("terminated", bool(episode.terminated[index]), again.terminated),
+        ("truncated", bool(episode.truncated[index]), again.truncated),
+    ):
+        if logged != now:
+            yield f"{where}: {name} {logged!r} in the log, now {now!r}"
+    pose = pose_as_row(again.pose)
+    if not np.array_equal(episode.poses[index + 1], pose, equal_nan=True):
+        yield f"{where}: pose {episode.poses[index + 1].tolist()} in the log, now {list(pose)}"
+
+
+def _hashes(where: str, state: int, state_now: int, observation: int, observation_now: int) -> Iterator[str]:
+    for name, logged, now in (("state", state, state_now), ("observation", observation, observation_now)):
+        if logged != now:
+            yield f"{where}: {name} hash {logged:016x} in the log, now {now:016x}"

@@ -1,0 +1,123 @@
+"""The agent interface: given a world, return the probability of each action. Includes the random and the optimal
+agent.
+
+Agents register in the entry-point group `minihuman.agents`; `policy` loads a policy file.
+"""
+
+import abc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.agents.goal_search import find_shortest_path
+from minihuman.errors import SimulationError
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.plugins import list_plugin_names, load_plugin, make_plugin
+from minihuman.worlds.adapters.world import World
+
+AGENT_GROUP = "minihuman.agents"
+POLICY_AGENT = "policy"  # the agent that a policy file is
+
+
+class BaseAgent(abc.ABC):
+    """Gives the probability of each action. The session draws the action; the agent draws nothing.
+
+    It is constructed from the text after the colon of its name.
+    """
+
+    def __init__(self, argument: str) -> None:
+        self.argument = argument
+
+    @abc.abstractmethod
+    def begin(self, plan: EpisodePlan, world: World) -> None:
+        """Start an episode.
+
+        Raises:
+            MinihumanError: if it cannot play that world.
+        """
+
+    @abc.abstractmethod
+    def action_probabilities(self, world: World) -> NDArray[np.float32]:
+        """The probability of each of the world's actions in the present state, float32[actions], summing to 1."""
+
+
+class RandomAgent(BaseAgent):
+    """Gives every action that has a key the same probability."""
+
+    def begin(self, plan: EpisodePlan, world: World) -> None:
+        """Find the actions that have a key."""
+        keyed = set(plan.key_map.keys.values())
+        chances = np.array([name in keyed for name in world.action_names], np.float32)
+        self._chances: NDArray[np.float32] = chances / chances.sum(dtype=np.float32)
+
+    def action_probabilities(self, world: World) -> NDArray[np.float32]:
+        """The same in every state."""
+        return self._chances
+
+
+class OptimalAgent(BaseAgent):
+    """Follows a shortest path; ``optimal:0.2`` takes a random action with probability 0.2."""
+
+    def begin(self, plan: EpisodePlan, world: World) -> None:
+        """Read the probability of a random action.
+
+        Raises:
+            SimulationError: if it is not in 0 to 1.
+        """
+        try:
+            self._random_share = float(self.argument or 0.0)
+        except ValueError:
+            self._random_share = -1.0
+        if not 0 <= self._random_share <= 1:
+            raise SimulationError(
+                f"agent optimal: the share of random actions is {self.argument!r}; use a probability from 0 to 1"
+            )
+        self._random = RandomAgent("")
+        self._random.begin(plan, world)
+
+    def action_probabilities(self, world: World) -> NDArray[np.float32]:
+        """The first action of the path, and the random share.
+
+        Raises:
+            SimulationError: if there is no path.
+        """
+        path = find_shortest_path(world)
+        if not path:
+            raise SimulationError(f"{world.id}: no path leads to the goal from {world.pose()}; use the random agent")
+        best = np.array([name == path[0] for name in world.action_names], np.float32)
+        random = self._random.action_probabilities(world)
+        return np.float32(1 - self._random_share) * best + np.float32(self._random_share) * random
+
+
+def is_registered_agent(name: str) -> bool:
+    """Whether a protocol's ``policy`` names a registered agent rather than a file."""
+    return name.partition(":")[0] in list_plugin_names(AGENT_GROUP)
+
+
+def load_agent_class(name: str) -> Any:
+    """Import the class of a registered agent.
+
+    Raises:
+        MinihumanError: if no agent has that name, or it cannot be imported.
+    """
+    return load_plugin(AGENT_GROUP, name, SimulationError, what="agent")
+
+
+def make_agent(name: str) -> BaseAgent:
+    """Make a registered agent from its name and the text after the colon.
+
+    Raises:
+        MinihumanError: if no agent has that name, or it cannot be made.
+    """
+    return make_plugin(AGENT_GROUP, name, BaseAgent, SimulationError, what="agent")  # type: ignore[type-abstract]
+
+
+def make_policy_agent(path: Path) -> BaseAgent:
+    """Make the agent of a policy file.
+
+    Raises:
+        MinihumanError: if the file holds no policy.
+    """
+    return make_agent(f"{POLICY_AGENT}:{path}")

@@ -1,0 +1,162 @@
+"""Search for a goal from what has been seen and what is still remembered: in a grid, in first-person rooms, or with
+full view.
+"""
+
+import abc
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import SimulationError
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.layouts.one_room import GoalEnv
+from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.inside.env import GridFromInside
+
+JudgementNoise = Callable[[int], NDArray[np.float64]]  # draws the errors of so many judgements, in actions
+
+
+def find_shortest_path(world: World) -> list[str]:
+    """Find the names of the actions that lead to success from here; empty if there are none.
+
+    Raises:
+        SimulationError: if the world has no planner.
+    """
+    path = world.shortest_path()
+    if path is None:
+        raise SimulationError(f"{world.id} has no planner; use the random agent or participant")
+    return list(path)
+
+
+_INVERSE_ACTIONS = {"left": "right", "right": "left", "turn_left": "turn_right", "turn_right": "turn_left"}
+
+
+class GoalSearch(abc.ABC):
+    """A search in one episode, in action names."""
+
+    @abc.abstractmethod
+    def plan(self) -> list[str]:
+        """Plan the next actions, as far as they are decided; empty where nothing is left to try.
+
+        Raises:
+            WorldError: if planning would take too long.
+        """
+
+    @abc.abstractmethod
+    def forget(self, chance: float) -> None:
+        """Forget each place that is not in sight with this probability."""
+
+    @abc.abstractmethod
+    def observe_action(self, action: str, *, no_effect: bool) -> None:
+        """Take note of an action, and whether it had an effect."""
+
+
+def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.Generator) -> GoalSearch:
+    """Choose the kind of search for a world; with a full view nothing needs to be found.
+
+    Raises:
+        SimulationError: if no planner knows the world's goal.
+    """
+    env = world.unwrapped
+    if view == "full" and not world.subgoals():
+        return FullViewSearch(world)
+    if isinstance(env, GridEngine | GridFromInside):
+        return GridSearch(world, noise, rng)
+    if isinstance(env, FirstPersonEnv) and env.targets():
+        return RoomSearch(world, noise, rng)
+    return FullViewSearch(world)
+
+
+class FullViewSearch(GoalSearch):
+    """Follows the shortest path: everything is in sight, or the world names no targets."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._path: list[str] = []
+
+    def plan(self) -> list[str]:
+        """The rest of the last path, or a new one after leaving it."""
+        if not self._path:
+            self._path = find_shortest_path(self._world)
+        return self._path
+
+    def forget(self, chance: float) -> None:
+        """Do nothing: everything is in sight."""
+
+    def observe_action(self, action: str, *, no_effect: bool) -> None:
+        """Shorten or extend the path, or drop it."""
+        if no_effect:
+            return
+        if self._path[:1] == [action]:
+            self._path.pop(0)
+        elif self._path and action in _INVERSE_ACTIONS:
+            self._path.insert(0, _INVERSE_ACTIONS[action])
+        else:
+            self._path = []
+
+
+class GridSearch(GoalSearch):
+    """Searches a grid, seen from above or from inside."""
+
+    def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
+        from minihuman.worlds.grid.babyai.exploring_expert import Explorer  # compiled: only where it is used
+        from minihuman.worlds.grid.belief_state import PEOPLE_WEIGHTS
+
+        env = world.unwrapped
+        grid = env.grid if isinstance(env, GridFromInside) else env
+        self._env, self._rng = grid, rng
+        inside = grid is not env
+        self._explorer = Explorer(grid.state, grid.image_shape[0], judgement=PEOPLE_WEIGHTS, noise=noise, inside=inside)
+
+    def plan(self) -> list[str]:
+        """Plan as the exploring expert does; where nothing is left to try, explore again."""
+        if not self._explorer.way(self._env.state):
+            self.forget(1.0)
+        return [self._env.action_names[action] for action in self._explorer.way(self._env.state)]
+
+    def forget(self, chance: float) -> None:
+        """Forget cells."""
+        self._explorer.memory.forget(chance, self._rng)
+
+    def observe_action(self, action: str, *, no_effect: bool) -> None:
+        """Do nothing: the explorer looks at the state."""
+
+
+class RoomSearch(GoalSearch):
+    """Searches rooms in first person."""
+
+    def __init__(self, world: World, noise: JudgementNoise, rng: np.random.Generator) -> None:
+        from minihuman.worlds.first_person.pathfinding.belief_state import ExploredFloor
+
+        self._world, self._env, self._noise, self._rng = world, world.unwrapped, noise, rng
+        self._memory = ExploredFloor(self._env)
+        self._shown = FullViewSearch(world)  # once all targets have been seen
+
+    def plan(self) -> list[str]:
+        """Go to the targets once all have been seen, else to where more can be seen."""
+        memory = self._memory
+        memory.look()
+        targets = self._env.targets()
+        if all(any(thing is one for one in memory.things) for thing in targets):
+            if type(self._env).shortest_path is not GoalEnv.shortest_path:
+                return self._shown.plan()
+            move = memory.step_to(targets[0])
+            if move is not None:
+                return [move]
+        move = memory.step_to_see_more(self._noise)
+        if move is None:
+            memory.start_over()
+            move = memory.step_to_see_more(self._noise)
+        return [] if move is None else [move]
+
+    def forget(self, chance: float) -> None:
+        """Forget patches of the floor."""
+        self._memory.forget(chance, self._rng)
+
+    def observe_action(self, action: str, *, no_effect: bool) -> None:
+        """Remember an obstacle where a step forward had no effect."""
+        self._shown.observe_action(action, no_effect=no_effect)
+        if action == "move_forward":
+            self._memory.bumped() if no_effect else self._memory.moved()

@@ -1,0 +1,248 @@
+"""The command line as one Click group: which commands there are, and how a declared function becomes one.
+
+The help of the group comes from the table below, so that only the module of the command that was typed is imported.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+from typing import Any, get_args
+
+import click
+
+from minihuman.cli.options import Argument, Option
+
+SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of this package, in the order of the help
+    "start": {
+        "demo": "Play a short session, then look at its log, figures and replay.",
+        "new": "Write a ready-to-run protocol after a few questions.",
+        "check": "Check a protocol and its worlds, and print a session plan.",
+        "doctor": "Check whether this machine can run sessions with participants.",
+        "play": "Play a world by hand; nothing is recorded.",
+        "worlds": "List the built-in worlds.",
+    },
+    "run": {
+        "run": "Run a participant's session, or resume one.",
+        "serve": "Serve a study to participants in a browser.",
+        "simulate": "Run a study with simulated participants.",
+        "watch": "Watch running sessions on a local web page.",
+    },
+    "look": {
+        "status": "Print the progress of a study's sessions.",
+        "info": "Describe a session's log.",
+        "replay": "Replay sessions in the Rerun viewer.",
+        "plot": "Draw figures of a session or a study.",
+        "report": "Write a study's report: tables, statistics, figures.",
+        "query": "Query a study's tables in SQL.",
+    },
+    "keep": {
+        "verify": "Replay logs from their seeds and inputs, and compare.",
+        "recover": "Complete interrupted logs and repair damaged ones.",
+        "annotate": "Annotate an episode or a session.",
+        "manifest": "Write a study's manifest and print its digest.",
+        "withdraw": "Withdraw a participant and free their slot.",
+        "replace": "Offer a lost participant's slot again; keep their data.",
+        "gather": "Synchronize a study's logs with the remote store.",
+    },
+    "publish": {
+        "export": "Export a study as tables, demonstrations or an archive.",
+        "power": "Estimate the power of a study by simulation.",
+        "fit": "Fit the reaction times of simulated participants to logged ones.",
+        "payments": "Print what each session earned, as CSV.",
+    },
+    "agents": {
+        "learn": "Train agents from people's data.",
+    },
+    "machine": {
+        "plugins": "List the installed plug-ins.",
+        "schema": "Print the JSON schema of a protocol file.",
+    },
+}
+ALIASES = {"mark": "annotate", "seal": "manifest", "bonus": "payments"}  # earlier names; they work and are not listed
+_MODULES = {name: module for module, names in SECTIONS.items() for name in names}
+_NO_COMMAND = 2
+_HELP_NAMES = {"help_option_names": ["-h", "--help"]}
+
+
+class _Group(click.Group):
+    """A group that prints its help where no command is given, with the exit status of a mistake."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if not args and not ctx.resilient_parsing:
+            click.echo(ctx.get_help(), err=True)
+            ctx.exit(_NO_COMMAND)
+        return super().parse_args(ctx, args)
+
+
+class CommandLine(_Group):
+    """All commands; a command's module is imported when that command is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Name the commands in the order of the help."""
+        return list(_MODULES)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command by its name or an earlier one."""
+        name = ALIASES.get(cmd_name, cmd_name)
+        if name not in _MODULES:
+            return None
+        found = getattr(import_module(f"minihuman.cli.{_MODULES[name]}"), name)
+        return found if isinstance(found, click.Command) else make_command(found)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands by section, without importing one."""
+        widest = max(map(len, _MODULES))
+        for section, helps in SECTIONS.items():
+            with formatter.section(section.capitalize()):
+                formatter.write_dl([(name.ljust(widest), help) for name, help in helps.items()])
+
+
+def make_command_line() -> CommandLine:
+    """Make the group of all commands."""
+    return CommandLine(
+        "minihuman",
+        help="Run people and agents through grid and first-person worlds; record every key press and verify every log.",
+        context_settings=_HELP_NAMES,
+        params=[
+            click.Option(
+                ["--version"],
+                help="Print the version and exit.",
+                is_flag=True,
+                is_eager=True,
+                expose_value=False,
+                callback=_print_version,
+            )
+        ],
+    )
+
+
+class Subgroup(_Group):
+    """A command with commands of its own, which its help lists in the order given."""
+
+    def __init__(self, name: str, help: str, commands: Sequence[Callable[..., None]]) -> None:
+        made = {command.__name__: make_command(command) for command in commands}
+        super().__init__(name, made, help=help, context_settings=_HELP_NAMES)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Name the commands in the order of the help."""
+        return list(self.commands)
+
+
+def make_command(function: Callable[..., None]) -> click.Command:
+    """Turn a function whose parameters are declared as `Argument` and `Option` into a command of its name."""
+    parameters = inspect.signature(function).parameters.values()
+    kinds = {one.name: get_args(one.annotation)[0] for one in parameters}
+
+    def call(**values: Any) -> None:
+        function(**{name: _typed_value(kinds[name], value) for name, value in values.items()})
+
+    return _Command(
+        function.__name__,
+        callback=call,
+        params=[_make_parameter(one) for one in parameters],
+        help=_keep_example(inspect.getdoc(function) or ""),
+        context_settings=_HELP_NAMES,
+    )
+
+
+class _Argument(click.Argument):
+    """An argument with a help text, which Click's own lacks."""
+
+    def __init__(self, name: str, declared: Argument, **settings: Any) -> None:
+        super().__init__([name], metavar=declared.metavar, **settings)
+        self.text = declared.help
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str]:
+        return self.human_readable_name, self.text
+
+
+class _Option(click.Option):
+    """An option that knows its heading in the help."""
+
+    def __init__(self, names: Sequence[str], declared: Option, **settings: Any) -> None:
+        super().__init__(names, help=declared.help, **settings)
+        self.panel = declared.panel
+
+
+class _Command(click.Command):
+    """A command whose help has its arguments, and its options by heading."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for one in self.get_params(ctx):
+            heading = "Arguments" if isinstance(one, click.Argument) else getattr(one, "panel", "Options")
+            record = one.get_help_record(ctx)
+            if record is not None:
+                panels.setdefault(heading, []).append(record)
+        for heading, records in panels.items():
+            if records:
+                with formatter.section(heading):
+                    formatter.write_dl(records)
+
+
+def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
+    annotation, declared = get_args(parameter.annotation)[:2]
+    required = parameter.default is inspect.Parameter.empty
+    default = None if required else parameter.default
+    kind = _bare_kind(annotation)
+    settings: dict[str, Any] = {"required": required, "type": _click_type(kind, declared)}
+    if not required:
+        settings["default"] = default.value if isinstance(default, Enum) else default
+    many = _is_list(annotation)
+    if isinstance(declared, Argument):
+        return _Argument(parameter.name, declared, nargs=-1 if many else 1, **settings)
+    assert isinstance(declared, Option)
+    names = list(declared.names) or [f"--{parameter.name.replace('_', '-')}"]
+    if kind is bool:
+        if not declared.names:
+            names = [f"{names[0]}/--no-{names[0][2:]}"]
+        del settings["type"]
+        settings["is_flag"] = True
+        shown = any("/" in name for name in names) and default is not None
+    else:
+        settings["multiple"] = many
+        shown = default not in (None, "")
+    return _Option([*names, parameter.name], declared, show_default=shown, **settings)
+
+
+def _bare_kind(annotation: Any) -> Any:
+    """The type of one value: of ``int | None`` int, of ``list[Path]`` Path."""
+    inner = [each for each in get_args(annotation) if each is not type(None)]
+    return _bare_kind(inner[0]) if inner else annotation
+
+
+def _is_list(annotation: Any) -> bool:
+    return str(annotation).startswith("list[")
+
+
+def _click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, which is generic in newer Clicks only
+    if issubclass(kind, Enum):
+        return click.Choice([each.value for each in kind])
+    if kind is Path:
+        return click.Path(path_type=Path)
+    if kind is int and isinstance(declared, Option) and (declared.min is not None or declared.max is not None):
+        return click.IntRange(declared.min, declared.max)
+    return click.types.convert_type(kind)
+
+
+def _typed_value(annotation: Any, value: Any) -> Any:
+    """A value as the function declares it; Click gives choices as strings and repeated values as tuples."""
+    if _is_list(annotation):
+        return list(value)
+    kind = _bare_kind(annotation)
+    return kind(value) if value is not None and issubclass(kind, Enum) else value
+
+
+def _keep_example(text: str) -> str:
+    """Mark the paragraphs of examples, which Click is not to wrap."""
+    return "\n\n".join(f"\b\n{one}" if one.startswith("Example:") else one for one in text.split("\n\n"))
+
+
+def _print_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        from importlib.metadata import version
+
+        click.echo(f"minihuman {version('minihuman')}")
+        ctx.exit()

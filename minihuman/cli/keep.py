@@ -1,0 +1,178 @@
+"""Commands that keep and administer data: verify, recover, annotate, manifest, withdraw, replace, gather."""
+
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+from minihuman.cli.options import (
+    Argument,
+    ExperimenterOption,
+    LogFile,
+    Option,
+    ReasonOption,
+    StudyFolder,
+    ask_reason,
+    print_json,
+)
+from minihuman.errors import escape_control_characters
+
+Code = Annotated[str, Argument("The participant's code, such as sub-07.", "CODE")]
+StudyOption = Annotated[Path, Option("--study", help="The study's folder, such as sessions/fourrooms-transfer.")]
+
+
+def verify(
+    logs: Annotated[list[Path], Argument("Session logs, or folders of them.", "LOG...")],
+    manifest: Annotated[
+        str | None,
+        Option("--manifest", "--seal", help="Compare the files with this digest or manifest file."),
+    ] = None,
+    trust: Annotated[list[str] | None, Option(help="A module whose worlds may be imported; repeatable.")] = None,
+    policies: Annotated[
+        bool, Option("--policies", help="Compare the agents' actions with their policy files.")
+    ] = False,
+    tables: Annotated[
+        bool, Option("--tables", help="Recompute a study's tables from its logs, and compare the cached ones.")
+    ] = False,
+    report: Annotated[
+        list[Path] | None,
+        Option(help="With --tables, also compare this report or this CSV or Parquet export; repeatable."),
+    ] = None,
+    json: Annotated[bool, Option("--json", help="Print one JSON object per line.")] = False,
+) -> None:
+    """Replay logs from their seeds and inputs, and compare.
+
+    The exit status is 1 if anything differs, and 2 if a log cannot be read.
+    With --tables, every cell of every table is recomputed from the logs.
+
+    Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
+    """
+    from minihuman.workflow import verify as verify_logs
+
+    code = 0
+    checks = verify_logs(
+        *logs, manifest=manifest, trust=trust or (), policies=policies, tables=tables, outputs=report or ()
+    )
+    for found in checks:
+        code = max(code, found.error.exit_code if found.error else int(not found.ok))
+        if json:
+            print_json({"log": found.log, "fine": found.ok, "said": found.text})
+        elif found.error:
+            print(escape_control_characters(f"minihuman: {found.text}"), file=sys.stderr, flush=True)
+        else:
+            print(escape_control_characters(f"{found.log}: {found.text}"), flush=True)
+    raise SystemExit(code)
+
+
+def recover(
+    logs: Annotated[list[Path], Argument("Cut-off or damaged logs, or folders of cut-off ones.", "LOG...")],
+    reason: ReasonOption = "",
+    experimenter: ExperimenterOption = "",
+) -> None:
+    """Complete interrupted logs and repair damaged ones.
+
+    Print what was recovered from each log, and add the ends of whole logs to the enrolment log where they are missing.
+    The exit status is 1 if a log was damaged.
+
+    Example: minihuman recover sessions/fourrooms-transfer
+    """
+    from minihuman.admin.enrolment_entries import AuditNote
+    from minihuman.admin.log_info import recover_logs
+    from minihuman.errors import MinihumanError
+
+    codes = [0]
+    for became in recover_logs(logs, AuditNote(ask_reason(reason), experimenter)):
+        if isinstance(became, MinihumanError):
+            print(escape_control_characters(f"minihuman: {became}"), file=sys.stderr, flush=True)
+            codes.append(became.exit_code)
+        else:
+            print(escape_control_characters(became.line), flush=True)
+            codes.append(int(became.damaged))
+    if len(codes) == 1:
+        print("no cut-off logs")
+    raise SystemExit(max(codes))
+
+
+def annotate(
+    log: LogFile,
+    tag: Annotated[str, Option(help="The tag: a lower-case word, such as exclude.")],
+    episode: Annotated[int | None, Option(help="The number of the episode; by default the whole session.")] = None,
+    note: Annotated[
+        str, Option("--note", "--reason", help="The reason; if omitted on a terminal, you are asked for it.")
+    ] = "",
+    take_back: Annotated[bool, Option("--take-back", help="Take back an earlier annotation with this tag.")] = False,
+    experimenter: ExperimenterOption = "",
+) -> None:
+    """Annotate an episode or a session.
+
+    The annotation is written to a file beside the log; the log does not change.
+
+    Example: minihuman annotate sub-01_ses-01.mcap --episode 3 --tag exclude --note "the phone rang"
+    """
+    from minihuman.dataset.annotations import Annotation, add_annotation
+    from minihuman.log.read.session_reader import read_log
+
+    session, note = read_log(log), ask_reason(note)
+    at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    print(add_annotation(session, Annotation(tag, at, episode, note, take_back, experimenter)))
+
+
+def manifest(study: StudyFolder) -> None:
+    """Write a study's manifest and print its digest.
+
+    Publish the digest, so that `minihuman verify --manifest DIGEST` can find any later change to a file.
+
+    Example: minihuman manifest sessions/fourrooms-transfer
+    """
+    from minihuman.admin.manifest import write_manifest
+
+    print(write_manifest(study).digest)
+
+
+def withdraw(
+    code: Code,
+    study: StudyOption,
+    erase: Annotated[bool, Option("--erase", help="Delete their data.")] = False,
+    archive: Annotated[
+        Path | None, Option("--archive", "--seal", help="Move their data into this ZIP archive, outside the study.")
+    ] = None,
+    reason: ReasonOption = "",
+    experimenter: ExperimenterOption = "",
+) -> None:
+    """Withdraw a participant and free their slot.
+
+    From then on, their data are excluded from tables, reports and exports.
+
+    Example: minihuman withdraw sub-07 --study sessions/fourrooms-transfer --erase
+    """
+    from minihuman.admin.enrolment_entries import AuditNote
+    from minihuman.admin.withdrawal import withdraw_participant as take_out
+    from minihuman.errors import AllocationError
+
+    if erase == (archive is not None):
+        raise AllocationError("choose what happens to the data: --erase or --archive ARCHIVE.zip")
+    print(take_out(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter)).line())
+    print("The next participant gets their slot. Make reports, figures and exports again: they hold their data.")
+
+
+def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimenter: ExperimenterOption = "") -> None:
+    """Offer a lost participant's slot again; keep their data.
+
+    Example: minihuman replace sub-07 --study sessions/fourrooms-transfer
+    """
+    from minihuman.admin.enrolment_entries import AuditNote
+    from minihuman.admin.withdrawal import replace_participant as offer
+
+    offer(study, code, AuditNote(ask_reason(reason), experimenter))
+    print(f"the next `minihuman run` offers {code}'s slot")
+
+
+def gather(study: StudyFolder) -> None:
+    """Synchronize a study's logs with the remote store.
+
+    Example: minihuman gather sessions/fourrooms-transfer
+    """
+    from minihuman.admin.remote_store import sync_logs
+
+    came, went = sync_logs(study.absolute().parent, f"{study.absolute().name}/")
+    print(f"{came} logs fetched, {went} stored")

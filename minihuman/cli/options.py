@@ -1,0 +1,140 @@
+"""Declare arguments and options of commands, those that commands share among them, and show a progress line.
+
+A command is a plain function; its annotations say what its parameters are on the command line. `cli.command_line`
+turns it into a Click command. Nothing heavy is imported here.
+"""
+
+import inspect
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+from minihuman.errors import escape_control_characters, escape_line
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """A parameter that is given by its place."""
+
+    help: str
+    metavar: str
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class Option:
+    """A parameter that is given by a name: the names declared, or the parameter's own."""
+
+    names: tuple[str, ...]
+    help: str
+    min: int | None
+    max: int | None
+    panel: str  # its heading in the help
+
+    def __init__(
+        self, *names: str, help: str, min: int | None = None, max: int | None = None, panel: str = "Options"
+    ) -> None:
+        for name, value in (("names", names), ("help", help), ("min", min), ("max", max), ("panel", panel)):
+            object.__setattr__(self, name, value)
+
+
+StudyFolder = Annotated[Path, Argument("A study's folder, such as sessions/fourrooms-transfer.", "STUDY")]
+StudyOrLog = Annotated[Path, Argument("A study's folder, or one log.", "STUDY")]
+LogFile = Annotated[Path, Argument("A session's log, live file or folder.", "LOG")]
+ProtocolFile = Annotated[Path, Argument("A protocol's TOML file.", "PROTOCOL")]
+DataFolder = Annotated[Path, Option(help="The folder that holds the studies' folders.")]
+ReasonOption = Annotated[
+    str, Option("--reason", help="The reason, for the audit trail; if omitted on a terminal, you are asked for it.")
+]
+ExperimenterOption = Annotated[str, Option("--experimenter", help="The experimenter's code, for the audit trail.")]
+JsonOption = Annotated[bool, Option("--json", help="Print JSON instead of plain text.")]
+
+_HELP = {
+    "outcome": "Select only episodes with this outcome: goal, timeout, failure; repeatable.",
+    "block": "Select only this block; repeatable.",
+    "participant": "Select only this participant; repeatable.",
+    "version": "Select only this protocol version, given as a version number or the start of its SHA-256; repeatable.",
+    "only": "Select only episodes annotated with this tag; repeatable.",
+    "without": "Exclude episodes annotated with this tag; repeatable. Those tagged `exclude` are excluded by default.",
+    "with_": "Include episodes excluded by default: `exclude` (by this tag), `unfinished` or `rules`; repeatable.",
+}
+
+
+def selection_options(**defaults: tuple[str, ...]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options that choose episodes; it gets them as ``selection``, its last parameter.
+
+    ``defaults`` are what an option is where it is not given.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def chosen(*arguments: Any, **named: Any) -> None:
+            from minihuman.dataset.selection import Selection
+
+            given = {name: tuple(named.pop(name) or ()) or defaults.get(name, ()) for name in _HELP}
+            command(*arguments, **named, selection=Selection(**given))
+
+        own = inspect.signature(command)
+        options = {name: Annotated[list[str] | None, _option(name)] for name in _HELP}
+        parameters = [one for one in own.parameters.values() if one.name != "selection"]
+        parameters += [
+            inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=kind)
+            for name, kind in options.items()
+        ]
+        kept = {name: kind for name, kind in inspect.get_annotations(command).items() if name != "selection"}
+        chosen.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined] # what Typer reads
+        chosen.__annotations__ = kept | options
+        return chosen
+
+    return decorate
+
+
+def _option(name: str) -> Any:
+    return Option(f"--{name.rstrip('_')}", help=_HELP[name], panel="Selection of episodes")
+
+
+def ask_reason(given: str) -> str:
+    """Ask for a reason that was not given, on a terminal."""
+    if given or not sys.stdin.isatty():
+        return given
+    import click
+
+    return str(click.prompt("Reason"))
+
+
+def print_json(value: object) -> None:
+    """Print a value as one line of JSON; paths and dates as texts, NumPy's numbers as numbers."""
+    import msgspec
+
+    print(msgspec.json.encode(value, enc_hook=_encode_other).decode(), flush=True)
+
+
+def _encode_other(value: Any) -> object:
+    return value.item() if hasattr(value, "item") else str(value)
+
+
+def print_account(lines: Iterable[str]) -> None:
+    """Print to the standard error what an output includes, and what is excluded and why."""
+    for line in lines:
+        print(escape_line(line), file=sys.stderr, flush=True)
+
+
+@contextmanager
+def show_progress(words: str) -> Iterator[Callable[[str], None]]:
+    """Show a line of progress; call what it yields to change the line. Control characters in it are escaped."""
+    shown = sys.stderr.isatty()
+
+    def show(line: str) -> None:
+        if shown:
+            width = shutil.get_terminal_size().columns - 1
+            print(f"\r\033[K{escape_control_characters(line)[:width]}", end="", file=sys.stderr, flush=True)
+
+    show(words)
+    try:
+        yield show
+    finally:
+        show("")

@@ -1,0 +1,215 @@
+"""Commands to get started with: demo, new, check, doctor, play, worlds."""
+
+import sys
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from minihuman.cli.options import Argument, DataFolder, JsonOption, Option, ProtocolFile, print_json, show_progress
+from minihuman.errors import MinihumanError, escape_control_characters, name_output_when_full
+
+if TYPE_CHECKING:
+    from minihuman.admin.protocol_file import ProtocolDraft
+
+
+class ViewChoice(StrEnum):
+    """How a world is seen."""
+
+    PARTIAL = "partial"
+    FULL = "full"
+
+
+class PaletteChoice(StrEnum):
+    """The colours a world is drawn in."""
+
+    CLASSIC = "classic"
+    COLOUR_SAFE = "colour-safe"
+
+
+WindowOption = Annotated[str, Option("--window", help="The kind of window: auto, pygame, pyglet or a plug-in's name.")]
+FullscreenOption = Annotated[bool, Option("--fullscreen", help="Use the whole screen.")]
+
+
+def demo(
+    data: DataFolder = Path("sessions"),
+    window: WindowOption = "auto",
+    fullscreen: FullscreenOption = False,
+) -> None:
+    """Play a short session, then look at its log, figures and replay.
+
+    Example: minihuman demo
+    """
+    from minihuman.runtime.demo import run_demo
+
+    made = {}
+    for name, path in run_demo(data, window=window, fullscreen=fullscreen, say=print):
+        made[name] = path
+        print(f"{name:16} {path}", flush=True)
+    print(f"Look at it: minihuman replay {made['log']}")
+
+
+def new(
+    folder: Annotated[Path, Argument("The folder of the new file; made if absent.", "FOLDER")] = Path(),
+    name: Annotated[str, Option(help="The study's name.")] = "",
+    world: Annotated[str, Option(help="The Gymnasium id of the world; `minihuman worlds` lists ours.")] = "",
+    yes: Annotated[bool, Option("--yes", "-y", help="Ask no questions; use the defaults.")] = False,
+) -> None:
+    """Write a ready-to-run protocol after a few questions.
+
+    Example: minihuman new my-study
+    """
+    import json
+
+    from minihuman.admin.protocol_file import SCHEMA_FILE, ProtocolDraft, make_study_name
+    from minihuman.errors import ProtocolError
+    from minihuman.experiment.protocol.protocol import build_json_schema
+
+    usual = ProtocolDraft()
+    usual = replace(usual, name=make_study_name(name or usual.name), world=world or usual.world)
+    draft = usual if yes else _asked(usual)
+    path = folder / f"{draft.name}.toml"
+    if path.exists():
+        raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
+    text = draft.toml()
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    (folder / SCHEMA_FILE).write_text(json.dumps(build_json_schema(), indent=1) + "\n", encoding="utf-8")
+    print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman run {path} --windowed")
+
+
+def _asked(usual: "ProtocolDraft") -> "ProtocolDraft":
+    import click
+
+    from minihuman.admin.protocol_file import ProtocolDraft, make_study_name
+
+    try:
+        name = make_study_name(click.prompt("Name of the study", default=usual.name))
+        world = click.prompt("World (`minihuman worlds` lists ours)", default=usual.world)
+        episodes = click.prompt("Episodes each", default=usual.episodes, type=int)
+        participants = click.prompt("Participants", default=usual.participants, type=int)
+        shown = click.confirm("Show which key does what?", default=False)
+    except click.Abort:
+        print("Aborted.", file=sys.stderr)
+        raise SystemExit(1) from None
+    return ProtocolDraft(name, world, episodes, participants, "shown" if shown else "new")
+
+
+def check(
+    protocol: ProtocolFile,
+    participant: Annotated[str, Option(help="Print the plan of this participant.")] = "sub-01",
+    group: Annotated[str | None, Option(help="Use this group instead of the allocated one.")] = None,
+    stratum: Annotated[str | None, Option(help="Plan for this stratum; by default the first.")] = None,
+    session: Annotated[int, Option(min=1, help="The number of the session.")] = 1,
+    json: Annotated[bool, Option("--json", help="Print the whole plan as JSON.")] = False,
+    pictures: Annotated[Path | None, Option(help="Save a picture of every screen to this folder.")] = None,
+    preregistration: Annotated[Path | None, Option(help="Write a preregistration to this file.")] = None,
+    effect: Annotated[str, Option(help="Compute power for this effect; needs --preregistration.")] = "",
+) -> None:
+    """Check a protocol and its worlds, and print a session plan.
+
+    Example: minihuman check protocols/fourrooms-transfer.toml --participant sub-07
+    """
+    from minihuman.admin.legibility import require_legible
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.dataset.selection import check_exclusion_measures
+    from minihuman.experiment.plan.dry_run import check_worlds, describe_plan, describe_strata
+    from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol, parse_participant_code
+
+    if effect and preregistration is None:
+        raise MinihumanError(f"--effect is {effect!r}, which goes into a preregistration; add --preregistration FILE")
+    study = read_protocol(protocol)
+    check_exclusion_measures(study.exclusions, str(protocol))
+    check_worlds(study, str(protocol))
+    who = enrol_participant(study, parse_participant_code(participant), group, stratum=stratum)
+    plan = expand_protocol(study, who, session=session, overridden=group is not None)
+    require_legible(study, str(protocol))
+    if json:
+        print_json(plan)
+    else:
+        print(escape_control_characters("\n".join((*describe_plan(plan), *describe_strata(study)))))
+    if pictures is not None:
+        from minihuman.runtime.screenshots import save_screenshots
+
+        with show_progress("drawing every screen"), name_output_when_full(pictures):
+            drawn = list(save_screenshots(plan, pictures))
+        print(f"{len(drawn) - 1} screens in {pictures}; all at a glance in {drawn[-1]}")
+    if preregistration is not None:
+        from minihuman.planning.preregistration import describe_planned_power, write_preregistration
+
+        with show_progress("writing the preregistration"):
+            power = describe_planned_power(protocol.read_bytes(), effect) if effect else ""
+        print(write_preregistration(study, plan, preregistration, power))
+
+
+def doctor(
+    protocol: Annotated[Path | None, Argument("A protocol's TOML file; its worlds are drawn too.", "PROTOCOL")] = None,
+    data: DataFolder = Path("sessions"),
+    window: WindowOption = "auto",
+    fullscreen: Annotated[
+        bool | None,
+        Option(
+            "--fullscreen/--windowed", help="Test in full screen (the default if a protocol is given) or in a window."
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Check whether this machine can run sessions with participants.
+
+    The exit status is 1 if it cannot.
+
+    Example: minihuman doctor protocols/fourrooms-transfer.toml
+    """
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.runtime.doctor import examine_machine, format_verdict
+
+    study = None if protocol is None else read_protocol(protocol)
+    whole = study is not None if fullscreen is None else fullscreen
+    findings = []
+    for finding in examine_machine(window=window, data=data, fullscreen=whole, protocol=study):
+        findings.append(finding)
+        if not json:
+            print(finding.line(), flush=True)
+    if json:
+        print_json(findings)
+    else:
+        print(format_verdict(findings))
+    raise SystemExit(1 if any(finding.unfit_because for finding in findings) else 0)
+
+
+def play(
+    world_id: Annotated[str, Argument("The Gymnasium id of the world; `minihuman worlds` lists ours.", "WORLD")],
+    seed: Annotated[int, Option(min=0, help="The random seed of the first layout.")] = 0,
+    view: Annotated[
+        ViewChoice, Option(help="Show what the agent sees (partial) or the whole grid (full).")
+    ] = ViewChoice.PARTIAL,
+    palette: Annotated[PaletteChoice, Option(help="The colours of the world.")] = PaletteChoice.CLASSIC,
+    window: WindowOption = "auto",
+    fullscreen: FullscreenOption = False,
+) -> None:
+    """Play a world by hand; nothing is recorded.
+
+    Example: minihuman play minihuman/MiniGrid-FourRooms-v0
+    """
+    from contextlib import closing
+    from time import monotonic_ns
+
+    from minihuman.display.windows.blocking_window import open_window
+    from minihuman.runtime.free_play import FreePlay, run_free_play
+
+    with closing(open_window(window, monotonic_ns, fullscreen=fullscreen)) as opened:
+        run_free_play(FreePlay(world_id, seed, view.value, palette.value), opened, monotonic_ns)
+
+
+def worlds(json: JsonOption = False) -> None:
+    """List the built-in worlds.
+
+    Example: minihuman worlds
+    """
+    from minihuman.worlds.catalogue import WORLDS
+
+    if json:
+        print_json([{"id": entry.id, "summary": entry.summary} for entry in WORLDS])
+        return
+    for entry in WORLDS:
+        print(f"{entry.id:60} {entry.summary}")

@@ -1,1 +1,0 @@
-"""A study once it is read: sessions, marks, what counts, and its tables."""

@@ -1,0 +1,1 @@
+"""A recorded study as data: sessions, annotations, selection, measures and tables."""

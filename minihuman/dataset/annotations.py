@@ -1,0 +1,109 @@
+"""Annotations: a reviewer's tags and notes on an episode or a session, kept beside the log, which is never edited.
+
+``sub-07_ses-01.marks.jsonl`` holds one annotation per line in the order they were made; one is revoked by a later
+line. Episodes are numbered as on the participant's screen and in every figure: 1 is the session's first.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from functools import partial
+from pathlib import Path
+
+import msgspec
+
+from minihuman.dataset.journal import FileJournal
+from minihuman.errors import LogError
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+
+ANNOTATIONS_SUFFIX = ".marks.jsonl"
+KNOWN_TAGS = ("exclude",)  # those that an output acts on by itself
+_LOG_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
+_TAG = re.compile(r"[a-z][a-z0-9_-]*")
+
+
+class Annotation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One remark. ``episode`` None means the whole session; ``taken_back`` undoes an earlier mark of that tag."""
+
+    tag: str
+    at: str  # ISO 8601 UTC
+    episode: int | None = None
+    note: str = ""
+    taken_back: bool = False
+    experimenter: str = ""  # the code of the one who made it
+
+
+def annotations_path(log: Path) -> Path:
+    """Where a log's marks are; the same for a live, a cut-off and a finished log, and for a session's folder."""
+    if not log.is_dir():
+        return log.with_name(_LOG_ENDING.sub("", log.name) + ANNOTATIONS_SUFFIX)
+    stems = {_LOG_ENDING.sub("", path.name) for path in log.iterdir() if _LOG_ENDING.search(path.name)}
+    if len(stems) != 1:
+        raise LogError(f"{log} holds {len(stems)} session logs, not one; name a file")
+    return log / (stems.pop() + ANNOTATIONS_SUFFIX)
+
+
+def read_annotations(log: Path) -> tuple[Annotation, ...]:
+    """Read a log's marks, the oldest first; none if it has none.
+
+    Raises:
+        LogError: if a line cannot be understood.
+    """
+    path = annotations_path(log)
+    return read_annotation_file(path) if path.exists() else ()
+
+
+def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
+    """Read the annotations in a file, the oldest first.
+
+    Raises:
+        LogError: if a line is damaged.
+    """
+    return _open(path).read()
+
+
+def _open(path: Path) -> FileJournal[Annotation]:
+    return FileJournal(path, partial(_decode, path), chained=True)
+
+
+def _decode(path: Path, line: bytes, number: int) -> Annotation:
+    try:
+        return msgspec.json.decode(line, type=Annotation)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise LogError(f"{path}:{number}: {line.decode(errors='replace')!r} is not an annotation ({error})") from error
+
+
+def add_annotation(log: SessionLog, mark: Annotation) -> Path:
+    """Append a mark beside the log and say where.
+
+    Raises:
+        LogError: if the tag is no word or close to a known one, or the session has no such episode.
+    """
+    if not _TAG.fullmatch(mark.tag):
+        raise LogError(f"tag {mark.tag!r} is not a lower-case word: letters, digits, '-' and '_', a letter first")
+    near = () if mark.tag in KNOWN_TAGS or mark.taken_back else get_close_matches(mark.tag, KNOWN_TAGS, cutoff=0.8)
+    if near:
+        raise LogError(f"tag {mark.tag!r} is close to {near[0]!r}, which has a meaning; use that, or another word")
+    numbers = {plan.episode + 1 for plan in log.plan.episodes}
+    if mark.episode is not None and not numbers:
+        raise LogError(f"{log.path} has no episodes; annotate the session without --episode")
+    if mark.episode is not None and mark.episode not in numbers:
+        raise LogError(f"{log.path} has no episode {mark.episode}; it has {min(numbers)} to {max(numbers)}")
+    path = annotations_path(log.path)
+    with _open(path).hold() as held:
+        held.append(mark)
+    return path
+
+
+def collect_tags(marks: Iterable[Annotation]) -> dict[int | None, frozenset[str]]:
+    """The tags in force, by episode number; under None those of the whole session."""
+    found: dict[int | None, set[str]] = defaultdict(set)
+    for mark in marks:
+        (found[mark.episode].discard if mark.taken_back else found[mark.episode].add)(mark.tag)
+    return {episode: frozenset(theirs) for episode, theirs in found.items() if theirs}
+
+
+def list_episode_tags(episode: EpisodeLog, in_force: Mapping[int | None, frozenset[str]]) -> frozenset[str]:
+    """The tags of one episode, the whole session's included."""
+    return in_force.get(episode.number, frozenset()) | in_force.get(None, frozenset())

@@ -1,0 +1,160 @@
+"""Journals in a PostgreSQL database, for stations and servers on several machines."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Generic, TypeVar
+
+import msgspec
+import psycopg
+
+from minihuman.dataset.journal import Journal, LineChain, LineDecoder, LockedJournal
+
+Line = TypeVar("Line")
+_TABLES = """
+create table if not exists minihuman_journals (
+    name text primary key,
+    generation bigint not null default 0  -- goes up when lines are taken out
+);
+create table if not exists minihuman_lines (
+    journal text not null references minihuman_journals (name),
+    number bigint not null,
+    line bytea not null,
+    primary key (journal, number)
+)
+"""
+_ONE_AT_A_TIME = 0x6D68  # whoever makes the tables
+
+
+class JournalDatabaseError(OSError):
+    """The database that holds a study's journals cannot be asked."""
+
+
+class PostgresJournal(Journal[Line], Generic[Line]):
+    """Rows of a table; its journal's row is locked while a process holds it.
+
+    Args:
+        url: as libpq has it: postgresql://user@host/database.
+        name: of the journal.
+        decode: reads a line.
+        chained: as in ``FileJournal``.
+    """
+
+    def __init__(self, url: str, name: str, decode: LineDecoder[Line], *, chained: bool = False) -> None:
+        self._url, self._name, self._decode, self._chained = url, name, decode, chained
+        self._chain = LineChain(name)
+        self._guard = threading.RLock()
+        self._connection: psycopg.Connection[Any] | None = None
+        self._generation = -1
+        self._last = 0  # number of the last line that was read
+        self._lines: list[Line] = []
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has a line."""
+        return bool(self.read())
+
+    @property
+    def unchained(self) -> int:
+        """How many lines that were read have no checksum."""
+        return self._chain.unchained
+
+    def read(self) -> tuple[Line, ...]:
+        """All lines."""
+        with self._asking() as cursor:
+            row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
+            return self._read_on(cursor, row[0]) if row else ()
+
+    @contextmanager
+    def hold(self) -> Iterator[LockedJournal[Line]]:
+        """Keep others out by the lock of a row, which ends with the connection."""
+        with self._asking() as cursor:
+            lines = self._read_on(cursor, self._locked(cursor))
+            yield _LockedRows(cursor, self._name, self._last, lines, self._chain.copy() if self._chained else None)
+
+    def keep(self, wanted: Callable[[bytes], bool]) -> None:
+        """Delete the others; readers read everything again."""
+        with self._asking() as cursor:
+            self._locked(cursor)
+            rows = cursor.execute(
+                "select number, line from minihuman_lines where journal = %s", [self._name]
+            ).fetchall()
+            out = [number for number, line in rows if not wanted(bytes(line))]
+            if out:
+                delete = "delete from minihuman_lines where journal = %s and number = any(%s)"
+                cursor.execute(delete, [self._name, out])
+                cursor.execute(
+                    "update minihuman_journals set generation = generation + 1 where name = %s", [self._name]
+                )
+
+    def close(self) -> None:
+        """Let go of the connection; it is made again when it is needed."""
+        with self._guard:
+            self._drop()
+
+    def _locked(self, cursor: "psycopg.Cursor[Any]") -> int:
+        """Lock the journal's row, made where there is none; its generation."""
+        make = "insert into minihuman_journals (name) values (%s) on conflict do nothing"
+        cursor.execute(make, [self._name])
+        ask = "select generation from minihuman_journals where name = %s for update"
+        row = cursor.execute(ask, [self._name]).fetchone()
+        assert row is not None
+        return int(row[0])
+
+    def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> tuple[Line, ...]:
+        if generation != self._generation:
+            self._generation, self._last, self._lines = generation, 0, []
+            self._chain = LineChain(self._name)
+        ask = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
+        for number, line in cursor.execute(ask, [self._name, self._last]).fetchall():
+            chain = self._chain.copy()
+            whole = chain.open(bytes(line), number) if self._chained else bytes(line)
+            found = self._decode(whole, number) if whole else None
+            if found is not None:
+                self._lines.append(found)
+            self._last, self._chain = number, chain
+        return tuple(self._lines)
+
+    @contextmanager
+    def _asking(self) -> Iterator["psycopg.Cursor[Any]"]:
+        """A transaction; the connection is made anew where it was lost before."""
+        with self._guard:
+            try:
+                with self._connected().transaction(), self._connected().cursor() as cursor:
+                    yield cursor
+            except psycopg.Error as error:
+                self._drop()
+                raise JournalDatabaseError(f"the database of {self._name} cannot be queried: {error}") from error
+
+    def _connected(self) -> "psycopg.Connection[Any]":
+        if self._connection is None or self._connection.closed:
+            self._connection = psycopg.connect(self._url, autocommit=True)
+            with self._connection.transaction(), self._connection.cursor() as cursor:
+                cursor.execute("select pg_advisory_xact_lock(%s)", [_ONE_AT_A_TIME])
+                cursor.execute(_TABLES)
+        return self._connection
+
+    def _drop(self) -> None:
+        self._generation = -1  # what was read may have been undone
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+
+class _LockedRows(LockedJournal[Line]):
+    def __init__(
+        self, cursor: "psycopg.Cursor[Any]", name: str, last: int, lines: tuple[Line, ...], chain: LineChain | None
+    ) -> None:
+        super().__init__(lines)
+        self._cursor, self._name, self._last, self._chain = cursor, name, last, chain
+
+    def append(self, *lines: Line) -> None:
+        """Insert them behind the others; they last when the transaction has ended."""
+        for line in lines:
+            self._last += 1
+            encoded = msgspec.json.encode(line)
+            self._cursor.execute(
+                "insert into minihuman_lines (journal, number, line) values (%s, %s, %s)",
+                [self._name, self._last, encoded if self._chain is None else self._chain.seal(encoded)],
+            )
+        self.lines += lines

@@ -1,0 +1,191 @@
+"""Find the log files below a path and read them, several in parallel. Nothing is changed.
+
+A file that cannot be read is reported with its reason, and the others are still read.
+"""
+
+import atexit
+import gc
+import os
+import re
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TypeVar
+
+from minihuman.dataset.withdrawals import find_withdrawn_codes
+from minihuman.errors import LogError, ProtocolError
+from minihuman.log.model.session_log import SessionLog
+from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
+from minihuman.log.salvage.summary_section import read_first_metadata
+
+T = TypeVar("T")
+_SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
+_MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read sooner than one more process starts
+_BATCH = 4  # sessions handed over together
+_AHEAD = 12  # batches worked on and not yet taken, beside two for each other process
+_Batch = tuple[list[Path], "Future[list[T]]"]
+
+
+@dataclass(frozen=True, slots=True)
+class SkippedLog:
+    """A file that is not read, and why, in one sentence."""
+
+    path: Path
+    reason: str
+
+    def line(self) -> str:
+        """Describe it in one line."""
+        return f"skipped {self.path}: {self.reason}"
+
+    def relative_to(self, source: Path) -> "SkippedLog":
+        """The same, named as seen from a study's folder: what is written names no folder outside the study."""
+        path = self.path.relative_to(source) if source in self.path.parents else Path(self.path.name)
+        return SkippedLog(path, name_paths_from(source, self.reason))
+
+
+def name_paths_from(source: Path, text: str) -> str:
+    """Name the files in a text as seen from a study's folder, or from the folder of one log."""
+    return text.replace(os.fspath((source if source.is_dir() else source.parent) / "_")[:-1], "")
+
+
+def list_readable_logs(source: Path) -> tuple[list[Path], list[SkippedLog]]:
+    """List the log itself, or every session below a folder in order of path, each once; and the logs to skip.
+
+    A session in several segments is named by its folder, so that they are read together. Of several logs of a session
+    the one in its own place is read. The logs of participants who withdrew are skipped.
+
+    Raises:
+        LogError: if there is no such file or folder.
+    """
+    facts = {path: read_first_metadata(first) for path, first in _found(source)}
+    who_left = find_withdrawn_codes({path.parent for path in facts})
+    gone = {path for path, theirs in facts.items() if theirs.get("participant", "") in who_left[path.parent]}
+    taken: dict[tuple[str, ...], Path] = {}
+    for path in sorted(set(facts) - gone, key=lambda path: (not _in_place(path, facts[path]), path)):
+        taken.setdefault(_session_of(facts[path]) or (str(path),), path)
+    skipped = [
+        SkippedLog(path, f"{_which(theirs)}, as is {kept}; move one of them away")
+        for path, theirs in facts.items()
+        if path not in gone and (kept := taken.get(_session_of(theirs) or (str(path),))) != path
+    ]
+    if gone:
+        people = len({facts[path]["participant"] for path in gone})
+        who = "1 participant" if people == 1 else f"{people} participants"
+        skipped.append(SkippedLog(source if source.is_dir() else source.parent, f"{who} withdrew: excluded"))
+    kept_paths = set(taken.values())
+    return [path for path in facts if path in kept_paths], skipped
+
+
+def list_other_sessions(log: SessionLog) -> list[Path]:
+    """List the logs of the same participant's other sessions of the study, in order of session number.
+
+    They are looked for where the participant's sessions are recorded, else in the folder the log lies in.
+    """
+    folder = (log.path if log.path.is_dir() else log.path.parent).absolute()
+    own = {"study": log.plan.study, "participant": log.plan.participant.id, "session": str(log.plan.session)}
+    in_place = _in_place(folder, own)
+    root = folder.parent if in_place else folder
+    if not root.is_dir():
+        return []
+    found: dict[int, Path] = {}
+    named = [one for one in _found(root) if in_place or one[1].name.startswith(f"{own['participant']}_")]
+    facts = {path: read_first_metadata(first) for path, first in named}
+    for path in sorted(facts, key=lambda path: (not _in_place(path, facts[path]), path)):
+        study, participant, session = _session_of(facts[path]) or ("", "", "")
+        if (study, participant) == (own["study"], own["participant"]) and session not in ("", own["session"]):
+            found.setdefault(int(session), path)
+    return [found[session] for session in sorted(found)]
+
+
+def _found(source: Path) -> list[tuple[Path, Path]]:
+    """What ``open_log`` takes, with the file that its session begins in."""
+    if source.is_file():
+        return [(source, source)]
+    if not source.is_dir():
+        raise LogError(f"{source} does not exist; name a session log, or a folder of them")
+    folders = sorted(find_log_folders(source))
+    sessions = [(folder, files) for folder, names in folders for files in group_sessions(folder, names).values()]
+    return [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
+
+
+def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
+    """Which session a log says it is of; () where it does not say all of that, being damaged."""
+    whose = tuple(facts.get(name, "") for name in ("study", "participant", "session"))
+    return whose if all(whose) else ()
+
+
+def _in_place(path: Path, facts: dict[str, str]) -> bool:
+    """Whether a log lies where its session's is recorded, under that exact name: a copy beside it has another."""
+    folder = path if path.is_dir() else path.parent
+    participant, session = facts.get("participant", ""), f"ses-{facts.get('session', ''):0>2}"
+    stem = _SEGMENT_ENDING.sub("", path.name)
+    return folder.parts[-2:] == (participant, session) and (path == folder or stem == f"{participant}_{session}")
+
+
+def _which(facts: dict[str, str]) -> str:
+    return f"session {facts['session']} of {facts['participant']}, begun {facts.get('started_at', 'some time')}"
+
+
+def map_logs(
+    paths: Sequence[Path], work: Callable[[SessionLog], T], *, processes: int | None = None
+) -> Iterator[T | SkippedLog]:
+    """Yield what ``work`` makes of one session after the other, in order, several read side by side.
+
+    ``work`` also runs in other processes where there are many sessions, so it and its results can be pickled. It may
+    raise LogError or ProtocolError: that session is skipped. Only a few results are held at a time.
+    """
+    paths, each = list(paths), partial(_work_on_each, work=work)
+    others = min(processes or os.cpu_count() or 1, len(paths) // _MIN_LOGS_PER_PROCESS + 1) - 1
+    if not others:
+        yield from (_work_on(path, work) for path in paths)
+        return
+    with ProcessPoolExecutor(others, get_context("spawn"), _settle, (work,)) as pool:
+        waiting: deque[_Batch[T | SkippedLog]] = deque()
+        for first in range(0, len(paths), _BATCH):
+            batch = paths[first : first + _BATCH]
+            waiting.append((batch, pool.submit(each, batch)))
+            if len(waiting) >= _AHEAD + 2 * others:
+                yield from _oldest(waiting, each)
+        while waiting:
+            yield from _oldest(waiting, each)
+
+
+def _oldest(waiting: "deque[_Batch[T]]", each: Callable[[list[Path]], list[T]]) -> list[T]:
+    """Wait for the oldest batch's results, and meanwhile work in this process on the newest that no other has begun."""
+    while not waiting[0][1].done():
+        free = next((place for place in reversed(range(len(waiting))) if waiting[place][1].cancel()), None)
+        if free is None:
+            break
+        batch, done = waiting[free][0], Future[list[T]]()
+        done.set_result(each(batch))
+        waiting[free] = (batch, done)
+    return waiting.popleft()[1].result()
+
+
+def _settle(work: Callable[[SessionLog], object]) -> None:
+    """Make a process ready. Handed over, ``work`` has imported what it needs: the collector may leave that alone."""
+    gc.freeze()
+    atexit.register(gc.unfreeze)  # else libraries in C take what is frozen for leaked, and say so
+
+
+def _work_on_each(paths: list[Path], work: Callable[[SessionLog], T]) -> list[T | SkippedLog]:
+    return [_work_on(path, work) for path in paths]
+
+
+def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
+    from minihuman.log.read.session_reader import read_log
+
+    try:
+        log = read_log(path)
+        with raise_as_log_error(path):  # what a log says can be wrong in ways that only its use finds
+            return work(log)
+    except (LogError, ProtocolError, OSError) as error:
+        return SkippedLog(path, str(error))
+
+
+def _itself(log: SessionLog) -> SessionLog:
+    return log

@@ -1,0 +1,338 @@
+"""Measures: numbers computed from one episode or one session. Pure: no file, no clock, no drawing.
+
+Time without pauses, reaction times, path length and straightness, steps relative to the shortest path (SPL: Anderson
+et al., 2018), the slope over a block's first episodes, and when each key's action is discovered. A step has a visible
+effect if the observation after it differs from the one before it.
+"""
+
+import json
+import math
+import statistics
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import groupby
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.experiment.plan.session_plan import EpisodePlan, KeyMap
+from minihuman.log.model.event_columns import CategoricalTexts
+from minihuman.log.model.session_log import EpisodeLog
+from minihuman.worlds.contract import PathLengthBounds
+
+if TYPE_CHECKING:
+    from minihuman.worlds.adapters.world import World
+
+
+def played_ns(episode: EpisodeLog, until_ns: int | None = None) -> int:
+    """Playing time from the reset to a moment of session time, by default the last step: pauses in between excluded."""
+    first, last = int(episode.t_ns[0]), int(episode.t_ns[-1]) if until_ns is None else until_ns
+    return last - first - sum(max(0, min(last, end) - max(first, begin)) for begin, end in episode.pauses)
+
+
+def playing_s(episode: EpisodeLog) -> float:
+    """Seconds from the reset to the last step, without the pauses in between."""
+    return played_ns(episode) / 1e9
+
+
+def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
+    """Reaction time of each step, (n,) in ms; NaN without one.
+
+    Turn-based, every picture is an onset: the key press minus the flip of the latest picture. In real time a tick's
+    picture asks for nothing, so the time runs from a stimulus onset that the world or the block names, to the first
+    key after it that a tick took; NaN if none is named, or if a pause lies between.
+    """
+    if episode.plan.pace != "real_time":
+        return episode.rt_ms
+    times = np.full(len(episode.actions), math.nan)
+    steps, first = np.unique(episode.frames.column("step"), return_index=True)
+    onsets = np.zeros(len(episode.poses), bool) if episode.onsets is None else episode.onsets
+    flips_ns = np.sort(np.asarray(episode.frames.column("flip_ns"))[first[onsets[steps]]])
+    keyed = np.flatnonzero([key != "" for key in episode.step_keys])
+    latest = np.searchsorted(flips_ns, episode.key_t_ns[keyed], side="right") - 1
+    onset_of, places = np.unique(latest, return_index=True)
+    for onset, step in zip(onset_of.tolist(), keyed[places].tolist(), strict=True):
+        begin_ns, end_ns = flips_ns[onset] if onset >= 0 else 0, episode.key_t_ns[step]
+        if onset >= 0 and not any(begin_ns < pause_end and pause < end_ns for pause, pause_end in episode.pauses):
+            times[step] = (end_ns - begin_ns) / 1e6
+    return times
+
+
+def mean_and_median(times_ms: NDArray[np.float64]) -> tuple[float | None, float | None]:
+    """Mean and median of the times that are not NaN; None without any."""
+    known = times_ms[~np.isnan(times_ms)]
+    return (float(known.mean()), statistics.median(known.tolist())) if known.size else (None, None)
+
+
+TURN_DTYPE = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])
+_STILL = 1e-9  # floating-point noise, in the map's unit
+_APART = np.full((1, 4), math.nan)  # between two episodes' poses: no movement leads from one into the next
+
+PoseArray = NDArray[np.float64]  # (n + 1, 4) of an episode; of several with a row between them
+
+
+class PathMeasures(NamedTuple):
+    """An episode's path in numbers."""
+
+    length: float  # ground covered, in cells or metres; NaN where the world tells no pose
+    efficiency: float  # straight distance over ground covered: 1 is a straight line; NaN for one who never moved
+    turns: int  # runs of turning in place
+
+
+def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
+    """The paths of several episodes; it takes hardly longer for twenty than for one."""
+    poses = np.concatenate([_APART, *(part for episode in episodes for part in (episode.poses, _APART))])
+    begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])
+    covered, (_, turned, _) = _strides(poses), _turning(poses)
+    turns = np.bincount(np.searchsorted(begins, turned, side="right") - 1, minlength=len(episodes))
+    walked = []
+    for episode, begin, number in zip(episodes, begins[:-1].tolist(), turns.tolist(), strict=True):
+        length = float(covered[begin : begin + len(episode.poses) - 1].sum())
+        efficiency = net_displacement(episode) / length if length > _STILL else math.nan
+        walked.append(PathMeasures(length, efficiency, number))
+    return walked
+
+
+def net_displacement(episode: EpisodeLog) -> float:
+    """Straight distance from the first place to the last, in cells or metres."""
+    (x0, _, z0, _), (x1, _, z1, _) = episode.poses[0], episode.poses[-1]
+    return float(np.hypot(x1 - x0, z1 - z0))
+
+
+def turned_rad(episode: EpisodeLog) -> NDArray[np.float64]:
+    """Angle turned by each step, (n,), in [-pi, pi], counter-clockwise positive seen from above."""
+    return _turned_rad(episode.poses)
+
+
+def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
+    """Runs of turning on the spot: ``row`` of the pose they end at, ``turned_rad`` in all (unsigned), ``steps``.
+
+    A run lasts while the place stays the same; it counts where the heading changed at least once in it.
+    """
+    turned = np.abs(turned_rad(episode))
+    runs = zip(*(places.tolist() for places in _turning(episode.poses)), strict=True)
+    return np.array([(end, turned[begin:end].sum(), steps) for begin, end, steps in runs], dtype=TURN_DTYPE)
+
+
+def _strides(poses: PoseArray) -> NDArray[np.float64]:
+    """Distance from each place to the next, (n,)."""
+    moved = poses[1:] - poses[:-1]
+    return np.asarray(np.hypot(moved[:, 0], moved[:, 2]))
+
+
+def _turned_rad(poses: PoseArray) -> NDArray[np.float64]:
+    yaw_rad = poses[:, 3]
+    change: NDArray[np.float64] = yaw_rad[1:] - yaw_rad[:-1]
+    return (change + math.pi) % (2 * math.pi) - math.pi
+
+
+def _turning(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """The runs of turning on the spot: their first and last row, and in how many steps the heading changed."""
+    still = _strides(poses) < _STILL
+    between = np.concatenate([[False], still, [False]])
+    edges = np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
+    turned = still & (np.abs(_turned_rad(poses)) > _STILL)
+    before = np.concatenate([[0], np.cumsum(turned)])  # steps that turned, up to each row
+    steps = before[edges[:, 1]] - before[edges[:, 0]]
+    return edges[steps > 0, 0], edges[steps > 0, 1], steps[steps > 0]
+
+
+def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None:
+    """Steps over the best known way, of an episode that reached its goal; None of others, or where no way is known."""
+    return float(steps - best) if success and best is not None else None
+
+
+def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
+    """The natural logarithm of one more than the excess steps; who did not get there counts as at the step limit.
+
+    Steps are multiplied by what makes people slow, so their logarithm is what is compared; and a group that fails more
+    must not look better by being excluded. None for an episode that was broken off, or where no way is known.
+    """
+    if best is None or outcome not in ("goal", "timeout", "failure"):
+        return None
+    return math.log1p(max((steps if outcome == "goal" else limit) - best, 0))
+
+
+def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
+    """The natural logarithm of the steps over those of the best known way; who did not get there took all there were.
+
+    Differences are ratios of steps: -0.36 is 30 % fewer. ``log_excess_steps`` weighs a step most where hardly any was
+    too many, so a layout on which everybody is nearly perfect tells as much there as all others together; here a step
+    counts by the length of the way. None for an episode that was broken off, or where no way is known.
+    """
+    if best is None or best < 1 or outcome not in ("goal", "timeout", "failure"):
+        return None
+    return math.log(max(steps if outcome == "goal" else limit, best) / best)
+
+
+def spl(steps: int, best: int | None, outcome: str) -> float | None:
+    """Success weighted by path length, in steps (Anderson et al., 2018): best / steps of who got there, 0 of others.
+
+    None for an episode that was broken off, or where no way is known.
+    """
+    if best is None or outcome not in ("goal", "timeout", "failure"):
+        return None
+    return best / max(steps, best) if outcome == "goal" and steps else 0.0
+
+
+FIRST_EPISODES = 5  # episodes that count as the first
+
+
+def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -> float:
+    """Least-squares slope over the first episodes, a change in the measure an episode; NaN with fewer than two.
+
+    NaN values, of episodes that do not count, are excluded.
+    """
+    early = np.asarray(values[:first], float)
+    there = ~np.isnan(early)
+    if there.sum() < 2:
+        return math.nan
+    return float(np.polyfit(np.flatnonzero(there), early[there], 1)[0])
+
+
+_TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a step
+
+
+@dataclass(frozen=True, slots=True)
+class KeyUse:
+    """One key under one key map: how it was used, and when what it does first showed.
+
+    ``discovered_s`` is playing time in episodes, and ``discovered_steps`` the steps done up to and with that press,
+    since the key map came into force; both None while its action never showed.
+    """
+
+    key: str
+    action: str | None  # None: no action
+    first_episode: int  # the key map's first, by Episode.number
+    presses: int  # all that went down while an episode ran, auto-repeats excluded
+    steps: int  # that stepped the world
+    ineffective_steps: int  # steps without a visible effect
+    refused: int  # presses with no action, or while no action was taken
+    discovered_s: float | None
+    discovered_steps: int | None
+
+
+def visible_effect(episode: EpisodeLog) -> NDArray[np.bool_]:
+    """Whether each step changed what is seen, (n,)."""
+    return np.not_equal(episode.observation_hashes[1:], episode.observation_hashes[:-1])
+
+
+@dataclass(frozen=True, slots=True)
+class KeyTally:
+    """One episode's presses and steps by key, auto-repeats excluded, and where each key's action first showed."""
+
+    episode: EpisodeLog
+    presses: Counter[str]
+    refused: Counter[str]
+    steps: Counter[str]
+    ineffective_steps: Counter[str]
+    first_shown: dict[str, int]  # the first step with a visible effect, from 0
+
+    @classmethod
+    def of(cls, episode: EpisodeLog) -> "KeyTally":
+        """Count an episode's."""
+        keys = episode.keys
+        key, verdict = keys.column("key"), keys.column("verdict")
+        pressed = keys.column("down") & ~verdict.equals_any(("repeat",))
+        causes, shows = CategoricalTexts.of(episode.step_keys), visible_effect(episode)
+        return cls(
+            episode,
+            presses=key.count_values(pressed),
+            refused=key.count_values(pressed & ~verdict.equals_any(_TAKEN)),
+            steps=causes.count_values(),
+            ineffective_steps=causes.count_values(~shows),
+            first_shown=causes.first_index(shows),
+        )
+
+
+def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
+    """How every key was used, one row for each key of each key map, and for each other key that was tried."""
+    rows: list[KeyUse] = []
+    for key_map, under in _by_key_map(tallies):
+        presses, refused, steps, ineffective_steps = (
+            _total(getattr(tally, name) for tally in under)
+            for name in ("presses", "refused", "steps", "ineffective_steps")
+        )
+        found = _found(under)
+        others = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
+        for key in (*sorted(key_map.keys), *sorted(others)):
+            action = key_map.keys.get(key)
+            discovered_s, discovered_steps = found.get(key, (None, None)) if action is not None else (None, None)
+            rows.append(
+                KeyUse(
+                    key=key,
+                    action=action,
+                    first_episode=under[0].episode.number,
+                    presses=presses[key],
+                    steps=steps[key],
+                    ineffective_steps=ineffective_steps[key],
+                    refused=refused[key],
+                    discovered_s=discovered_s,
+                    discovered_steps=discovered_steps,
+                )
+            )
+    return tuple(rows)
+
+
+def key_discovery_times(tallies: Sequence[KeyTally]) -> list[float | None]:
+    """``KeyUse.discovered_s`` of every key that has an action."""
+    return [
+        found[key][0] if key in found else None
+        for key_map, under in _by_key_map(tallies)
+        for found in [_found(under)]
+        for key in key_map.keys
+    ]
+
+
+def _by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, list[KeyTally]]]:
+    """The episodes that were played one after the other under the same key map."""
+    for key_map, run in groupby(tallies, key=lambda tally: tally.episode.plan.key_map):
+        yield key_map, list(run)
+
+
+def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
+    total: Counter[str] = Counter()
+    for count in counts:
+        total.update(count)
+    return total
+
+
+def _found(under: Sequence[KeyTally]) -> dict[str, tuple[float, int]]:
+    """Playing time, s, pauses excluded, and steps under one key map until each key's action first showed."""
+    found: dict[str, tuple[float, int]] = {}
+    done = before_ns = 0
+    for tally in under:
+        episode = tally.episode
+        for key, step in tally.first_shown.items():
+            if key not in found:
+                since_ns = before_ns + played_ns(episode, int(episode.key_t_ns[step]))
+                found[key] = (since_ns / 1e9, done + step + 1)
+        done += len(episode.actions)
+        before_ns += played_ns(episode)
+    return found
+
+
+def shortest_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
+    """The fewest steps of an episode's world from its seed, turns counted, as far as the world can tell.
+
+    Raises:
+        WorldError: if the world cannot be made here.
+    """
+    return _of_layout(plan.world, json.dumps(plan.options, sort_keys=True, default=str), plan.seed)
+
+
+@lru_cache(maxsize=100_000)
+def _of_layout(world_id: str, options: str, seed: int) -> PathLengthBounds:
+    world = _world(world_id, options)
+    world.reset(seed)
+    return world.path_length_bounds()
+
+
+@lru_cache(maxsize=16)
+def _world(world_id: str, options: str) -> "World":
+    from minihuman.worlds.adapters.world import trusted_world_factory
+
+    return trusted_world_factory()(world_id, json.loads(options))

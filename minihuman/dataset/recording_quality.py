@@ -1,0 +1,136 @@
+"""Recording quality of a session: late and missing frames, pauses, displays; and an outline of its plan for reports."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.experiment.machine.events import Noted
+from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
+from minihuman.experiment.protocol.protocol import decode_logged_protocol
+from minihuman.log.model.event_columns import CategoricalTexts
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+
+LATE_MS = 5.0  # a press that waited longer for the session than this is counted
+_NS_PER_MS = 1e6
+_DISPLAY = ("window", "window_size_px", "refresh_hz_reported", "vsync", "key_times")
+_SOFTWARE = ("version_minihuman", "git_commit", "rules", "python", "system", "version_numpy", "window_version")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingQuality:
+    """One session. Times in ms; NaN where there was nothing to measure."""
+
+    participant: str
+    session: int
+    presses: int
+    late: int  # presses that were taken more than LATE_MS after they were made
+    latest_ms: float
+    steps: int
+    pictures_missing: int  # steps and resets of which no picture was shown
+    key_to_flip_ms: tuple[float, float, float]  # median, 95 %, 99 %: from a step's key to its picture's flip
+    focus_lost: int
+    pauses: int
+    paused_s: float
+    segments: int
+    clean: bool
+    displays: tuple[dict[str, str], ...]  # each other one that a segment was played at
+    software: tuple[dict[str, str], ...]  # the same
+
+
+class PlanOutline(msgspec.Struct, frozen=True):
+    """A session's plan as far as a methods section tells it."""
+
+    study: str
+    version: str
+    protocol_sha256: str
+    seed: int
+    participant: str
+    group: str
+    session: int
+    by_hand: bool  # participant or group chosen, not allocated
+    blocks: tuple[EpisodePlan, ...]  # the first episode of each
+    stratum: str = ""
+    stratified_by: str = ""  # the question that the stratum is of
+
+    @classmethod
+    def of(cls, plan: SessionPlan) -> "PlanOutline":
+        """A plan's."""
+        first: dict[str, EpisodePlan] = {}
+        for episode in plan.episodes:
+            first.setdefault(episode.block_name, episode)
+        return cls(
+            plan.study,
+            plan.study_version,
+            plan.protocol_sha256,
+            plan.study_seed,
+            plan.participant.id,
+            plan.participant.group,
+            plan.session,
+            plan.overridden,
+            tuple(first.values()),
+            plan.participant.stratum,
+            decode_logged_protocol(plan.protocol_toml).allocation.stratify_by if plan.participant.stratum else "",
+        )
+
+
+def measure_recording_quality(log: SessionLog) -> RecordingQuality:
+    """Measure one session's recording."""
+    waited_ms = [np.asarray(segment.keys.column("waited_ns")) / _NS_PER_MS for segment in log.segments]
+    down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
+    pressed = _joined(waited[is_down] for waited, is_down in zip(waited_ms, down, strict=True))
+    to_flip = list_key_to_flip_ms(log)
+    spread = tuple(float(one) for one in np.percentile(to_flip, (50, 95, 99))) if to_flip.size else (np.nan,) * 3
+    pauses = [pause for segment in log.segments for pause in segment.pauses]
+    return RecordingQuality(
+        participant=log.plan.participant.id,
+        session=log.plan.session,
+        presses=int(pressed.size),
+        late=int((pressed > LATE_MS).sum()),
+        latest_ms=float(pressed.max()) if pressed.size else np.nan,
+        steps=sum(len(episode.actions) for episode in log.episodes),
+        pictures_missing=sum(_missing(episode) for episode in log.episodes),
+        key_to_flip_ms=(spread[0], spread[1], spread[2]),
+        focus_lost=sum(isinstance(note, Noted) and (note.kind, note.text) == ("focus", "lost") for note in log.notes),
+        pauses=len(pauses),
+        paused_s=sum(end_ns - begin_ns for begin_ns, end_ns in pauses) / 1e9,
+        segments=len(log.segments),
+        clean=log.clean,
+        displays=_of_segments(log, _DISPLAY),
+        software=_of_segments(log, _SOFTWARE),
+    )
+
+
+def _of_segments(log: SessionLog, names: Sequence[str]) -> tuple[dict[str, str], ...]:
+    """Some facts of the stations that a session's segments were played at, each other one once."""
+    found = [{name: segment.facts[name] for name in names if name in segment.facts} for segment in log.segments]
+    return tuple(facts for place, facts in enumerate(found) if facts not in found[:place])
+
+
+def list_key_to_flip_ms(log: SessionLog) -> NDArray[np.float64]:
+    """From each step's key to the first flip of its picture, in ms, of all episodes."""
+    return _joined(_key_to_flip_ms(episode) for episode in log.episodes)
+
+
+def _joined(parts: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.concatenate([np.empty(0), *parts])
+
+
+def _missing(episode: EpisodeLog) -> int:
+    """Pictures of an episode that were not shown; the reset has one too."""
+    shown = set(np.asarray(episode.frames.column("step")).tolist())
+    return len(episode.actions) + 1 - len(shown)
+
+
+def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:
+    """From each step's key to the first flip of its picture, where there was a key and a picture."""
+    steps = np.asarray(episode.frames.column("step"), np.int64)
+    flips = np.asarray(episode.frames.column("flip_ns"), np.int64)
+    shown, places = np.unique(steps, return_index=True)
+    steps_done = np.arange(1, len(episode.actions) + 1)
+    _, of_steps, of_shown = np.intersect1d(steps_done, shown, assume_unique=True, return_indices=True)
+    had_key = ~CategoricalTexts.of(episode.step_keys).equals_any(("",))[of_steps]
+    waits_ns = flips[places[of_shown[had_key]]] - episode.key_t_ns[of_steps[had_key]]
+    return waits_ns / _NS_PER_MS

@@ -1,0 +1,155 @@
+"""Rows of the tables, kept as plain columns until those of many sessions become one Arrow table.
+
+Arrow costs as much per column for one session as for a hundred, and plain columns travel faster between processes.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from minihuman.dataset.table_columns import TABLES
+from minihuman.log.model.event_columns import CategoricalTexts
+
+_ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "number": pa.float64(), "boolean": pa.bool_()}
+
+
+@cache
+def arrow_schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
+    """The table's Arrow schema, some columns excluded, each field with its unit and meaning as metadata."""
+    return pa.schema(
+        [
+            pa.field(column.name, _ARROW[column.kind], metadata={"unit": column.unit, "meaning": column.meaning})
+            for column in TABLES[table]
+            if column.name not in without
+        ]
+    )
+
+
+_NUMPY: dict[pa.DataType, type] = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}
+
+
+@dataclass(frozen=True, slots=True)
+class RowBatch:
+    """Some rows of a table: of each column n values, in an array, a list or ``Words``, or the one that all have."""
+
+    count: int  # n
+    columns: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, Any]]) -> "RowBatch":
+        """As many rows as there are mappings from column to value; each has the same columns."""
+        return cls(len(rows), {name: [row[name] for row in rows] for name in (rows[0] if rows else ())})
+
+    @classmethod
+    def below(cls, parts: Sequence["RowBatch"], **shared: Any) -> "RowBatch":
+        """Put parts of one table one below the other; ``shared`` are further columns with one value for all rows."""
+        counts = [part.count for part in parts]
+        columns = {
+            name: _below([part.columns[name] for part in parts if part.count], [count for count in counts if count])
+            for name in (parts[0].columns if parts else ())
+        }
+        return cls(sum(counts), columns | shared)
+
+
+def _below(values: Sequence[Any], counts: Sequence[int]) -> Any:
+    match values:
+        case [np.ndarray(), *_]:
+            return np.concatenate(values)
+        case [CategoricalTexts(), *_]:
+            return CategoricalTexts.joined(values)
+        case [list(), *_]:
+            return list(chain.from_iterable(values))
+        case [str(), *_]:
+            once = CategoricalTexts.of(values)
+            return CategoricalTexts(np.repeat(once.codes, counts), once.categories)
+    return np.repeat(values, counts)
+
+
+@dataclass(frozen=True, slots=True)
+class SessionTables(Mapping[str, pa.Table]):
+    """A session's rows of every table, by the table's name; as Arrow when one is looked at."""
+
+    parts: Mapping[str, RowBatch]
+
+    def __getitem__(self, name: str) -> pa.Table:
+        return merge_tables(name, [self])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(TABLES)
+
+    def __len__(self) -> int:
+        return len(TABLES)
+
+    def count(self, name: str) -> int:
+        """How many rows one of the tables has."""
+        return self.parts[name].count
+
+
+def merge_tables(name: str, sessions: Sequence[SessionTables]) -> pa.Table:
+    """One table's rows of several sessions. A NaN becomes NULL, and so does an empty text: nothing is said there."""
+    part = RowBatch.below([session.parts[name] for session in sessions if session.parts[name].count])
+    arrow = arrow_schema(name)
+    columns = [
+        (column.kind, field.type, part.columns.get(column.name, []))
+        for column, field in zip(TABLES[name], arrow, strict=True)
+    ]
+    return pa.Table.from_arrays(
+        [
+            _texts(_keys_named(values) if kind == "key" else values)
+            if arrow_type == pa.string()
+            else _numbers(values, arrow_type)
+            for kind, arrow_type, values in columns
+        ],
+        schema=arrow,
+    )
+
+
+def table_key_name(key: str) -> str:
+    """A physical key's name as it stands in tables: "key_1", "key_q"; longer names, such as "enter", as they are.
+
+    A column of "1" and "2" is one of numbers to most readers, and "t" and "f" are yes and no to some.
+    """
+    return f"key_{key}" if len(key) == 1 else key
+
+
+def _keys_named(values: CategoricalTexts | list[str]) -> CategoricalTexts:
+    words = CategoricalTexts.of(values)
+    return CategoricalTexts(words.codes, [table_key_name(key) for key in words.categories])
+
+
+# from their bytes, as pa.array would import pandas, half a second, to see that it was given nothing of that
+
+
+def _texts(values: CategoricalTexts | list[str | None]) -> pa.Array:
+    words = values if isinstance(values, CategoricalTexts) else CategoricalTexts.of(value or "" for value in values)
+    encoded = [word.encode() for word in words.categories]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    said = np.array([bool(word) for word in encoded], np.bool_)
+    there = None if said.all() else pa.py_buffer(np.packbits(said, bitorder="little"))
+    buffers = [there, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    return pa.Array.from_buffers(pa.string(), len(encoded), buffers).take(_numbers(words.codes, pa.int64()))
+
+
+def as_int64(numbers: NDArray[np.integer[Any]]) -> pa.Array:
+    """Counts and places as Arrow's int64."""
+    return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers.astype(np.int64))])
+
+
+def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa.Array:
+    dtype = _NUMPY[kind]
+    numbers: NDArray[Any]
+    if isinstance(values, list):
+        missing = np.array([value is None for value in values], np.bool_)
+        numbers = np.array([0 if value is None else value for value in values], dtype)
+    else:
+        missing = np.isnan(values)
+        numbers = values.astype(dtype)
+    bits = np.packbits(numbers, bitorder="little") if dtype is np.bool_ else numbers
+    there = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
+    return pa.Array.from_buffers(kind, len(values), [there, pa.py_buffer(bits)])

@@ -1,0 +1,393 @@
+"""Select the sessions and episodes of a study that are included, and say why others are excluded.
+
+Every output takes one ``Selection`` and prints its summary. Included by default: every episode that was completed,
+that no reviewer annotated with ``exclude``, and that no exclusion rule of the protocol excludes, nor its participant.
+Protocol versions are told apart by their own name and by the SHA-256 of their bytes.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+from minihuman.dataset.annotations import Annotation, collect_tags, list_episode_tags, read_annotations
+from minihuman.dataset.log_files import SkippedLog, list_other_sessions, map_logs
+from minihuman.dataset.session_measures import (
+    MeasureRow,
+    PathPlanner,
+    SessionMeasures,
+    find_path_bounds,
+    skip_path_bounds,
+)
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
+from minihuman.errors import ReportError
+from minihuman.experiment.machine.events import EpisodesSkipped
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
+from minihuman.experiment.protocol.specs import apply_overrides
+from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, SessionLog
+
+_ENOUGH = 6  # letters of a SHA-256 that name a protocol
+
+
+def format_version(plan: SessionPlan) -> str:
+    """The version of the protocol a session was played by, told apart from another of that name: "1 (d3b07384)"."""
+    return f"{plan.study_version} ({plan.protocol_sha256[:8]})"
+
+
+def matches_version(plan: SessionPlan, asked: str) -> bool:
+    """Whether a session was played by a version: by its own name, as above, or by the start of its SHA-256."""
+    by_hash = len(asked) >= _ENOUGH and plan.protocol_sha256.startswith(asked)
+    return by_hash or asked in (plan.study_version, format_version(plan))
+
+
+UNFINISHED_OUTCOMES = ("abandoned", CUT_OFF)
+_COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
+
+
+def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -> None:
+    """Check that every rule asks for a measure there is; ``source`` names the protocol in the error.
+
+    Raises:
+        ReportError: one line with source, path and the measures there are.
+    """
+    for number, rule in enumerate(exclusions):
+        known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
+        if rule.measure not in known:
+            raise ReportError(
+                f"{source}: $.exclusions[{number}].measure is {rule.measure!r}, no measure of "
+                f"{'an episode' if rule.level == 'episode' else 'a participant'}; there are {', '.join(known)}"
+            )
+
+
+@lru_cache(maxsize=16)
+def _exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
+    exclusions = decode_logged_protocol(protocol_toml, source).exclusions
+    check_exclusion_measures(exclusions, source)
+    return exclusions
+
+
+def find_practice_blocks(plan: SessionPlan) -> frozenset[str]:
+    """The names of a session's blocks that its protocol does not analyse.
+
+    Raises:
+        ProtocolError: if the protocol in the log cannot be understood.
+    """
+    if b"analysed" not in plan.protocol_toml:  # of nearly all: decoding takes a millisecond
+        return frozenset()
+    blocks = decode_logged_protocol(plan.protocol_toml).blocks
+    theirs = (apply_overrides(block, plan.participant.group) for block in blocks)
+    return frozenset(block.name for block in theirs if not block.analysed)
+
+
+@dataclass(frozen=True, slots=True)
+class ExclusionRule:
+    """One rule of a protocol's own."""
+
+    exclusion: ExclusionSpec
+
+    @property
+    def needs_world(self) -> bool:
+        """Whether it asks for a measure that only the world itself can tell."""
+        return self.exclusion.measure in COLUMNS_NEEDING_WORLD
+
+    def broken_by(self, row: Mapping[str, Any]) -> bool:
+        """Whether a row's measure lies outside what the rule allows; a measure that nothing tells does not."""
+        value, rule = row.get(self.exclusion.measure), self.exclusion
+        if value is None:
+            return False
+        return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
+
+
+def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
+    """The rules of a session's own protocol, in the order in which they are tried.
+
+    Raises:
+        ReportError: if a rule names a column that its table does not have.
+        ProtocolError: if the protocol in the log cannot be understood.
+    """
+    if not plan.protocol_toml:
+        return ()
+    return tuple(ExclusionRule(one) for one in _exclusions(plan.protocol_toml, f"the protocol of {plan.study}"))
+
+
+def find_broken_rule(rules: Sequence[ExclusionRule], level: str, row: Mapping[str, Any]) -> str:
+    """The reason of the first rule that an episode's or a participant's row breaks; "" if it breaks none."""
+    return next((rule.exclusion.reason for rule in rules if rule.exclusion.level == level and rule.broken_by(row)), "")
+
+
+ExclusionLevel = Literal["participant", "episode"]
+
+
+@dataclass(frozen=True, slots=True)
+class ExcludedItem:
+    """An episode, or all that a participant did in a session, that was asked for and does not count."""
+
+    reason: str
+    level: ExclusionLevel
+    participant: str
+    session: int
+    episode: int | None = None  # None: the whole session
+    attempt: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SelectedSession:
+    """A session as a selection sees it: each episode's tags, whether it is asked for, and why it does not count."""
+
+    log: SessionLog
+    tags: tuple[frozenset[str], ...]
+    asked: tuple[bool, ...]
+    reasons: tuple[str, ...]  # "" where nothing speaks against an episode
+    wanted: bool = True  # whether the session is asked for at all; one without an episode may be
+    marks: tuple[Annotation, ...] = ()  # beside the log, those that were taken back among them
+    session_reason: str = ""  # why the participant does not count, "" if nothing speaks against that
+
+    @property
+    def episodes(self) -> tuple[EpisodeLog, ...]:
+        """Those that count, in the order played."""
+        return tuple(self.log.episodes[place] for place in self.places)
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Where those that count stand among all of the session's."""
+        if self.session_reason:
+            return ()
+        return tuple(
+            place for place, (asked, why) in enumerate(zip(self.asked, self.reasons, strict=True)) if asked and not why
+        )
+
+    @property
+    def counts(self) -> bool:
+        """Whether the session does: with an episode that counts, or where there was none to play."""
+        nothing_to_play = self.wanted and not self.session_reason and not self.log.plan.episodes
+        return bool(self.places) or nothing_to_play
+
+    @property
+    def session(self) -> SessionLog:
+        """The session with the episodes that count, and no others."""
+        return replace(self.log, episodes=self.episodes)
+
+    @property
+    def left_out(self) -> tuple[ExcludedItem, ...]:
+        """What was asked for and does not count; of a participant who does not count, nothing more is said."""
+        who = self.log.plan.participant.id, self.log.plan.session
+        if self.session_reason and self.wanted:
+            return (ExcludedItem(self.session_reason, "participant", *who),)
+        return tuple(
+            ExcludedItem(why, "episode", *who, episode.number, episode.attempt)
+            for episode, asked, why in zip(self.log.episodes, self.asked, self.reasons, strict=True)
+            if asked and why
+        )
+
+
+@dataclass(slots=True)
+class SelectionSummary:
+    """What an output is made of: how much counts, what was excluded and why, what could not be read."""
+
+    selection: str = ""  # as the command line takes it
+    sessions: int = 0  # with an episode that counts, or without any to play
+    episodes: int = 0  # that count
+    versions: Counter[tuple[str, str]] = field(default_factory=Counter)  # study and protocol version: sessions
+    excluded_episodes: Counter[str] = field(default_factory=Counter)  # by reason
+    excluded_participants: set[tuple[str, str, str]] = field(default_factory=set)  # reason, study, code: once each
+    skipped: list[SkippedLog] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # about this run, not about the data: for the terminal only
+
+    @property
+    def left_out(self) -> Counter[tuple[ExclusionLevel, str]]:
+        """How many episodes and participants were excluded, by reason; a participant counts once per study."""
+        found: Counter[tuple[ExclusionLevel, str]] = Counter()
+        found.update({("episode", reason): count for reason, count in self.excluded_episodes.items()})
+        found.update(("participant", reason) for reason, _, _ in self.excluded_participants)
+        return found
+
+    def take(self, counted: SelectedSession) -> None:
+        """Take a session into the account."""
+        self.episodes += len(counted.places)
+        self.sessions += counted.counts
+        if any(counted.asked) or counted.counts:
+            self.versions[counted.log.plan.study, format_version(counted.log.plan)] += 1
+        for one in counted.left_out:
+            if one.level == "participant":
+                self.excluded_participants.add((one.reason, counted.log.plan.study, one.participant))
+            else:
+                self.excluded_episodes[one.reason] += 1
+
+    def add(self, other: "SelectionSummary") -> None:
+        """Take what another has counted into the account."""
+        self.sessions += other.sessions
+        self.episodes += other.episodes
+        self.versions.update(other.versions)
+        self.excluded_episodes.update(other.excluded_episodes)
+        self.excluded_participants |= other.excluded_participants
+        self.skipped += other.skipped
+        self.notes += other.notes
+
+    def lines(self) -> Iterator[str]:
+        """Say it, a line a fact; the first always."""
+        asked = f" ({self.selection})" if self.selection else ""
+        yield f"{_format_count(self.episodes, 'episode')} of {_format_count(self.sessions, 'session')} included{asked}"
+        for (level, reason), count in sorted(self.left_out.items()):
+            yield f"excluded: {_format_count(count, level)}: {reason}"
+        if len(self.versions) > 1:
+            told = ", ".join(
+                f"{version} in {_format_count(count, 'session')}"
+                for (_, version), count in sorted(self.versions.items())
+            )
+            yield f"several versions of the protocol: {told}; choose one with --version"
+        for one in self.skipped:
+            yield one.line()
+
+
+def _format_count(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+EXCLUDE = "exclude"  # a reviewer's tag that leaves an episode out unless it is asked for
+UNFINISHED = "unfinished"  # abandoned, or cut off with the log
+RULES = "rules"  # of the protocol: [[exclusions]]
+NOT_FINISHED = "not played to an end"
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What is asked for, and what of it counts. Several values of one field mean any of them; none means all.
+
+    ``outcome`` to ``only`` say what is asked for. ``without`` are further tags that leave an episode out, and
+    ``with_`` takes back in what is excluded by default: "exclude" or another tag, "unfinished", "rules".
+    """
+
+    outcome: tuple[str, ...] = ()
+    block: tuple[str, ...] = ()
+    participant: tuple[str, ...] = ()
+    version: tuple[str, ...] = ()  # of the protocol: as it says itself, or the start of its SHA-256
+    only: tuple[str, ...] = ()  # tags: episodes that carry one of them
+    without: tuple[str, ...] = ()
+    with_: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """As the command line takes it: "--block grid --with exclude"; "" for the default."""
+        return " ".join(
+            f"--{field.name.rstrip('_')} {value}" for field in fields(self) for value in getattr(self, field.name)
+        )
+
+    def judge(
+        self,
+        log: SessionLog,
+        *,
+        measured: SessionMeasures | None = None,
+        marks: Iterable[Annotation] | None = None,
+    ) -> SelectedSession:
+        """Say of each of a session's episodes whether it is asked for, and whether it counts.
+
+        The protocol's rules are judged by the whole session, whatever part of it is asked for. ``measured`` spares
+        measuring for them; ``marks`` are otherwise read from beside the log.
+
+        Raises:
+            LogError: if the marks beside the log cannot be understood.
+            ProtocolError: if the protocol in the log cannot be understood.
+            ReportError: if the protocol excludes by a measure that there is not.
+        """
+        marks = read_annotations(log.path) if marks is None else tuple(marks)
+        rules = () if RULES in self.with_ else read_exclusion_rules(log.plan)
+        if rules and measured is None:
+            measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))
+        in_force = collect_tags(marks)
+        theirs = [list_episode_tags(episode, in_force) for episode in log.episodes]
+        reasons, of_session = self._apply_rules(log, rules, measured, theirs)
+        if any(rule.exclusion.level == "participant" for rule in rules):
+            of_session = self._find_participant_reason(log, of_session)
+        asked = [self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
+        wanted = any(asked) if log.episodes else self._asks_for_session(log)
+        return SelectedSession(log, tuple(theirs), tuple(asked), tuple(reasons), wanted, marks, of_session)
+
+    def _apply_rules(
+        self,
+        log: SessionLog,
+        rules: Sequence[ExclusionRule],
+        measured: SessionMeasures | None,
+        theirs: Sequence[frozenset[str]],
+    ) -> tuple[list[str], str]:
+        """The reason against each episode, and the reason that this session gives against its participant."""
+        reasons = [self._reason(episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
+        if not rules or measured is None:
+            return reasons, ""
+        reasons = [
+            reason or find_broken_rule(rules, "episode", row)
+            for reason, row in zip(reasons, measured.rows, strict=True)
+        ]
+        practice = find_practice_blocks(log.plan)
+        counting = [
+            place
+            for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
+            if not reason and row["block"] not in practice
+        ]
+        return reasons, find_broken_rule(rules, "participant", measured.over(counting) | summarize_session(log))
+
+    def _find_participant_reason(self, log: SessionLog, own: str) -> str:
+        """The reason against the participant: of their first session that breaks a rule, this one's or another's.
+
+        A participant is excluded whole, so one session's answer depends on the logs of the others.
+        """
+        others = map_logs(list_other_sessions(log), self._judge_participant, processes=1)
+        found = [one for one in others if not isinstance(one, SkippedLog)]
+        return next((reason for _, reason in sorted([(log.plan.session, own), *found]) if reason), "")
+
+    def _judge_participant(self, log: SessionLog) -> tuple[int, str]:
+        """A session's number, and the reason that it alone gives against its participant."""
+        rules = read_exclusion_rules(log.plan)
+        in_force = collect_tags(read_annotations(log.path))
+        theirs = [list_episode_tags(episode, in_force) for episode in log.episodes]
+        measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False)) if rules else None
+        return log.plan.session, self._apply_rules(log, rules, measured, theirs)[1]
+
+    def planner(self, plan: SessionPlan, *, with_shortest: bool) -> PathPlanner:
+        """Who says how few steps an episode could have taken: None, unless that is wanted or a rule asks for it."""
+        asked_by_rule = RULES not in self.with_ and any(rule.needs_world for rule in read_exclusion_rules(plan))
+        return find_path_bounds if with_shortest or asked_by_rule else skip_path_bounds
+
+    def _asks_for(self, log: SessionLog, episode: EpisodeLog, theirs: frozenset[str]) -> bool:
+        return (
+            (not self.outcome or episode.outcome_word in self.outcome)
+            and (not self.block or episode.plan.block_name in self.block)
+            and self._is_of(log)
+            and (not self.only or bool(theirs & set(self.only)))
+        )
+
+    def _asks_for_session(self, log: SessionLog) -> bool:
+        """Whether a session without an episode is asked for: not where episodes of one kind are."""
+        return self._is_of(log) and not (self.outcome or self.block or self.only)
+
+    def _is_of(self, log: SessionLog) -> bool:
+        return (not self.participant or log.plan.participant.id in self.participant) and (
+            not self.version or any(matches_version(log.plan, version) for version in self.version)
+        )
+
+    def _reason(self, episode: EpisodeLog, theirs: frozenset[str]) -> str:
+        if unwanted := theirs & (({EXCLUDE} | set(self.without)) - set(self.with_)):
+            return f"tagged {' '.join(sorted(unwanted))}"
+        if episode.outcome_word in UNFINISHED_OUTCOMES and UNFINISHED not in self.with_:
+            return NOT_FINISHED
+        return ""
+
+
+EVERYTHING = Selection(with_=(EXCLUDE, UNFINISHED, RULES))
+"""Whatever was recorded."""
+
+
+def summarize_session(log: SessionLog) -> MeasureRow:
+    """What the table "participants" says of a session as a whole; ``completed_share`` is of the planned episodes."""
+    completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
+    skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
+    planned = len(log.plan.episodes) - skipped
+    return {
+        "player": log.player,
+        "window": log.segments[0].facts.get("window", "") if log.segments else "",
+        "started_at": log.started_at,
+        "end_reason": log.end_reason,
+        "clean": log.clean,
+        "segments": len(log.segments),
+        "completed_share": len(completed) / planned if planned else None,
+    }

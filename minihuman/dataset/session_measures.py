@@ -1,0 +1,184 @@
+"""Compute one session's measures per episode, before any selection, and aggregate them over episodes."""
+
+import math
+import operator
+import statistics
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minihuman.dataset.measures import (
+    KeyTally,
+    PathMeasures,
+    excess_steps,
+    key_discovery_times,
+    log_excess_steps,
+    log_steps_ratio,
+    mean_and_median,
+    measure_paths,
+    playing_s,
+    response_ms,
+    shortest_path_bounds,
+    slope_per_episode,
+    spl,
+)
+from minihuman.errors import WorldError
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.worlds.contract import UNKNOWN_BOUNDS, PathLengthBounds
+
+PathPlanner = Callable[[EpisodePlan], PathLengthBounds]
+MeasureRow = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionMeasures:
+    """A session's episodes in the order played: one row of numbers for each, and its keys counted."""
+
+    rows: tuple[MeasureRow, ...]  # columns of the table "episodes"
+    tallies: tuple[KeyTally, ...]
+
+    @classmethod
+    def of(cls, log: SessionLog, planner: PathPlanner) -> "SessionMeasures":
+        """Measure every episode; ``planner`` says how few steps one could have taken."""
+        tallies = tuple(KeyTally.of(episode) for episode in log.episodes)
+        rows = (
+            _episode(tally, walk) | _least(tally.episode, planner(tally.episode.plan))
+            for tally, walk in zip(tallies, measure_paths(log.episodes), strict=True)
+        )
+        return cls(tuple(rows), tallies)
+
+    def over(self, places: Sequence[int]) -> MeasureRow:
+        """What some of the episodes amount to; None where nothing tells.
+
+        When a key was found does not hang on which episodes count: all that were begun in their blocks tell it.
+        """
+        return _over(
+            [self.rows[place] for place in places],
+            [self.tallies[place] for place in places],
+            self.of_blocks({self.rows[place]["block"] for place in places}),
+        )
+
+    def of_blocks(self, blocks: Collection[str]) -> list[KeyTally]:
+        """The tallies of all episodes that were begun in some blocks."""
+        return [tally for row, tally in zip(self.rows, self.tallies, strict=True) if row["block"] in blocks]
+
+
+def find_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
+    """The fewest steps of an episode; unknown where the world cannot be made here."""
+    try:
+        return shortest_path_bounds(plan)
+    except WorldError:
+        return UNKNOWN_BOUNDS
+
+
+def skip_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
+    """Ask no world."""
+    return UNKNOWN_BOUNDS
+
+
+def locate_episode(episode: EpisodeLog) -> MeasureRow:
+    """Which episode of the session it is, as every table names it."""
+    return {
+        "block": episode.plan.block_name,
+        "segment": episode.segment,
+        "episode": episode.number,
+        "attempt": episode.attempt,
+    }
+
+
+def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
+    episode = tally.episode
+    plan = episode.plan
+    mean_ms, median_ms = mean_and_median(episode.rt_ms)
+    response_mean_ms, response_median_ms = mean_and_median(response_ms(episode))
+    return locate_episode(episode) | {
+        "episode_in_block": plan.episode_in_block + 1,
+        "world": plan.world,
+        "seed": plan.seed,
+        "t_ns": int(episode.t_ns[0]),
+        "outcome": episode.outcome_word,
+        "success": episode.outcome == "goal",
+        "reward": episode.return_,
+        "steps": len(episode.actions),
+        "max_steps": plan.max_steps,
+        "playing_s": playing_s(episode),
+        "reaction_mean_ms": mean_ms,
+        "reaction_median_ms": median_ms,
+        "response_mean_ms": response_mean_ms,
+        "response_median_ms": response_median_ms,
+        "path_length": _none_if_nan(walk.length),
+        "path_efficiency": _none_if_nan(walk.efficiency),
+        "turns_in_place": None if math.isnan(walk.length) else walk.turns,  # unknown without poses
+        "ineffective_steps": tally.ineffective_steps.total(),
+        "refused": tally.refused.total(),
+    }
+
+
+def _least(episode: EpisodeLog, least: PathLengthBounds) -> MeasureRow:
+    """The fewest possible steps, and how the episode's stand to those of the best way that is known."""
+    steps, limit, outcome = len(episode.actions), episode.plan.max_steps, episode.outcome_word
+    return {
+        "shortest_steps": least.at_least,
+        "feasible_steps": least.feasible,
+        "excess_steps": excess_steps(steps, least.feasible, success=outcome == "goal"),
+        "log_excess_steps": log_excess_steps(steps, least.feasible, limit, outcome),
+        "log_steps_ratio": log_steps_ratio(steps, least.feasible, limit, outcome),
+        "spl": spl(steps, least.feasible, outcome),
+    }
+
+
+def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequence[KeyTally]) -> MeasureRow:
+    """What a block's or a session's episodes that count amount to; None where nothing tells."""
+    rewards = [row["reward"] for row in rows]
+    steps = [row["steps"] for row in rows]
+    times_ms, responses_ms = (
+        mean_and_median(np.concatenate([np.zeros(0), *(of(tally.episode) for tally in tallies)]))
+        for of in (operator.attrgetter("rt_ms"), response_ms)
+    )
+    to_find = key_discovery_times(begun)
+    found = [discovered_s for discovered_s in to_find if discovered_s is not None]
+    return {
+        "episodes": len(rows),
+        "success": _mean([row["success"] for row in rows]),
+        "reward_mean": _mean(rewards),
+        "reward_sd": float(np.std(rewards, ddof=1)) if len(rewards) > 1 else None,
+        "reward_first": rewards[0] if rewards else None,
+        "reward_slope": _slope(rows),
+        "steps_mean": _mean(steps),
+        "steps_at_limit_mean": _mean([row["steps"] if row["success"] else row["max_steps"] for row in rows]),
+        "excess_steps_mean": _mean([row["excess_steps"] for row in rows]),
+        "log_excess_steps_mean": _mean([row["log_excess_steps"] for row in rows]),
+        "log_steps_ratio_mean": _mean([row["log_steps_ratio"] for row in rows]),
+        "spl_mean": _mean([row["spl"] for row in rows]),
+        "playing_s_mean": _mean([row["playing_s"] for row in rows]),
+        "reaction_median_ms": times_ms[1],
+        "response_median_ms": responses_ms[1],
+        "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),
+        "ineffective_share": sum(row["ineffective_steps"] for row in rows) / sum(steps) if sum(steps) else None,
+        "refused": sum(row["refused"] for row in rows),
+        "keys_discovered": len(found),
+        "keys_total": len(to_find),
+        "all_keys_discovered_s": max(found) if found and len(found) == len(to_find) else None,
+    }
+
+
+def _slope(rows: Sequence[MeasureRow]) -> float | None:
+    """The reward's change an episode over a block's first, with a gap where one does not count; None of many blocks."""
+    if len({row["block"] for row in rows}) != 1:
+        return None
+    rewards = [math.nan] * max(row["episode_in_block"] for row in rows)
+    for row in rows:
+        rewards[row["episode_in_block"] - 1] = row["reward"]
+    return _none_if_nan(slope_per_episode(rewards))
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return statistics.fmean(known) if known else None
+
+
+def _none_if_nan(value: float) -> float | None:
+    return None if math.isnan(value) else value

@@ -1,0 +1,191 @@
+"""Read a study's sessions under a selection, in sequence or in parallel, with a summary of what is included."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from minihuman.dataset.log_files import SkippedLog, list_readable_logs, map_logs
+from minihuman.dataset.recording_quality import RecordingQuality, measure_recording_quality
+from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary, format_version
+from minihuman.dataset.session_measures import SessionMeasures
+from minihuman.errors import LogError
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+
+if TYPE_CHECKING:
+    from minihuman.dataset.rows import SessionTables
+
+
+def build_episode_facts(log: SessionLog, episode: EpisodeLog) -> dict[str, Any]:
+    """The facts of one episode; ``session``, ``segment``, ``episode`` and ``attempt`` count from 1."""
+    plan = episode.plan
+    return {
+        "study": log.plan.study,
+        "version": format_version(log.plan),
+        "participant": log.plan.participant.id,
+        "group": log.plan.participant.group,
+        "session": log.plan.session,
+        "player": log.player,
+        "block": plan.block_name,
+        "segment": episode.segment,
+        "episode": episode.number,
+        "attempt": episode.attempt,
+        "world": plan.world,
+        "seed": plan.seed,
+        "outcome": episode.outcome_word,
+        "mission": episode.start.mission,
+        "key_map": dict(plan.key_map.keys),
+        "action_names": list(episode.start.action_names),
+        "protocol_sha256": log.plan.protocol_sha256,
+    }
+
+
+T = TypeVar("T")
+
+
+class StudySessions:
+    """The sessions of a log, or of all logs below a folder. Going through them fills the ``account``.
+
+    A log that cannot be read, a second log of the same session and withdrawn participants are skipped by name, and the
+    rest is read; ``say`` is called with each at once. ``from_logs`` believes no cache: tables are made from
+    the logs.
+    """
+
+    def __init__(
+        self,
+        source: Path,
+        selection: Selection | None = None,
+        *,
+        say: Callable[[str], None] = lambda line: None,
+        processes: int | None = None,
+        from_logs: bool = False,
+    ) -> None:
+        self.source = source
+        self.from_logs = from_logs
+        self.selection = Selection() if selection is None else selection
+        self.account = SelectionSummary(str(self.selection))
+        self._say = say
+        self.processes = processes
+
+    def __iter__(self) -> Iterator[SelectedSession]:
+        """One session in memory at a time.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
+        return self._go_through(self.selection.judge, processes=1)
+
+    def each(self, work: Callable[[SelectedSession], T]) -> Iterator[T]:
+        """What ``work`` makes of each session with an episode that counts, several worked on side by side.
+
+        ``work`` may run in another process: it and its results can be pickled.
+
+        Raises:
+            LogError: as ``__iter__``.
+        """
+        for result in self._go_through(partial(_process_session, self.selection, work), processes=self.processes):
+            self.account.add(result.account)
+            yield from result.made
+
+    def rows(self, *, with_shortest: bool) -> Iterator["SessionRows"]:
+        """Every session's rows of every table, those that do not count with the reason.
+
+        Raises:
+            LogError: as ``__iter__``.
+            ReportError: if a protocol excludes by a measure that there is not.
+        """
+        work = partial(read_session_rows, selection=self.selection, with_shortest=with_shortest)
+        for found in self._go_through(work, processes=self.processes):
+            self.account.add(found.account)
+            if found.rows.count("participants"):
+                yield found
+
+    def _go_through(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
+        paths, skipped = list_readable_logs(self.source)
+        for one in skipped:
+            self.skip(one)
+        for found in map_logs(paths, work, processes=processes):
+            if isinstance(found, SkippedLog):
+                if not self.source.is_dir():
+                    raise LogError(found.reason)
+                self.skip(found)
+            else:
+                if isinstance(found, SelectedSession):
+                    self.account.take(found)
+                yield found
+
+    def skip(self, one: SkippedLog) -> None:
+        """Put what cannot be read into the account, and say so."""
+        one = one.relative_to(self.source)
+        self.account.skipped.append(one)
+        self._say(one.line())
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRows:
+    """One session's plan and rows, and what counts of it."""
+
+    path: Path
+    plan: SessionPlan
+    rows: "SessionTables"
+    facts: tuple[dict[str, Any], ...]  # of each episode that counts
+    account: SelectionSummary
+    quality: RecordingQuality
+
+
+def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tuple[list[SessionLog], SelectionSummary]:
+    """Every session of several logs and folders, with the episodes that count, and the account of them.
+
+    Raises:
+        LogError: if there is no such file or folder, or no session to be read in them.
+    """
+    account, logs = SelectionSummary(str(selection)), list[SessionLog]()
+    for source in sources:
+        sessions = StudySessions(source, selection)
+        logs += [counted.session for counted in sessions if counted.places]
+        account.add(sessions.account)
+    if not logs:
+        raise LogError(f"no session can be shown: {'; '.join(account.lines())}")
+    return logs, account
+
+
+def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: bool) -> SessionRows:
+    """Make a session's rows.
+
+    Raises:
+        LogError: if the marks beside the log cannot be understood.
+        ProtocolError: if the protocol in the log cannot be understood.
+        ReportError: if the protocol excludes by a measure that there is not.
+    """
+    from minihuman.dataset.session_tables import build_session_tables
+
+    measured = SessionMeasures.of(log, selection.planner(log.plan, with_shortest=with_shortest))
+    counted = selection.judge(log, measured=measured)
+    facts = tuple(build_episode_facts(log, episode) for episode in counted.episodes)
+    return SessionRows(
+        log.path,
+        log.plan,
+        build_session_tables(counted, measured),
+        facts,
+        _account(counted),
+        measure_recording_quality(log),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _SessionResult(Generic[T]):
+    made: tuple[T, ...]  # one, or none where no episode counts
+    account: SelectionSummary
+
+
+def _process_session(selection: Selection, work: Callable[[SelectedSession], T], log: SessionLog) -> _SessionResult[T]:
+    counted = selection.judge(log)
+    return _SessionResult((work(counted),) if counted.places else (), _account(counted))
+
+
+def _account(counted: SelectedSession) -> SelectionSummary:
+    account = SelectionSummary()
+    account.take(counted)
+    return account

@@ -1,0 +1,614 @@
+"""The study store: all tables in one DuckDB file, ``tables.duckdb``, so that no log is read twice; and query results
+as text.
+
+It is a cache, and may be deleted at any time. Every use first brings it up to date: a session is read again if the
+size, time, beginning or end of its log or annotations changed, or if its rows in a table that is to be read do not have
+the digest that was stored with them. Rows and digests change in one transaction, so that a process that is killed
+leaves the session either whole or to be read again. Edits that also forge the digests are found by
+``verify --tables``, which recomputes every table from the logs.
+
+It holds the tables under the default selection. For another selection, or where the file cannot be written (disk full,
+no permission, locked by another process), the same tables are made in a temporary file; the latter is said. It is a
+file, not memory, because a thousand sessions would need gigabytes.
+"""
+
+import io
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import cache, partial
+from hashlib import blake2b
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import duckdb
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+import minihuman
+from minihuman.dataset.annotations import annotations_path
+from minihuman.dataset.caches import TABLE_CACHE as FILE_NAME
+from minihuman.dataset.log_files import SkippedLog, list_readable_logs, map_logs, name_paths_from
+from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
+from minihuman.dataset.rows import SessionTables, arrow_schema, as_int64, merge_tables
+from minihuman.dataset.selection import Selection, SelectionSummary
+from minihuman.dataset.sessions import SessionRows, StudySessions, read_session_rows
+from minihuman.dataset.table_columns import EPISODE_TABLES, TABLES, use_current_columns
+from minihuman.errors import LogError, QueryError
+
+_ROWS = 100_000  # handed out at once
+_SETTINGS = {"threads": "2", "memory_limit": "128MB"}
+_QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program
+    **_SETTINGS,
+    "enable_external_access": "false",
+    "python_enable_replacements": "false",
+    "lock_configuration": "true",
+}
+_DIGEST_MODULUS = 2**64
+_SESSIONS_PER_INSERT = 256  # half the work of 64: whole pieces of the file are written at once
+_READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
+_END_BYTES = 64 * 1024  # of a file's beginning and end, which tell it from another of the same size
+_MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows
+_COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons say what counts in all others
+_LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, about, facts"
+
+
+class StoreVersionError(Exception):
+    """A file holds tables of other columns, or made by other software."""
+
+
+class CatalogueChangedError(Exception):
+    """A file's tables, views or macros are not those that were laid out."""
+
+
+def find_queried_tables(sql: str) -> frozenset[str]:
+    """The tables that a query reads; all of them if the query alone does not tell."""
+    try:
+        with duckdb.connect(config=dict(_QUERY_SETTINGS)) as parser:
+            names = frozenset(name.lower() for name in parser.get_table_names(sql))
+    except duckdb.Error:
+        return frozenset(TABLES)
+    is_computed = "query" in sql.lower()  # the functions query() and query_table() take names that are computed
+    return frozenset(TABLES) if is_computed else names & TABLES.keys()
+
+
+class TableDatabase:
+    """The tables of some sessions, each under a number of its own. Use it in a ``with``.
+
+    Args:
+        path: the file.
+        read_only: leave the file as it is.
+
+    Raises:
+        StoreVersionError: if the file holds others.
+        CatalogueChangedError: if its tables, views or macros were changed.
+        duckdb.Error: if it cannot be opened or written, or is no such file.
+    """
+
+    def __init__(self, path: Path, *, read_only: bool = False) -> None:
+        """Open a file; a new one is given its tables."""
+        self.path = path
+        self.order: tuple[int, ...] | None = None  # of the sessions' numbers; None: as they were put in
+        self.checked: frozenset[str] = frozenset(TABLES)  # tables that may be read: their digests were compared
+        self.connection = duckdb.connect(str(path), read_only=read_only, config=dict(_SETTINGS))
+        try:
+            there = self.connection.execute("SELECT 1 FROM duckdb_tables() WHERE table_name = 'made_by'").fetchall()
+            if not there:
+                self._lay_out()
+            else:
+                made_by = self.connection.execute("SELECT version, catalogue FROM kept.made_by").fetchall()
+                if [version for version, _ in made_by] != [software_digest()]:
+                    raise StoreVersionError
+                if made_by[0][1] != self._digest_catalogue():
+                    raise CatalogueChangedError
+        except BaseException:
+            self.connection.close()
+            raise
+
+    def insert(self, sessions: Mapping[int, SessionTables]) -> dict[int, list[int]]:
+        """Put sessions' rows in, and give the digests of each session's rows, in the order of ``TABLES``."""
+        digests = {number: [0] * len(TABLES) for number in sessions}
+        for place, name in enumerate(TABLES if sessions else ()):
+            counts = [rows.count(name) for rows in sessions.values()]
+            places = np.concatenate([np.arange(count) for count in counts])
+            new = merge_tables(name, list(sessions.values()))
+            new = new.add_column(0, "row", as_int64(places))
+            new = new.add_column(0, "log", as_int64(np.repeat(list(sessions), counts)))
+            self.connection.register("new", new)
+            for number, digest in self._digest_rows(name, "new").items():
+                digests[number][place] = digest
+            self.connection.execute(f"INSERT INTO kept.{name} SELECT * FROM new")
+            self.connection.unregister("new")
+        return digests
+
+    def remove(self, numbers: Sequence[int]) -> None:
+        """Take sessions' rows out."""
+        for name in TABLES:
+            self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Keep all changes that are made inside, or none of them."""
+        self.connection.execute("BEGIN")
+        try:
+            yield
+            self.connection.execute("COMMIT")
+        except BaseException:
+            with suppress(duckdb.Error):  # a failed commit was rolled back already
+                self.connection.execute("ROLLBACK")
+            raise
+
+    def digest_rows(self, name: str) -> dict[int, int]:
+        """The digest of each session's rows in a table, of those that have any: any edit changes it."""
+        return self._digest_rows(name, f"kept.{name}")
+
+    def _digest_rows(self, name: str, source: str) -> dict[int, int]:
+        columns = ", ".join(f'"{column}"' for column in arrow_schema(name).names)
+        digest = f"(sum(hash(log::BIGINT, row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT"
+        return dict(self.connection.execute(f"SELECT log, {digest} FROM {source} GROUP BY log").fetchall())
+
+    def _digest_catalogue(self) -> str:
+        """Digest the definitions of all tables, views and macros, any of which could stand for one of ours."""
+        found = self.connection.execute(
+            "SELECT schema_name || table_name || sql FROM duckdb_tables() UNION ALL "
+            "SELECT schema_name || view_name || sql FROM duckdb_views() WHERE NOT internal UNION ALL "
+            "SELECT schema_name || function_name || macro_definition FROM duckdb_functions() WHERE NOT internal "
+            "ORDER BY 1"
+        ).fetchall()
+        return blake2b(repr(found).encode(), digest_size=16).hexdigest()
+
+    def put_in_order(self, numbers: Sequence[int]) -> None:
+        """Say in which order sessions are to be handed out."""
+        if list(numbers) == sorted(numbers):
+            self.order = None
+            return
+        self.order = tuple(numbers)
+        self.connection.execute("CREATE OR REPLACE TEMP TABLE placed (log INTEGER, place INTEGER)")
+        columns = (np.array(numbers), np.arange(len(numbers)))
+        placed = pa.Table.from_arrays([as_int64(column) for column in columns], ["log", "place"])
+        self.connection.register("new", placed)
+        self.connection.execute("INSERT INTO placed SELECT * FROM new")
+        self.connection.unregister("new")
+
+    def batches(
+        self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
+    ) -> Iterator[pa.RecordBatch]:
+        """One table's rows, session by session, some columns excluded; only a few are in memory at a time.
+
+        All but the last batch have the same number of rows, whatever was put in and taken out before: equal rows make
+        equal files.
+
+        ``counting`` leaves out what does not count, and what belongs to an episode or a session that does not.
+        """
+        self._require_checked({name, *(_COUNTED_BY if counting else ())})
+        wanted = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in wanted.names)
+        found = f"FROM kept.{name}"
+        if counting and "exclusion_reason" in arrow_schema(name).names:
+            found += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
+        elif counting and name in EPISODE_TABLES:
+            theirs = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
+            found += f" SEMI JOIN ({theirs}) USING (log, episode, attempt)"
+        elif counting:
+            found += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
+        if counting or self.order is not None:
+            order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
+            found += f" {order} ORDER BY {place}, row"
+        for batch in _even(self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS)):
+            yield pa.RecordBatch.from_arrays(
+                [array.cast(field.type) for array, field in zip(batch.columns, wanted, strict=True)], schema=wanted
+            )
+
+    def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
+        """A table, or some columns of it; ``counting`` as in ``batches``."""
+        names = [column.name for column in TABLES[name]]
+        without = frozenset(names) - set(names if columns is None else columns)
+        table = pa.Table.from_batches(
+            self.batches(name, without=without, counting=counting), arrow_schema(name, without=without)
+        )
+        return table if columns is None else table.select(columns)
+
+    def count(self, name: str) -> int:
+        """How many rows a table has."""
+        self._require_checked({name})
+        counted = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
+        return int(counted[0][0])
+
+    def query(self, sql: str) -> pa.Table:
+        """Answer SQL about the tables, by present or earlier column names. It reads and writes no other file.
+
+        Raises:
+            QueryError: if it is no SQL, or asks for what is not there.
+        """
+        self._require_checked(find_queried_tables(sql))
+        self.connection.close()
+        self.connection = duckdb.connect(str(self.path), read_only=True, config=dict(_QUERY_SETTINGS))
+        try:
+            if any(str(each.type) not in _READING for each in self.connection.extract_statements(sql)):
+                raise QueryError(f"{sql!r} is not a SELECT statement; a query can only read the study's tables")
+            try:
+                found = self.connection.sql(sql)
+            except duckdb.BinderException:
+                found = self.connection.sql(use_current_columns(sql))
+            if found is None:
+                raise QueryError(f"{sql!r} returns no rows; a query must be a SELECT over the study's tables")
+            return found.to_arrow_table()
+        except duckdb.PermissionException as error:
+            raise QueryError(f"{sql!r} uses a file; a query can only read the study's tables") from error
+        except duckdb.Error as error:
+            line = " ".join(str(error).split("\n\n")[0].split())
+            raise QueryError(f"{line}; the tables are {', '.join(TABLES)}") from error
+
+    def _require_checked(self, names: Collection[str]) -> None:
+        if unchecked := set(names) - self.checked:
+            raise AssertionError(f"the store was not opened for {', '.join(sorted(unchecked))}")
+
+    def close(self) -> None:
+        """Leave the file to others."""
+        self.connection.close()
+
+    def __enter__(self) -> "TableDatabase":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _lay_out(self) -> None:
+        with self.transaction():
+            self.connection.execute("CREATE SCHEMA kept")
+            for name in TABLES:
+                self.connection.register("empty", pa.Table.from_batches([], arrow_schema(name)))
+                rows = "SELECT 0::INTEGER AS log, 0::INTEGER AS row, * FROM empty"
+                self.connection.execute(f"CREATE TABLE kept.{name} AS {rows}")
+                self.connection.execute(f"ALTER TABLE kept.{name} ALTER log SET NOT NULL")
+                columns = ", ".join(f'"{column.name}"' for column in TABLES[name])
+                self.connection.execute(f"CREATE VIEW {name} AS SELECT {columns} FROM kept.{name}")
+                self.connection.unregister("empty")
+            self.connection.execute(
+                "CREATE TABLE kept.logs (log INTEGER NOT NULL, key TEXT, fingerprint TEXT, with_shortest BOOLEAN, "
+                "row_digests UBIGINT[], about BLOB, facts BLOB, digest UBIGINT)"
+            )
+            self.connection.execute("CREATE TABLE kept.made_by (version TEXT, catalogue TEXT)")
+            made_by = (software_digest(), self._digest_catalogue())
+            self.connection.execute("INSERT INTO kept.made_by VALUES (?, ?)", made_by)
+
+
+def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """The same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
+    waiting: list[pa.RecordBatch] = []
+    for batch in found:
+        waiting.append(batch)
+        if sum(map(len, waiting)) >= _ROWS:
+            whole = _one(waiting)
+            yield whole.slice(0, _ROWS)
+            waiting = [whole.slice(_ROWS)]
+    if any(map(len, waiting)):
+        yield _one(waiting)
+
+
+def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
+    [one] = pa.Table.from_batches(batches).combine_chunks().to_batches()
+    return one
+
+
+@cache
+def software_digest() -> str:
+    """What makes the rows: other code makes others, so a file made by it is not gone on with."""
+    digest = blake2b(digest_size=8)
+    root = Path(minihuman.__file__).parent
+    for package in _MAKERS:
+        sources = sorted((root / package).glob("*.py"))
+        if not sources:
+            raise AssertionError(f"{root / package} holds no code: the cache would never go stale")
+        for source in sources:
+            digest.update(source.read_bytes())
+    return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest.hexdigest()}"
+
+
+class CachedSession(msgspec.Struct, frozen=True):
+    """What is known of a log whose rows are cached: where it is, what counts of it, or why it cannot be read."""
+
+    path: str  # "" in the file, which names no folder outside the study
+    problem: str = ""
+    study: str = ""
+    blocks: int = 0  # that have an episode that counts
+    outline: PlanOutline | None = None  # of the session's plan; None, as the quality, of one that is not asked for
+    quality: RecordingQuality | None = None
+    account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, int], ...]] = (0, 0, (), ())
+    excluded: tuple[tuple[str, str, str], ...] = ()  # the participant, where a rule excludes them: reason, study, code
+
+    def to_summary(self) -> SelectionSummary:
+        """The account of this log alone."""
+        sessions, episodes, versions, excluded_episodes = self.account
+        account = SelectionSummary(sessions=sessions, episodes=episodes)
+        account.versions.update({(study, version): count for study, version, count in versions})
+        account.excluded_episodes.update(dict(excluded_episodes))
+        account.excluded_participants.update(self.excluded)
+        return account
+
+
+class StudyStore:
+    """The tables of a study's sessions, up to date as of when it was opened. Use it in a ``with``.
+
+    Opening it fills the sessions' account.
+
+    Args:
+        sessions: of which study, and what counts.
+        with_shortest: whether the fewest possible steps are worked out, which takes the worlds themselves.
+        tables: those that will be read; the digests of no others are compared.
+
+    Raises:
+        LogError: if there is no such file or folder, or it is a single log that cannot be read.
+        StoreError: if there is no room for the tables, beside the study or among the temporary files.
+    """
+
+    def __init__(
+        self,
+        sessions: StudySessions,
+        *,
+        with_shortest: bool,
+        tables: Collection[str] = tuple(TABLES),
+    ) -> None:
+        self.kept: tuple[CachedSession, ...] = ()  # every log, in order of path
+        self._keys: tuple[str, ...] = ()
+        self._with_shortest = with_shortest
+        self._sessions = sessions
+        self._read_tables = frozenset(tables).union(_COUNTED_BY)
+        paths, skipped = list_readable_logs(sessions.source)
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self.tables = self._open()
+        try:
+            for one in skipped:
+                sessions.skip(one)
+            now = {_key(path, sessions.source): path for path in paths}
+            try:
+                self._refresh(now)
+            except duckdb.Error as error:
+                if self._temporary is not None:
+                    raise
+                self.tables.close()
+                self._note_not_kept(error)
+                self.tables = self._open_temporary()
+                self._refresh(now)
+        except duckdb.Error as error:
+            self.close()
+            raise _no_room(sessions.source, error) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
+        """Every log with the facts of each episode in it that counts."""
+        paths = {path: self._sessions.source / path for path in self._keys}
+        found = self.tables.connection.execute("SELECT key, facts FROM kept.logs")
+        while lines := found.fetchmany(_SESSIONS_PER_INSERT):
+            for key, facts in lines:
+                yield from ((paths[key], of_episode) for of_episode in msgspec.msgpack.decode(facts))
+
+    def close(self) -> None:
+        """Leave the file to others."""
+        self.tables.close()
+        if self._temporary is not None:
+            self._temporary.cleanup()
+
+    def __enter__(self) -> "StudyStore":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _open(self) -> TableDatabase:
+        """The study's own file if it can hold what is asked for, else one that goes away."""
+        own = self._sessions.source / FILE_NAME
+        if self._sessions.selection == Selection() and own.parent.is_dir() and not self._sessions.from_logs:
+            for _ in ("as it is", "anew"):
+                try:
+                    if not own.exists():
+                        _remove(own)
+                    return TableDatabase(own)
+                except (
+                    duckdb.IOException,
+                    OSError,
+                ) as error:  # locked by another process, or a read-only folder
+                    self._note_not_kept(error)
+                    break
+                except (StoreVersionError, CatalogueChangedError, duckdb.Error) as error:  # cut off, none, or no room
+                    if isinstance(error, CatalogueChangedError):
+                        self._note(f"{own} was changed by another program; its tables were made anew from the logs")
+                    try:
+                        _remove(own)
+                    except OSError as error:
+                        self._note_not_kept(error)
+                        break
+        return self._open_temporary()
+
+    def _note_not_kept(self, error: Exception) -> None:
+        own, why = self._sessions.source / FILE_NAME, " ".join(str(error).split("\n")[0].split())
+        self._note(f"{own} cannot be used now ({why}); the tables were made anew for this once")
+
+    def _note(self, line: str) -> None:
+        self._sessions.account.notes.append(line)
+
+    def _open_temporary(self) -> TableDatabase:
+        """A file that goes away."""
+        self._temporary = tempfile.TemporaryDirectory(prefix="minihuman-")
+        try:
+            return TableDatabase(Path(self._temporary.name) / FILE_NAME)
+        except duckdb.Error as error:
+            self._temporary.cleanup()
+            raise _no_room(self._sessions.source, error) from error
+
+    def _refresh(self, now: dict[str, Path]) -> None:
+        logs = self.tables.connection
+        prints = {key: _fingerprint(path) for key, path in now.items()}
+        known = logs.execute(
+            "SELECT key, log, fingerprint, with_shortest, row_digests, "
+            f"coalesce(digest = hash({_LOG_COLUMNS}), false) FROM kept.logs"
+        ).fetchall()
+        held: dict[int, dict[str, int]] = {}
+        for name in self._read_tables:
+            for number, digest in self.tables.digest_rows(name).items():
+                held.setdefault(number, {})[name] = digest
+        have, lines = dict[str, int](), Counter(key for key, *_ in known)
+        damaged = 0
+        for key, number, fingerprint, with_shortest, digests, is_whole in known:
+            if not is_whole or lines[key] > 1 or not self._match(held.get(number, {}), digests):
+                damaged += 1
+            elif prints.get(key) == fingerprint and with_shortest >= self._with_shortest:
+                have[key] = number
+        stale = sorted({number for _, number, *_ in known}.union(held).difference(have.values()))
+        damaged += len(held.keys() - {number for _, number, *_ in known})
+        if damaged:
+            what = "1 session" if damaged == 1 else f"{damaged} sessions"
+            own = self._sessions.source / FILE_NAME
+            self._note(f"{own} was changed by another program: the rows of {what} were made anew from the logs")
+        if stale:
+            with self.tables.transaction():
+                self.tables.remove(stale)
+                logs.execute("DELETE FROM kept.logs WHERE log IN (SELECT unnest(?))", (stale,))
+        fresh = {key: path for key, path in now.items() if key not in have}
+        if fresh:
+            self._read(fresh, prints)
+        about = logs.execute("SELECT key, log, about FROM kept.logs").fetchall()
+        found = {key: (number, msgspec.msgpack.decode(of_log, type=CachedSession)) for key, number, of_log in about}
+        self.tables.put_in_order([found[key][0] for key in now])
+        self.tables.checked = self._read_tables
+        self.kept = tuple(msgspec.structs.replace(found[key][1], path=str(now[key])) for key in now)  # they may move
+        self._keys = tuple(now)
+        for one in self.kept:
+            if one.problem:
+                self._sessions.skip(SkippedLog(Path(one.path), one.problem))
+            else:
+                self._sessions.account.add(one.to_summary())
+
+    def _read(self, fresh: dict[str, Path], prints: dict[str, str]) -> None:
+        """Read logs and keep their rows, some sessions at a time."""
+        logs = self.tables.connection
+        ((last,),) = logs.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
+        work = partial(read_session_rows, selection=self._sessions.selection, with_shortest=self._with_shortest)
+        found = map_logs(list(fresh.values()), work, processes=self._sessions.processes)
+        numbered = enumerate(zip(fresh, found, strict=True), last + 1)
+        while batch := list(islice(numbered, _SESSIONS_PER_INSERT)):
+            rows: dict[int, SessionTables] = {}
+            lines = []
+            for number, (key, one) in batch:
+                facts: tuple[dict[str, Any], ...] = ()
+                if isinstance(one, SkippedLog):
+                    if not self._sessions.source.is_dir():
+                        raise LogError(one.reason)
+                    about = CachedSession("", problem=name_paths_from(self._sessions.source, one.reason))
+                else:
+                    about, rows[number], facts = _read_cached_sessions(one), one.rows, one.facts
+                encoded = msgspec.msgpack.encode(about), msgspec.msgpack.encode(facts)
+                lines.append((number, key, prints[key], self._with_shortest, *encoded))
+            with self.tables.transaction():
+                digests, none = self.tables.insert(rows), [0] * len(TABLES)
+                logs.executemany(
+                    "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
+                    [(*line[:4], digests.get(line[0], none), *line[4:]) for line in lines],
+                )
+                logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
+
+    def _match(self, held: Mapping[str, int], digests: Sequence[int]) -> bool:
+        """Whether a session's rows in the tables that are to be read are those that were put in."""
+        stored = dict(zip(TABLES, digests, strict=True))
+        return all(held.get(name, 0) == stored[name] for name in self._read_tables)
+
+
+def _read_cached_sessions(one: SessionRows) -> CachedSession:
+    account = one.account
+    versions = tuple((*whose, count) for whose, count in account.versions.items())
+    wanted = one.rows.count("participants") > 0
+    return CachedSession(
+        path="",
+        study=one.plan.study,
+        blocks=len({facts["block"] for facts in one.facts}),
+        outline=PlanOutline.of(one.plan) if wanted else None,
+        quality=one.quality if wanted else None,
+        account=(account.sessions, account.episodes, versions, tuple(account.excluded_episodes.items())),
+        excluded=tuple(sorted(account.excluded_participants)),
+    )
+
+
+def _remove(file: Path) -> None:
+    """Remove a database, its write-ahead log first: that alone would be replayed into the next file of the name."""
+    file.with_name(f"{file.name}.wal").unlink(missing_ok=True)
+    file.unlink(missing_ok=True)
+
+
+def _no_room(source: Path, error: duckdb.Error) -> QueryError:
+    why = str(error).splitlines()[0]
+    return QueryError(f"{source}: its tables cannot be made, beside it or in {tempfile.gettempdir()}: {why}")
+
+
+def _key(path: Path, source: Path) -> str:
+    return str(path.relative_to(source)) if source.is_dir() else path.name
+
+
+def _fingerprint(path: Path) -> str:
+    """Of a log, or a session's folder of segments, of the marks beside it, and of the participant's other sessions.
+
+    A rule that excludes a participant may be broken in any of their sessions, so each one's rows depend on all.
+    """
+    folder = path if path.is_dir() else path.parent
+    if folder.name.startswith("ses-"):
+        return "\n".join(_describe_files(one, "") for one in [folder, *sorted(folder.parent.glob("ses-*"))])
+    marks = annotations_path(path)
+    return _describe_files(folder, marks.name.partition("_")[0])
+
+
+def _describe_files(folder: Path, prefix: str) -> str:
+    return "\n".join(
+        f"{folder.name}/{entry.name} {facts.st_size} {facts.st_mtime_ns} {_digest_ends(Path(entry), facts.st_size)}"
+        for entry in sorted(os.scandir(folder), key=lambda entry: entry.name)
+        if entry.name.startswith(prefix) and entry.is_file()
+        for facts in [entry.stat()]
+    )
+
+
+def _digest_ends(file: Path, size: int) -> str:
+    """Digest the first and last 64 KiB of a file: other content may have its size, and the time be set back."""
+    try:
+        with file.open("rb") as source:
+            digest = blake2b(source.read(_END_BYTES), digest_size=16)
+            source.seek(max(_END_BYTES, size - _END_BYTES))
+            digest.update(source.read(_END_BYTES))
+    except OSError:  # no permission, or finished and renamed just now: reading the log says so
+        return "unreadable"
+    return digest.hexdigest()
+
+
+MAX_SHOWN_ROWS = 100  # rows; more are for a file
+
+
+def format_result_csv(answer: pa.Table) -> str:
+    """Every row, under the columns' names."""
+    file = io.BytesIO()
+    pa.csv.write_csv(answer, file)
+    return file.getvalue().decode()
+
+
+def format_result_lines(answer: pa.Table) -> Iterator[str]:
+    """The first rows, in columns; what is missing is a dot."""
+    rows = [[_format_cell(value) for value in row.values()] for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()]
+    widths = [max(map(len, column)) for column in zip(answer.column_names, *rows, strict=True)]
+    numbers = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in answer.schema.types]
+    for row in (answer.column_names, *rows):
+        cells = zip(row, widths, numbers, strict=True)
+        yield "  ".join(cell.rjust(width) if number else cell.ljust(width) for cell, width, number in cells).rstrip()
+    if answer.num_rows > MAX_SHOWN_ROWS:
+        yield f"({answer.num_rows} rows, {MAX_SHOWN_ROWS} of them shown; --csv prints all)"
+
+
+def _format_cell(value: object) -> str:
+    return "." if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,611 @@
+"""Columns of every table: name, type, unit and meaning. The data dictionary is generated from this list.
+
+Also the tables' primary keys, and their description as a Frictionless data package, so that no reader has to guess a
+type (R, pandas, polars and DuckDB read the files without it, too). Sources: Data Package and Table Schema,
+https://specs.frictionlessdata.io. No Arrow here: importing it takes longer than many a command.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+TableColumnType = Literal[
+    "text", "key", "integer", "number", "boolean"
+]  # a key is a text, so named that no reader parses a number
+
+
+@dataclass(frozen=True, slots=True)
+class TableColumn:
+    """One column; the unit is "" for words, counts and numbers without one."""
+
+    name: str
+    kind: TableColumnType
+    unit: str
+    meaning: str
+    definition: int = 0  # of a quantity that is defined in several ways, which one it is; 0: there is one
+
+
+COLUMN_ALIASES: dict[str, str] = {  # a column's name in earlier versions -> its name now, in every table that has it
+    "left_out": "exclusion_reason",
+    "in_vain": "ineffective_steps",
+    "in_vain_share": "ineffective_share",
+    "found_s": "discovered_s",
+    "found_steps": "discovered_steps",
+    "keys_found": "keys_discovered",
+    "keys_to_find": "keys_total",
+    "found_all_s": "all_keys_discovered_s",
+}
+
+SESSION_COLUMNS = (
+    TableColumn("study", "text", "", "The study's name in the protocol."),
+    TableColumn(
+        "version", "text", "", "The protocol's version and the start of its SHA-256: other bytes, another version."
+    ),
+    TableColumn("participant", "text", "", "The participant's code."),
+    TableColumn("group", "text", "", "The group the participant was allocated to."),
+    TableColumn("session", "integer", "", "The participant's session, 1 for the first."),
+)
+EPISODE_COLUMNS = (
+    TableColumn("segment", "integer", "", "The session's segment: 1, and one more after each resume."),
+    TableColumn(
+        "episode", "integer", "", "The session's episode, 1 for the first, as on the screen and in the figures."
+    ),
+    TableColumn("attempt", "integer", "", "1, or more where an interrupted episode was begun again."),
+)
+BLOCK_COLUMNS = (TableColumn("block", "text", "", "The block's name in the protocol."),)
+EXCLUDED_COLUMN = TableColumn(
+    "exclusion_reason", "text", "", "Why the statistics exclude this row; empty if they include it."
+)
+SEGMENT_COLUMN = (
+    TableColumn("segment", "integer", "", "The session's segment, 1 for the first; one more after each resume."),
+)
+TIME_COLUMN = TableColumn("t_ns", "integer", "ns", "Session time: since the session's first segment began.")
+
+
+_SQL_NAMES = re.compile(
+    r"(?P<text>'(?:[^']|'')*'|(?P<quote>\$\w*\$).*?(?P=quote)|--[^\n]*|/\*.*?\*/)"  # literals, comments
+    rf"|\b(?P<column>{'|'.join(COLUMN_ALIASES)})\b",
+    re.DOTALL | re.IGNORECASE,
+)
+
+
+def use_current_columns(sql: str) -> str:
+    """A query with the columns' earlier names replaced by their present ones; literals and comments stay."""
+    return _SQL_NAMES.sub(lambda found: found["text"] or COLUMN_ALIASES[found["column"].lower()], sql)
+
+
+STEPS = (
+    *SESSION_COLUMNS,
+    *BLOCK_COLUMNS,
+    *EPISODE_COLUMNS,
+    TableColumn("step", "integer", "", "1 for the episode's first."),
+    TableColumn("t_ns", "integer", "ns", "The same as t_s, exactly as logged."),
+    TableColumn("t_s", "number", "s", "When the step was done: session time, since the session's first segment began."),
+    TableColumn("action", "text", "", "The action's name."),
+    TableColumn("key", "key", "", "The physical key that caused it; empty for a tick's no-op."),
+    TableColumn("reward", "number", "", "The step's reward."),
+    TableColumn(
+        "reaction_ms", "number", "ms", "Key press minus the flip of the latest picture; in real time, a tick's.", 1
+    ),
+    TableColumn(
+        "response_ms",
+        "number",
+        "ms",
+        "Key press minus stimulus onset: turn-based, the flip of the latest picture; in real time, of the picture that "
+        "the world or the block names, and empty without one.",
+        2,
+    ),
+    TableColumn("visible_effect", "boolean", "", "Whether the observation changed."),
+    TableColumn("x", "number", "cell or m", "Place after the step, to the right."),
+    TableColumn("z", "number", "cell or m", "Place after the step, down the page."),
+    TableColumn("yaw_rad", "number", "rad", "Heading after the step, 0 along +x, counter-clockwise from above."),
+    TableColumn("terminated", "boolean", "", "The world ended the episode."),
+    TableColumn("truncated", "boolean", "", "A limit ended the episode."),
+)
+PRESSES = (
+    *SESSION_COLUMNS,
+    *BLOCK_COLUMNS,
+    *EPISODE_COLUMNS,
+    TableColumn("t_ns", "integer", "ns", "The same as t_s, exactly as logged."),
+    TableColumn("t_s", "number", "s", "When the key moved: session time, since the session's first segment began."),
+    TableColumn("key", "key", "", "The physical key."),
+    TableColumn("down", "boolean", "", "True for a press, false for a release."),
+    TableColumn("action", "text", "", "The action it asked for; empty where it has none."),
+    TableColumn("verdict", "text", "", "Its effect: accepted, unmapped, spare, repeat, queued, not_playing, release."),
+)
+SEGMENTS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TableColumn("started_at", "text", "UTC", "When the segment began, ISO 8601, from the wall clock."),
+    TableColumn("started_unix_ns", "integer", "ns", "The same, since 1970."),
+    TableColumn("started_monotonic_ns", "integer", "ns", "The machine's monotonic clock then; empty in older logs."),
+    TableColumn("monotonic_clock", "text", "", "That clock's name."),
+    TableColumn("start_ns", "integer", "ns", "Session time at which the segment began."),
+    TableColumn("end_ns", "integer", "ns", "Session time of its last record."),
+    TableColumn("end_reason", "text", "", "Why it ended; cut_off where the log gives no reason."),
+    TableColumn("clean", "boolean", "", "Whether its log was finished in the ordinary way."),
+    TableColumn("player", "text", "", "Who pressed the keys: human, or the simulated player's name."),
+    TableColumn("window", "text", "", "The participant's window: pygame, pyglet, web or simulated; empty if unknown."),
+    TableColumn("slot", "integer", "", "The participant's place in the allocation list, 1 for the first."),
+    TableColumn("stratum", "text", "", "The stratum from whose list the group was drawn; empty without strata."),
+    TableColumn("overridden", "boolean", "", "Whether participant or group were chosen by hand."),
+    TableColumn("allocation_sha256", "text", "", "SHA-256 of the allocation list; empty where the choice was by hand."),
+    TableColumn("study_version", "text", "", "The protocol's version."),
+    TableColumn("study_seed", "integer", "", "The study's seed."),
+    TableColumn("protocol_sha256", "text", "", "SHA-256 of the protocol file."),
+    TableColumn("consent_sha256", "text", "", "SHA-256 of the consent text; empty where there was none."),
+    TableColumn("station", "text", "JSON", "The station: versions, platform, display, refresh rate."),
+)
+PLAN = (
+    *SESSION_COLUMNS,
+    *BLOCK_COLUMNS,
+    TableColumn("episode", "integer", "", "The session's episode, 1 for the first; played or not."),
+    TableColumn("episode_in_block", "integer", "", "1 for the block's first."),
+    TableColumn("world", "text", "", "The world's id."),
+    TableColumn("options", "text", "JSON", "The world's options."),
+    TableColumn("seed", "integer", "", "The seed of the layout."),
+    TableColumn("max_steps", "integer", "", "Steps allowed."),
+    TableColumn("actions", "text", "", "The actions that have a key, separated by spaces."),
+    TableColumn("key_map", "text", "JSON", "Physical key to action."),
+    TableColumn("key_map_seed", "integer", "", "The seed that drew the key map."),
+    TableColumn("spare_keys", "text", "", "The pool's other keys, separated by spaces."),
+    TableColumn("show_keys", "boolean", "", "Whether the keys were on the screen."),
+    TableColumn("pace", "text", "", "on_key or real_time."),
+    TableColumn("step_period_ms", "number", "ms", "The time between steps; empty where keys make them."),
+    TableColumn("noop", "text", "", "The action of a tick without a key; empty where there is none."),
+    TableColumn("view", "text", "", "What was on the screen: partial or full."),
+    TableColumn("palette", "text", "", "classic or colour-safe."),
+    TableColumn("record_observations", "boolean", "", "Whether the log holds what was observed."),
+    TableColumn("attempts", "integer", "", "How often it was begun; 0 where it was not played."),
+)
+STARTS = (
+    *SESSION_COLUMNS,
+    *BLOCK_COLUMNS,
+    *EPISODE_COLUMNS,
+    TIME_COLUMN,
+    TableColumn("mission", "text", "", "What the world asked for, in words."),
+    TableColumn("x", "number", "cell or m", "Where the episode began, to the right."),
+    TableColumn("z", "number", "cell or m", "Where the episode began, down the page."),
+    TableColumn("yaw_rad", "number", "rad", "Heading, 0 along +x, counter-clockwise from above."),
+    TableColumn("unit", "text", "", "The unit of places: cell or m; empty where the world has no map."),
+    TableColumn("map", "text", "JSON", "Bounds, walls and things of the floor plan."),
+    TableColumn("end_ns", "integer", "ns", "Session time of the last step, or of the reset where there is none."),
+)
+FRAMES = (
+    *SESSION_COLUMNS,
+    *BLOCK_COLUMNS,
+    *EPISODE_COLUMNS,
+    TableColumn("step", "integer", "", "The step whose result the picture shows, 0 for the reset."),
+    TableColumn("submit_ns", "integer", "ns", "Session time at which the picture was handed over."),
+    TableColumn("flip_ns", "integer", "ns", "Session time at which it was on the display."),
+)
+OTHER_PRESSES = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    TableColumn("phase", "text", "", "What was on the screen."),
+    TableColumn("key", "key", "", "The physical key."),
+    TableColumn("symbol", "key", "", "What it types, as far as known."),
+    TableColumn("down", "boolean", "", "True for a press, false for a release."),
+    TableColumn("verdict", "text", "", "What became of it."),
+)
+NOTES = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    TableColumn("kind", "text", "", "consent, phase, focus, keyboard_check, pause, resume and others."),
+    TableColumn("note", "text", "", "What was noted; of a pause its reason."),
+)
+SAMPLES = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    TableColumn("device", "text", "", "The device's name in the protocol."),
+    TableColumn("channel", "text", "", "Which of its numbers; empty for a sample that has none."),
+    TableColumn("value", "number", "", "The number, in the channel's unit."),
+    TableColumn("said", "text", "", "What the device said in words."),
+)
+ANNOTATIONS = (
+    *SESSION_COLUMNS,
+    TableColumn(
+        "episode", "integer", "", "The marked episode, 1 for the first; empty where the whole session is marked."
+    ),
+    TableColumn("tag", "text", "", "The reviewer's tag."),
+    TableColumn("note", "text", "", "Why."),
+    TableColumn("at", "text", "UTC", "When it was marked, ISO 8601."),
+    TableColumn("taken_back", "boolean", "", "Whether this line undoes an earlier mark of that tag."),
+)
+_PART_COLUMN = TableColumn("part", "integer", "", "The session's part, 1 for the first.")
+ANSWERS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    _PART_COLUMN,
+    TableColumn("questions", "text", "", "The part's name in the protocol."),
+    TableColumn("item", "text", "", "The question's name in the protocol or the form."),
+    TableColumn("kind", "text", "", "likert, slider, choice, choices, number, text or long_text."),
+    TableColumn("attempt", "integer", "", "1, or more where the questions were asked again."),
+    TableColumn("t_ns", "integer", "ns", "When the answer was given, session time."),
+    TableColumn("answer", "text", "", "The option's code, the number or the text; several codes as a JSON list."),
+    TableColumn("number", "number", "", "The same as a number, where it is one."),
+    TableColumn("said", "text", "", "What the participant saw of it: the option's words."),
+    TableColumn("right", "boolean", "", "Whether it is the right answer; empty where there is none."),
+    TableColumn("shown_ns", "integer", "ns", "When the question reached the display, session time."),
+    TableColumn("first_ms", "number", "ms", "From then to the first change."),
+    TableColumn("answer_ms", "number", "ms", "From then until it was given."),
+    TableColumn("changes", "integer", "", "How often it changed before it was given."),
+)
+ANSWER_CHANGES = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    _PART_COLUMN,
+    TableColumn("item", "text", "", "The question's name."),
+    TableColumn("t_ns", "integer", "ns", "When, session time."),
+    TableColumn("answer", "text", "", "What it was changed to, as JSON."),
+)
+PARTS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    _PART_COLUMN,
+    TableColumn("what", "text", "", "started, or how it ended: done, failed, again or over."),
+    TableColumn("kind", "text", "", "The kind of activity: page, questions, keyboard_check, play or another."),
+    TableColumn("name", "text", "", "The part's name in the protocol."),
+    TableColumn("next", "integer", "", "The part that follows; one past the last where none does. Empty at a start."),
+)
+PAGES = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    _PART_COLUMN,
+    TableColumn("name", "text", "", "The part's name in the protocol."),
+    TableColumn("page", "integer", "", "The page that was shown, 1 for the first."),
+    TableColumn("pages", "integer", "", "How many the text has."),
+    TableColumn("submit_ns", "integer", "ns", "When it was handed to the display, session time."),
+    TableColumn("flip_ns", "integer", "ns", "When it was there, session time."),
+)
+POINTS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    TableColumn(
+        "episode", "integer", "", "The session's episode, 1 for the first; the first of those that were skipped."
+    ),
+    TableColumn("points", "number", "", "What it was worth; empty where it was skipped."),
+    TableColumn("total", "number", "", "The session's points so far."),
+    TableColumn("skipped", "integer", "", "How many episodes were not played; empty for one that was."),
+    TableColumn("why", "text", "", "Why: criterion, time or given_up."),
+)
+SUBGOALS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    TableColumn("episode", "integer", "", "The session's episode, 1 for the first."),
+    TableColumn("step", "integer", "", "The step that did it, 1 for the first."),
+    TableColumn("clause", "integer", "", "Which clause of the episode's instruction, 1 for the first as it is read."),
+    TableColumn("text", "text", "", "What the clause says."),
+)
+OTHER_INPUTS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    TableColumn("what", "text", "", "typed, or what the pointer did: pressed, moved while pressed, released."),
+    TableColumn("text", "text", "", "What was typed."),
+    TableColumn("target", "text", "", "The spot the pointer went down in; empty for none."),
+    TableColumn("x", "number", "", "0 at the left edge of the drawn picture, 1 at the right."),
+    TableColumn("y", "number", "", "0 at its top, 1 at its bottom."),
+    TableColumn("along", "number", "", "0 to 1 inside the spot."),
+)
+LINKS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    TableColumn("offset_ms", "number", "ms", "The server's clock minus the session's, which is the browser's."),
+    TableColumn("error_ms", "number", "ms", "The offset is right to so much, either way: half the quickest way."),
+    TableColumn("rtt_ms", "number", "ms", "How long a message took there and back, the last time."),
+    TableColumn("least_rtt_ms", "number", "ms", "The quickest of the latest."),
+    TableColumn(
+        "drift_ppm", "number", "ppm", "How much faster the server's clock runs; empty until it can be estimated."
+    ),
+)
+EPISODE_COLUMN = TableColumn("episode", "integer", "", "The session's episode, 1 for the first.")
+POLICIES = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    _PART_COLUMN,
+    TableColumn(
+        "what", "text", "", "asked: a learner was asked for a policy; given: this one plays from now on; failed."
+    ),
+    TableColumn(
+        "episode", "integer", "", "The first episode that a learner does not know of, or that the policy plays."
+    ),
+    TableColumn("policy", "text", "", "The SHA-256 of its file, or an agent's name; empty where there is none yet."),
+    TableColumn("failure", "text", "", "Why a learner gave none."),
+)
+ADVICE = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    EPISODE_COLUMN,
+    TableColumn("step", "integer", "", "The step that it follows, 0 for the reset: what it says of the next one."),
+    TableColumn("policy_action", "integer", "", "The world's action that the policy would do, by its number."),
+    TableColumn("probabilities", "text", "", "The policy's probability of each of the world's actions, a JSON list."),
+)
+CONTROLS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    EPISODE_COLUMN,
+    TableColumn("step", "integer", "", "The step that it follows, 0 for the reset."),
+    TableColumn("who", "text", "", "Who steers from now on: agent or person."),
+    TableColumn("reason", "text", "", "start, key (the person took over), hand_back, or no_policy."),
+    TableColumn("pressed_ns", "integer", "ns", "When the key for it went down, session time."),
+)
+RATINGS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    EPISODE_COLUMN,
+    TableColumn("step", "integer", "", "The world's step when the press was taken, which it need not be about."),
+    TableColumn("value", "number", "", "1 good, -1 bad."),
+    TableColumn(
+        "pressed_ns", "integer", "ns", "When the key went down, session time; what was seen when is in frames."
+    ),
+)
+CORRECTIONS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    _PART_COLUMN,
+    TableColumn("correction", "integer", "", "The part's correction, 1 for the first."),
+    TableColumn("episode", "integer", "", "The episode that is corrected, 1 for the first."),
+    TableColumn("attempt", "integer", "", "Which of its attempts."),
+    TableColumn("step", "integer", "", "The step after which the correction begins, 0 for the reset."),
+    TableColumn("steps", "integer", "", "How many steps were shown."),
+    TableColumn("outcome", "text", "", "goal, failure or timeout; stopped where a key or the session's end ended it."),
+    TableColumn("actions", "text", "", "The world's actions by number, as a JSON list."),
+    TableColumn("key_t_ns", "text", "", "When each one's key went down, session time, as a JSON list."),
+)
+PREFERENCES = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    _PART_COLUMN,
+    TableColumn("pair", "integer", "", "The pair, 1 for the first."),
+    TableColumn("left_episode", "integer", "", "The episode that the left stretch is of, 1 for the first."),
+    TableColumn("left_attempt", "integer", "", "Which of its attempts."),
+    TableColumn("left_first", "integer", "", "The step whose picture came first, 0 for the reset."),
+    TableColumn("left_last", "integer", "", "The step whose picture came last."),
+    TableColumn("right_episode", "integer", "", "The same of the right stretch."),
+    TableColumn("right_attempt", "integer", "", "Which of its attempts."),
+    TableColumn("right_first", "integer", "", "The step whose picture came first, 0 for the reset."),
+    TableColumn("right_last", "integer", "", "The step whose picture came last."),
+    TableColumn("answer", "text", "", "Which was said to be better: left, right, equal or cannot_tell."),
+    TableColumn("shown_ns", "integer", "ns", "When the pair's first pictures were on the display, session time."),
+    TableColumn("answer_ms", "number", "ms", "From then to the key."),
+    TableColumn("replays", "integer", "", "How often the pair was asked for again."),
+)
+
+KEYS = (
+    *SESSION_COLUMNS,
+    *BLOCK_COLUMNS,
+    TableColumn("first_episode", "integer", "", "The episode from which this key map held, 1 for the session's first."),
+    TableColumn("key", "key", "", "The physical key."),
+    TableColumn("action", "text", "", "Its action; empty where it has none."),
+    TableColumn("presses", "integer", "", "How often it went down while an episode ran, without auto-repeats."),
+    TableColumn("steps", "integer", "", "Steps it caused."),
+    TableColumn("ineffective_steps", "integer", "", "Steps it caused that changed nothing to be seen."),
+    TableColumn("refused", "integer", "", "Presses with no action, or while no action was taken."),
+    TableColumn(
+        "discovered_s", "number", "s", "Playing time in episodes until its action first showed; empty if it never did."
+    ),
+    TableColumn("discovered_steps", "integer", "", "Steps up to and with the press by which its action first showed."),
+)
+EPISODES = (
+    *SESSION_COLUMNS,
+    *BLOCK_COLUMNS,
+    *EPISODE_COLUMNS,
+    TableColumn("episode_in_block", "integer", "", "1 for the block's first."),
+    TableColumn("world", "text", "", "The world's id."),
+    TableColumn("seed", "integer", "", "The seed of the layout."),
+    TableColumn("t_ns", "integer", "ns", "When the episode was reset: session time, since the first segment began."),
+    TableColumn("outcome", "text", "", "goal, timeout, failure, abandoned or cut_off."),
+    TableColumn("success", "boolean", "", "Whether the outcome is goal."),
+    TableColumn("reward", "number", "", "Sum of the episode's rewards."),
+    TableColumn("steps", "integer", "", "Steps done."),
+    TableColumn("max_steps", "integer", "", "Steps allowed."),
+    TableColumn(
+        "shortest_steps", "integer", "", "Fewest steps that can reach the goal; in 3D no fewer can. Empty if unknown."
+    ),
+    TableColumn("feasible_steps", "integer", "", "Steps of the shortest known path to the goal. Empty if unknown."),
+    TableColumn("excess_steps", "number", "", "Steps over feasible_steps; of episodes that reached the goal."),
+    TableColumn("log_excess_steps", "number", "", "ln(1 + steps over feasible_steps); max_steps without the goal."),
+    TableColumn("log_steps_ratio", "number", "", "ln(steps / feasible_steps); max_steps without the goal."),
+    TableColumn("spl", "number", "", "Success weighted by path length: feasible_steps / steps, 0 without the goal."),
+    TableColumn("playing_s", "number", "s", "From the reset to the last step, without pauses."),
+    TableColumn("reaction_mean_ms", "number", "ms", "Mean of reaction_ms.", 1),
+    TableColumn("reaction_median_ms", "number", "ms", "Median of reaction_ms.", 1),
+    TableColumn("response_mean_ms", "number", "ms", "Mean of response_ms.", 2),
+    TableColumn("response_median_ms", "number", "ms", "Median of response_ms.", 2),
+    TableColumn("path_length", "number", "cell or m", "Ground covered."),
+    TableColumn("path_efficiency", "number", "", "Straight distance from start to end over ground covered."),
+    TableColumn("turns_in_place", "integer", "", "Runs of turning on the spot; empty where the world gives no pose."),
+    TableColumn("ineffective_steps", "integer", "", "Steps that changed nothing to be seen."),
+    TableColumn("refused", "integer", "", "Presses with no action, or while no action was taken."),
+    TableColumn("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
+    EXCLUDED_COLUMN,
+)
+_OVER_EPISODES = (
+    TableColumn("episodes", "integer", "", "Included episodes."),
+    TableColumn("success", "number", "", "Share of them that reached the goal."),
+    TableColumn("reward_mean", "number", "", "Mean reward."),
+    TableColumn("reward_sd", "number", "", "Standard deviation of the reward over episodes (n - 1)."),
+    TableColumn("reward_first", "number", "", "Reward of the first included episode."),
+    TableColumn(
+        "reward_slope", "number", "1/episode", "Change of the reward per episode over the block's first five episodes."
+    ),
+    TableColumn("steps_mean", "number", "", "Mean steps."),
+    TableColumn(
+        "steps_at_limit_mean", "number", "", "Mean steps; an episode that never reached the goal counts its max_steps."
+    ),
+    TableColumn(
+        "excess_steps_mean", "number", "", "Mean steps over feasible_steps, of episodes that reached the goal."
+    ),
+    TableColumn("log_excess_steps_mean", "number", "", "Mean of log_excess_steps."),
+    TableColumn("log_steps_ratio_mean", "number", "", "Mean of log_steps_ratio."),
+    TableColumn("spl_mean", "number", "", "Mean of spl."),
+    TableColumn("playing_s_mean", "number", "s", "Mean playing time of an episode."),
+    TableColumn("reaction_median_ms", "number", "ms", "Median of reaction_ms over all steps.", 1),
+    TableColumn("response_median_ms", "number", "ms", "Median of response_ms over all steps.", 2),
+    TableColumn("path_efficiency_mean", "number", "", "Mean path efficiency."),
+    TableColumn("ineffective_share", "number", "", "Share of steps that changed nothing to be seen."),
+    TableColumn("refused", "integer", "", "Presses with no action, or while no action was taken."),
+    TableColumn("keys_discovered", "integer", "", "Keys with an action whose action showed."),
+    TableColumn("keys_total", "integer", "", "Keys with an action."),
+    TableColumn(
+        "all_keys_discovered_s",
+        "number",
+        "s",
+        "Playing time until every key's action had shown, over all episodes; empty if one never did.",
+    ),
+)
+BLOCKS = (*SESSION_COLUMNS, *BLOCK_COLUMNS, *_OVER_EPISODES, EXCLUDED_COLUMN)
+PARTICIPANTS = (
+    *SESSION_COLUMNS,
+    TableColumn("player", "text", "", "Who pressed the keys: human, or the simulated player's name."),
+    TableColumn("window", "text", "", "The participant's window: pygame, pyglet, web or simulated; empty if unknown."),
+    TableColumn("started_at", "text", "UTC", "When the session began, ISO 8601."),
+    TableColumn("end_reason", "text", "", "Why the session ended."),
+    TableColumn("clean", "boolean", "", "Whether the log was finished in the ordinary way."),
+    TableColumn("segments", "integer", "", "How many segments the session has: 1, and one more for each resume."),
+    TableColumn(
+        "completed_share",
+        "number",
+        "",
+        "Share of the planned episodes, skipped ones apart, played to an end; empty where none was planned.",
+    ),
+    *_OVER_EPISODES,
+    EXCLUDED_COLUMN,
+)
+TABLES: dict[str, tuple[TableColumn, ...]] = {
+    "steps": STEPS,
+    "presses": PRESSES,
+    "keys": KEYS,
+    "episodes": EPISODES,
+    "blocks": BLOCKS,
+    "participants": PARTICIPANTS,
+    "segments": SEGMENTS,
+    "plan": PLAN,
+    "starts": STARTS,
+    "frames": FRAMES,
+    "other_presses": OTHER_PRESSES,
+    "notes": NOTES,
+    "samples": SAMPLES,
+    "marks": ANNOTATIONS,
+    "answers": ANSWERS,
+    "answer_changes": ANSWER_CHANGES,
+    "parts": PARTS,
+    "pages": PAGES,
+    "points": POINTS,
+    "clauses": SUBGOALS,
+    "other_inputs": OTHER_INPUTS,
+    "links": LINKS,
+    "policies": POLICIES,
+    "advice": ADVICE,
+    "controls": CONTROLS,
+    "ratings": RATINGS,
+    "corrections": CORRECTIONS,
+    "preferences": PREFERENCES,
+}
+
+COLUMNS_NEEDING_WORLD = frozenset(
+    {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "log_steps_ratio", "spl"}
+    | {"excess_steps_mean", "log_excess_steps_mean", "log_steps_ratio_mean", "spl_mean"}
+)
+"""The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
+
+
+def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
+    """The data dictionary, some columns excluded: table, column, then its type, unit and meaning."""
+    return {
+        table: {
+            column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
+            for column in columns
+            if column.name not in without
+        }
+        for table, columns in TABLES.items()
+    }
+
+
+def _history(column: TableColumn) -> dict[str, str]:
+    """The number of a column's definition and its name in earlier versions, where it has them."""
+    old = next((old for old, now in COLUMN_ALIASES.items() if now == column.name), "")
+    found = {"definition": str(column.definition or ""), "earlier_name": old}
+    return {name: value for name, value in found.items() if value}
+
+
+_TYPES = {"text": "string", "key": "string", "integer": "integer", "number": "number", "boolean": "boolean"}
+_SESSION = ("participant", "session")
+_EPISODE = (*_SESSION, "episode", "attempt")
+PRIMARY_KEYS: Mapping[
+    str, tuple[str, ...]
+] = {  # that no two rows share; tables of what may happen twice at once have none
+    "steps": (*_EPISODE, "step"),
+    "keys": (*_SESSION, "first_episode", "key"),
+    "episodes": _EPISODE,
+    "blocks": (*_SESSION, "block"),
+    "participants": _SESSION,
+    "segments": (*_SESSION, "segment"),
+    "plan": (*_SESSION, "episode"),
+    "starts": _EPISODE,
+}
+EPISODE_TABLES = frozenset({"steps", "presses", "starts", "frames"})  # whose rows belong to a row of ``episodes``
+
+
+def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:
+    """One table's schema."""
+    schema: dict[str, Any] = {"fields": [_field(column) for column in columns], "missingValues": [""]}
+    if name in PRIMARY_KEYS:
+        schema["primaryKey"] = list(PRIMARY_KEYS[name])
+    parent = "episodes" if name in EPISODE_TABLES else "participants" if name != "participants" else ""
+    if parent:
+        fields = list(PRIMARY_KEYS[parent])
+        schema["foreignKeys"] = [{"fields": fields, "reference": {"resource": parent, "fields": fields}}]
+    return schema
+
+
+def build_data_package(
+    name: str, files: Iterable[tuple[str, Path]], *, without: frozenset[str] = frozenset(), **facts: Any
+) -> dict[str, Any]:
+    """A data package of table files, each with its table's name; ``facts`` are the package's further properties."""
+    return {
+        "profile": "tabular-data-package",
+        "name": name,
+        **facts,
+        "resources": [_resource(table, path, without) for table, path in files],
+    }
+
+
+def _resource(table: str, path: Path, without: frozenset[str]) -> dict[str, Any]:
+    kind = path.suffix.removeprefix(".")
+    columns = [column for column in TABLES[table] if column.name not in without]
+    return {
+        "name": table,
+        "path": path.name,
+        "profile": "tabular-data-resource",
+        "format": kind,
+        "mediatype": "text/csv" if kind == "csv" else "application/vnd.apache.parquet",
+        **({"encoding": "utf-8"} if kind == "csv" else {}),
+        "schema": build_table_schema(table, columns),
+    }
+
+
+def _field(column: TableColumn) -> dict[str, Any]:
+    field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.kind], "description": column.meaning}
+    if column.unit:
+        field["unit"] = column.unit
+    if column.kind == "boolean":
+        field |= {"trueValues": ["TRUE"], "falseValues": ["FALSE"]}
+    return field

@@ -1,0 +1,1 @@
+"""Show screens and read keys: windows, the drawing of every screen, and text layout."""

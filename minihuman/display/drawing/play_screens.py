@@ -1,0 +1,278 @@
+"""Draw screens that show a world: play, control shared with an agent, a film of an episode, and two films side by side.
+
+A frame around the picture and a line below say who is in control: dashed for an agent, solid for a person. They are
+drawn with every step, so by copying: the frame in NumPy, the line from a picture that is drawn once.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from minihuman.display.drawing import sheet
+from minihuman.display.drawing import sheet as theme
+from minihuman.display.drawing.keycaps import draw_keycap
+from minihuman.display.drawing.sheet import MARGIN, MIN_TYPE_SIZE, Sheet, Size
+from minihuman.display.text import draw_line, measure_width_px, select_typefaces
+from minihuman.experiment.keys import key_label
+from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen, TextLocale
+
+Box = tuple[int, int, int, int]  # left, top, width, height
+_Key = tuple[str, str]  # what is printed on it, what it does
+_TOP = 0.10  # the mission's band, of the height
+_BOTTOM = 0.16  # legend and progress
+_MOST_ROWS = 3  # of the legend, in type that can be read
+_GAP = 1.4  # between a key's word and the next key, of the type size
+_MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}
+
+
+@dataclass(frozen=True, slots=True)
+class PlayFrame:
+    """What of a play screen stays while an episode is played."""
+
+    mission: str
+    progress: str
+    legend: tuple[tuple[str, str], ...]
+    labels: tuple[tuple[str, str, str], ...]
+    locale: TextLocale
+
+
+def picture_size_px(size_px: Size) -> Size:
+    """The room for a world's picture in a window: the largest width and height it may have to be shown as it is.
+
+    It is 4:3, the shape of what agents see: on a wide screen a person would see more of a 3D world than they do.
+    """
+    width, height = size_px
+    room_height = height - round(height * _TOP) - round(height * _BOTTOM)
+    wide = min(width - 2 * round(height * MARGIN), room_height * 4 // 3)
+    return wide, wide * 3 // 4
+
+
+def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
+    """Put a world's picture into its place."""
+    size_px = frame.shape[1], frame.shape[0]
+    picture = _fit(picture, *picture_size_px(size_px))
+    left, top, width, height = _place(picture.shape[1], picture.shape[0], size_px)
+    frame[top : top + height, left : left + width] = picture
+    return left, top, width, height
+
+
+def _place(width: int, height: int, size_px: Size) -> Box:
+    top, bottom = round(size_px[1] * _TOP), size_px[1] - round(size_px[1] * _BOTTOM)
+    return (size_px[0] - width) // 2, top + (bottom - top - height) // 2, width, height
+
+
+def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArray[np.uint8]:
+    """Enlarge by the largest whole number that fits; a picture too large for the room is averaged down into it."""
+    height, width = picture.shape[:2]
+    scale = min(room_width // width, room_height // height)
+    if scale > 1:
+        return picture.repeat(scale, axis=0).repeat(scale, axis=1)
+    if scale == 1:
+        return picture
+    shrink = min(room_width / width, room_height / height)
+    smaller = (max(1, int(width * shrink)), max(1, int(height * shrink)))
+    return np.asarray(Image.fromarray(picture).resize(smaller, Image.Resampling.BOX))
+
+
+def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
+    """All of a play screen but the world."""
+    width, height = size_px
+    sheet = Sheet(size_px, play_frame.locale)
+    wide = width - 2 * height * MARGIN
+    mission = play_frame.mission[:1].upper() + play_frame.mission[1:]
+    sheet.put_line((width / 2, height * _TOP / 2), mission, round(height / 24), wide, theme.INK)
+    _legend(sheet, play_frame)
+    sheet.put_line((width / 2, height * 0.965), play_frame.progress, round(height / 36), wide, theme.MUTED_INK)
+    return sheet
+
+
+def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
+    """A frame around the held picture in the outcome's colour, and its sign and sum in a corner; the rest clear."""
+    height, width = screen.picture.shape[:2]
+    shown = _fit(screen.picture, *picture_size_px(size_px)) if width else screen.picture
+    left, top, width, height = _place(shown.shape[1], shown.shape[0], size_px)
+    layer = Image.new("RGBA", size_px, (0, 0, 0, 0))
+    draw, colour = ImageDraw.Draw(layer), _MARKS[screen.mark]
+    stroke = max(3, round(size_px[1] / 90))
+    draw.rectangle((left, top, left + width - 1, top + height - 1), outline=colour, width=stroke)
+    reach = size_px[1] * 0.045
+    type_px = round(size_px[1] / 26)
+    faces = select_typefaces(screen.locale.language, fonts=screen.locale.fonts)
+    score_px = measure_width_px(screen.score_text, faces, type_px) + reach * 0.6 if screen.score_text else 0.0
+    x, y = left + width / 2 - score_px / 2, top + reach * 1.6  # the agent itself is often at the bottom
+    box = (x - reach * 1.3, y - reach, x + reach * 1.3 + score_px, y + reach)
+    draw.rounded_rectangle(box, radius=reach * 0.4, fill=(*theme.BACKGROUND, 235), outline=colour, width=stroke // 2)
+    _sign(draw, screen.mark, (x, y), reach * 0.55, colour, stroke)
+    if screen.score_text:
+        draw_line(draw, (x + reach, y), screen.score_text, faces=faces, size_px=type_px, colour=theme.INK)
+    return layer
+
+
+def _sign(
+    draw: ImageDraw.ImageDraw, mark: str, place: tuple[float, float], reach: float, colour: theme.Colour, stroke: int
+) -> None:
+    """A tick, a cross or a bar, distinct without colour."""
+    x, y = place
+    if mark == "good":
+        draw.line([(x - reach, y), (x - reach * 0.2, y + reach * 0.7), (x + reach, y - reach * 0.8)], colour, stroke)
+    elif mark == "bad":
+        draw.line([(x - reach, y - reach), (x + reach, y + reach)], colour, stroke)
+        draw.line([(x - reach, y + reach), (x + reach, y - reach)], colour, stroke)
+    else:
+        draw.line([(x - reach, y), (x + reach, y)], colour, stroke)
+
+
+def _legend(sheet: Sheet, play_frame: PlayFrame) -> None:
+    """Keys and what they do, side by side in one centred line; smaller when there are many, then in several."""
+    width, height = sheet.size_px
+    printed = {key: f"{above} {cap}".strip() for key, cap, above in play_frame.labels}
+    keys = [(printed.get(key, key_label(key)), action.replace("_", " ")) for key, action in play_frame.legend]
+    wide = width - 2 * height * MARGIN
+    type_px = round(height * 0.03)
+    while type_px > sheet.min_type_px and _length(sheet, keys, type_px) > wide:
+        type_px -= 1
+    while len(rows := _rows(sheet, keys, type_px, wide)) > _MOST_ROWS and type_px > 8:
+        type_px -= 1
+    tall = type_px * (2.0 if len(rows) == 1 else 1.3)
+    above_px = height * 0.004 * (len(rows) - 1)  # the progress line is right below
+    for number, row in enumerate(rows):
+        x = (width - _length(sheet, row, type_px)) / 2
+        middle = height * (1 - _BOTTOM + 0.068) + (number - (len(rows) - 1) / 2) * type_px * 1.4 - above_px
+        for cap, word in row:
+            size = _cap_px(sheet, cap, type_px)
+            place = (x, middle - tall / 2, x + size, middle + tall / 2)
+            draw_keycap(sheet.draw, cap, "", place, language=play_frame.locale.language, least_px=sheet.min_type_px)
+            sheet.put((x + size + type_px * 0.6, middle), word, type_px, theme.INK)
+            x += _length(sheet, [(cap, word)], type_px) + type_px * _GAP
+
+
+def _rows(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[list[_Key]]:
+    """Keys in lines that are no longer than ``wide``."""
+    rows: list[list[_Key]] = [[]]
+    for key in keys:
+        if rows[-1] and _length(sheet, [*rows[-1], key], type_px) > wide:
+            rows.append([])
+        rows[-1].append(key)
+    return rows
+
+
+def _cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
+    """How wide a key is drawn."""
+    return max(type_px * 2.0, (sheet.width_px(cap, type_px) + type_px) * 1.1)
+
+
+def _length(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
+    """How long a line of the legend is."""
+    lengths = [_cap_px(sheet, cap, type_px) + type_px * 0.6 + sheet.width_px(word, type_px) for cap, word in keys]
+    return sum(lengths) + type_px * _GAP * (len(keys) - 1)
+
+
+_COLOURS = {"agent": sheet.HIGHLIGHT, "person": sheet.ACCENT}
+_FLASHES = {"good": sheet.GOOD, "bad": sheet.BAD}
+_SIGNS = {"good": "+", "bad": "\N{MINUS SIGN}"}
+_LINE = 0.03  # the line's height, of the window's
+_DASH = 4  # of the frame's thickness
+
+
+def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) -> Box:
+    """Draw it into a frame around the place of the picture; returns what may have changed, the picture included."""
+    height, width = frame.shape[:2]
+    stroke = max(3, height // 144)
+    left, top, wide, high = picture
+    box = (left - stroke, top - stroke, wide + 2 * stroke, high + 2 * stroke)
+    colour = _FLASHES.get(screen.flash) or _COLOURS[screen.controller]
+    _edges(frame, box, stroke, colour, dashed=screen.controller == "agent" and not screen.flash)
+    text = _SIGNS.get(screen.flash, screen.controller_text)
+    line = _line(text, screen.locale.language, colour, box[2], round(height * _LINE))
+    below, start = box[1] + box[3], (width - line.shape[1]) // 2
+    rows = min(len(line), height - below)
+    frame[below : below + rows, start : start + line.shape[1]] = line[:rows]
+    left = min(start, box[0])
+    return left, box[1], width - 2 * left, box[3] + rows
+
+
+def _edges(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour, *, dashed: bool) -> None:
+    left, top, width, height = box
+    along_x, along_y = _dashes(width, stroke, colour, dashed), _dashes(height, stroke, colour, dashed)
+    frame[top : top + stroke, left : left + width] = along_x
+    frame[top + height - stroke : top + height, left : left + width] = along_x
+    frame[top : top + height, left : left + stroke] = along_y[:, None]
+    frame[top : top + height, left + width - stroke : left + width] = along_y[:, None]
+
+
+@lru_cache(maxsize=16)
+def _dashes(length: int, stroke: int, colour: sheet.Colour, dashed: bool) -> NDArray[np.uint8]:
+    """A side of the frame, uint8[length, 3]: it begins and ends with a dash, so that corners are whole."""
+    side = np.full((length, 3), colour, np.uint8)
+    if dashed:
+        dash = stroke * _DASH
+        gaps = max(1, round((length / dash - 1) / 2))
+        side[np.floor(np.arange(length) / length * (2 * gaps + 1)) % 2 == 1] = sheet.BACKGROUND
+    return side
+
+
+@lru_cache(maxsize=16)
+def _line(text: str, language: str, colour: sheet.Colour, width: int, height: int) -> NDArray[np.uint8]:
+    """The line, uint8[height, width or more, 3]."""
+    faces = select_typefaces(language)
+    size_px = max(8, round(height / _LINE * MIN_TYPE_SIZE))
+    width = max(width, 2 * round(measure_width_px(text, faces, size_px) / 2 + size_px))
+    image = Image.new("RGB", (width, height), sheet.BACKGROUND)
+    start = (width - measure_width_px(text, faces, size_px)) / 2
+    draw_line(ImageDraw.Draw(image), (start, height / 2), text, faces=faces, size_px=size_px, colour=colour)
+    return np.asarray(image)
+
+
+RectPx = tuple[float, float, float, float]  # left, top, right, bottom
+
+
+def draw_pair(screen: PairScreen, size_px: Size) -> Sheet:
+    """Draw it: both sides alike, so that nothing but what they show tells them apart."""
+    sheet = Sheet(size_px, screen.locale)
+    width, height = size_px
+    margin = height * MARGIN
+    wide = width - 2 * margin
+    sheet.put_line((width / 2, height * 0.07), screen.title, round(height / 20), wide, theme.INK)
+    top, bottom, gap = height * 0.14, height * 0.80, margin
+    paste_picture(sheet, screen.left, (margin, top, width / 2 - gap, bottom))
+    paste_picture(sheet, screen.right, (width / 2 + gap, top, width - margin, bottom))
+    y, thick = height * 0.835, max(3, round(height / 180))
+    left, right = width * 0.3, width * 0.7
+    sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
+    sheet.draw.rectangle((left, y, left + (right - left) * screen.along, y + thick), fill=theme.HIGHLIGHT)
+    sheet.put_line((width / 2, height * 0.895), screen.prompt, round(height / 30), wide, theme.INK)
+    sheet.put_line((width / 2, height * 0.955), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+    return sheet
+
+
+def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None:
+    """A picture as large as its half lets it be, a thin line round it."""
+    left, top, right, bottom = box
+    height, width = picture.shape[:2]
+    if not height or not width:
+        return
+    scale = min((right - left) / width, (bottom - top) / height)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    x, y = round((left + right - size[0]) / 2), round((top + bottom - size[1]) / 2)
+    resampling = Image.Resampling.BOX if scale < 1 else Image.Resampling.NEAREST
+    sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (x, y))
+    sheet.draw.rectangle((x - 2, y - 2, x + size[0] + 1, y + size[1] + 1), outline=theme.EDGE, width=2)
+
+
+def draw_film(screen: FilmScreen, size_px: Size) -> Sheet:
+    """Draw it."""
+    sheet = Sheet(size_px, screen.locale)
+    width, height = size_px
+    margin = height * MARGIN
+    wide = width - 2 * margin
+    paste_picture(sheet, screen.pictures[screen.step], (margin, height * 0.05, width - margin, height * 0.82))
+    y, thick, left, right = height * 0.85, max(3, round(height / 180)), width * 0.2, width * 0.8
+    along = left + (right - left) * screen.step / max(1, len(screen.pictures) - 1)
+    sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
+    sheet.draw.rectangle((left, y, along, y + thick), fill=theme.HIGHLIGHT)
+    sheet.put_line((width / 2, height * 0.905), screen.prompt, round(height / 30), wide, theme.INK)
+    sheet.put_line((width / 2, height * 0.96), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+    return sheet

@@ -1,0 +1,238 @@
+"""Draw a question: its text, its answer controls, and the spots that can be pointed at."""
+
+from minihuman.display.drawing import sheet as theme
+from minihuman.display.drawing.sheet import LINE_HEIGHT, MIN_TYPE_SIZE, Sheet, Size, Spot
+from minihuman.experiment.machine.screens import (
+    OptionList,
+    QuestionScreen,
+    RatingScale,
+    ShapeCanvas,
+    Slider,
+    TextField,
+)
+
+_TYPE = 1 / 30
+_WIDE = 1.16  # of the height
+_TOP, _BOTTOM = 0.15, 0.82
+
+
+def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
+    """Draw it."""
+    sheet = Sheet(size_px, screen.locale)
+    width, height = size_px
+    high = sheet.high
+    top = (height - high) / 2
+    wide = _WIDE * high
+    left, right = (width - wide) / 2, (width + wide) / 2
+    sheet.put_line((width / 2, top + high * 0.085), screen.title, round(high / 18), wide, theme.INK)
+    room = _room(screen) * high
+    lines, type_px = sheet.fitted(screen.question, round(high * _TYPE), wide, room)
+    y = top + high * _TOP
+    sheet.column(
+        lines, left, right, y + max(0.0, room - len(lines) * type_px * LINE_HEIGHT), type_px
+    )  # close to its answers
+    box = (left, top + high * _TOP + room + high * 0.02, right, top + high * (_BOTTOM - 0.04))
+    match screen.item:
+        case OptionList():
+            _choices(sheet, screen.item, box)
+        case RatingScale():
+            _scale(sheet, screen.item, box)
+        case Slider():
+            _slider(sheet, screen.item, box)
+        case TextField():
+            _entry(sheet, screen.item, box)
+        case ShapeCanvas():
+            _shapes(sheet, screen.item, box)
+    if screen.note:
+        sheet.put_line((width / 2, top + high * 0.805), screen.note, round(high / 34), wide, theme.ACCENT)
+    sheet.buttons(screen.buttons, top + high * 0.872)
+    sheet.put_line((width / 2, top + high * 0.925), screen.prompt, round(high / 36), wide, theme.MUTED_INK)
+    sheet.put_line((width / 2, top + high * 0.97), screen.progress, round(high / 36), wide, theme.MUTED_INK)
+    return sheet
+
+
+def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
+    """Whether its words fit in the smallest type there may be."""
+    sheet = Sheet(size_px, screen.locale)
+    room, wide = _room(screen) * sheet.high, _WIDE * sheet.high
+    lines, type_px = sheet.fitted(screen.question, round(sheet.high * _TYPE), wide, room)
+    if type_px < round(sheet.high * MIN_TYPE_SIZE) or len(lines) * type_px * LINE_HEIGHT > room:
+        return False
+    if isinstance(screen.item, OptionList):
+        rows = _option_rows(sheet, screen.item, wide, (_BOTTOM - _TOP - 0.06) * sheet.high - room)
+        return rows is not None
+    return True
+
+
+def _room(screen: QuestionScreen) -> float:
+    """How much of the height the question's own words have."""
+    if not isinstance(screen.item, OptionList):
+        return 0.30
+    return max(0.10, 0.58 - 0.075 * len(screen.item.options)) if len(screen.item.options) < 7 else 0.10
+
+
+def _option_rows(sheet: Sheet, item: OptionList, wide: float, high: float) -> tuple[list[list[str]], int] | None:
+    """Every option's lines, and the type in which all of them fit; None if none does."""
+    for type_px in range(round(sheet.high * _TYPE), sheet.min_type_px - 1, -1):
+        rows = [sheet.wrap(option, type_px, wide - type_px * 4) for option in item.options]
+        if sum(len(row) * type_px * 1.2 + type_px * 0.75 for row in rows) <= high:
+            return rows, type_px
+    return None
+
+
+def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, float]) -> None:
+    """Options below each other, each with its number and a circle, or a box to tick."""
+    left, top, right, bottom = box
+    found = _option_rows(sheet, item, right - left, bottom - top)
+    type_px = sheet.min_type_px
+    rows, type_px = found or ([[option] for option in item.options], type_px)
+    y = top
+    for number, lines in enumerate(rows):
+        tall = len(lines) * type_px * 1.2 + type_px * 0.6
+        chosen = number in item.chosen
+        outline = theme.HIGHLIGHT if chosen else theme.EDGE if number != item.cursor else theme.MUTED_INK
+        stroke = max(1, round(sheet.high / (240 if chosen else 450)))
+        sheet.draw.rounded_rectangle(
+            (left, y, right, y + tall), radius=type_px * 0.35, fill=theme.SURFACE, outline=outline, width=stroke
+        )
+        sheet.spots.append(Spot(f"option:{number}", left, y, right, y + tall))
+        _tick(sheet, item.many, chosen, (left, right), y + tall / 2, type_px)
+        start, end = left + type_px * 2.6, right - type_px * 2.6
+        line_y = y + type_px * 0.3 + type_px * 0.6
+        for line in lines:
+            place = (end, line_y) if sheet.locale.rtl else (start, line_y)
+            sheet.put(place, line, type_px, theme.INK, "r" if sheet.locale.rtl else "l")
+            line_y += type_px * 1.2
+        if number < 9:
+            where = left + type_px * 0.9 if sheet.locale.rtl else right - type_px * 0.9
+            small = max(sheet.min_type_px, round(type_px * 0.75))
+            sheet.put((where, y + tall / 2), str(number + 1), small, theme.MUTED_INK, "m")
+        y += tall + type_px * 0.15
+
+
+def _tick(sheet: Sheet, many: bool, chosen: bool, sides: tuple[float, float], y: float, type_px: int) -> None:
+    x = sides[1] - type_px * 1.3 if sheet.locale.rtl else sides[0] + type_px * 1.3
+    reach, stroke = type_px * 0.42, max(2, round(type_px / 10))
+    box = (x - reach, y - reach, x + reach, y + reach)
+    if not many:
+        sheet.draw.ellipse(box, outline=theme.HIGHLIGHT if chosen else theme.MUTED_INK, width=stroke)
+        if chosen:
+            sheet.draw.ellipse((x - reach / 2, y - reach / 2, x + reach / 2, y + reach / 2), fill=theme.HIGHLIGHT)
+        return
+    sheet.draw.rectangle(box, outline=theme.HIGHLIGHT if chosen else theme.MUTED_INK, width=stroke)
+    if chosen:
+        tick = [(x - reach * 0.6, y), (x - reach * 0.1, y + reach * 0.5), (x + reach * 0.65, y - reach * 0.5)]
+        sheet.draw.line(tick, fill=theme.HIGHLIGHT, width=stroke + 1)
+
+
+def _scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, float]) -> None:
+    """Points side by side in reading order; words at the ends, or below each point."""
+    left, top, right, _ = box
+    count = len(item.points)
+    unit = (right - left) / count
+    reach = min(unit * 0.36, sheet.high * 0.04)
+    y = top + sheet.high * 0.10
+    words = all(not point.isdecimal() for point in item.points)
+    small = sheet.min_type_px
+    for number, point in enumerate(item.points):
+        place = count - 1 - number if sheet.locale.rtl else number
+        x = left + unit * (place + 0.5)
+        chosen = number == item.chosen
+        fill = theme.HIGHLIGHT if chosen else theme.SURFACE
+        sheet.draw.ellipse(
+            (x - reach, y - reach, x + reach, y + reach),
+            fill=fill,
+            outline=theme.HIGHLIGHT if chosen else theme.MUTED_INK,
+            width=max(2, round(sheet.high / 360)),
+        )
+        ink = theme.BACKGROUND if chosen else theme.INK
+        sheet.put((x, y), str(number + 1) if words else point, max(small, round(reach * 0.95)), ink, "m")
+        bottom = y + reach * 1.4
+        if words:
+            lines = sheet.wrap(point, small, unit * 0.94)
+            for row, line in enumerate(lines):
+                sheet.put((x, bottom + small * (row * 1.2 + 0.8)), line, small, theme.INK, "m")
+            bottom += small * 1.2 * len(lines)
+        sheet.spots.append(Spot(f"option:{number}", x - unit / 2, y - reach * 1.6, x + unit / 2, bottom + small))
+    if not words:
+        _ends(sheet, item.low, item.high, (left, right), y + reach * 1.4 + small)
+
+
+def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
+    """Words at a scale's two ends, each within its half."""
+    left, right = sides
+    small = round(sheet.high / 36)
+    at_left, at_right = (high, low) if sheet.locale.rtl else (low, high)
+    for words, x, anchor in ((at_left, left, "l"), (at_right, right, "r")):
+        for row, line in enumerate(sheet.wrap(words, small, (right - left) * 0.46)):
+            sheet.put((x, y + small * (row * LINE_HEIGHT + 0.5)), line, small, theme.INK, anchor)
+
+
+def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) -> None:
+    """A line with ticks and a mark, which is not there until it is set."""
+    left, top, right, _ = box
+    y, rtl = top + sheet.high * 0.12, sheet.locale.rtl
+    stroke = max(2, round(sheet.high / 300))
+    sheet.draw.line([(left, y), (right, y)], fill=theme.MUTED_INK, width=stroke)
+    for tick in range(item.ticks + 1):
+        x = left + (right - left) * tick / item.ticks
+        tall = sheet.high * (0.022 if tick in (0, item.ticks) or tick * 2 == item.ticks else 0.012)
+        sheet.draw.line([(x, y - tall), (x, y + tall)], fill=theme.MUTED_INK, width=stroke)
+    if item.position is not None:
+        position = 1 - item.position if rtl else item.position
+        x, reach = left + (right - left) * position, sheet.high * 0.022
+        sheet.draw.ellipse(
+            (x - reach, y - reach, x + reach, y + reach), fill=theme.HIGHLIGHT, outline=theme.INK, width=stroke
+        )
+        if item.value:
+            sheet.put((x, y - reach * 2.4), item.value, round(sheet.high / 30), theme.INK, "m")
+    sheet.spots.append(Spot("slider", left, y - sheet.high * 0.06, right, y + sheet.high * 0.06, rtl))
+    _ends(sheet, item.low, item.high, (left, right), y + sheet.high * 0.05)
+
+
+def _shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, float]) -> None:
+    """Boxes and ellipses with their labels, on the largest canvas there is room for."""
+    left, top, right, bottom = box
+    wide = min(right - left, (bottom - top) * item.aspect)
+    left, high = (left + right - wide) / 2, wide / item.aspect
+    stroke = max(2, round(sheet.high / 360))
+    for shape in item.shapes:
+        x, y = left + shape.x * wide, top + shape.y * high
+        corners = (x, y, x + shape.width * wide, y + shape.height * high)
+        draw = sheet.draw.ellipse if shape.is_round else sheet.draw.rectangle
+        draw(corners, fill=theme.HIGHLIGHT if shape.chosen else theme.SURFACE, outline=theme.EDGE, width=stroke)
+        if shape.label:
+            middle = ((corners[0] + corners[2]) / 2, (corners[1] + corners[3]) / 2)
+            ink = theme.BACKGROUND if shape.chosen else theme.INK
+            sheet.put_line(middle, shape.label, round(sheet.high / 36), shape.width * wide, ink)
+        if shape.target:
+            sheet.spots.append(Spot(shape.target, *corners))
+
+
+def _entry(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]) -> None:
+    """A field with what was typed and the caret; a long text shows its last lines."""
+    left, top, right, bottom = box
+    type_px = round(sheet.high * _TYPE)
+    pad = type_px * 0.6
+    tall = bottom - top if item.long else type_px * 2.2
+    if not item.long:
+        top += sheet.high * 0.06
+    field = (left, top, right if not item.unit else right - sheet.width_px(item.unit, type_px) - pad * 2, top + tall)
+    sheet.draw.rounded_rectangle(
+        field, radius=type_px * 0.3, fill=theme.SURFACE, outline=theme.MUTED_INK, width=max(2, round(sheet.high / 360))
+    )
+    sheet.spots.append(Spot("field", *field))
+    before = item.text[: item.caret]
+    wide = field[2] - field[0] - 2 * pad
+    lines = sheet.wrap(item.text, type_px, wide) if item.text else [""]
+    room = max(1, int((tall - pad) / (type_px * LINE_HEIGHT)))
+    shown = lines[-room:]
+    sheet.column(shown, left + pad, field[2] - pad, top + (tall - room * type_px * LINE_HEIGHT) / 2, type_px)
+    caret_lines = sheet.wrap(before, type_px, wide) if before else [""]
+    row = min(len(shown) - 1, max(0, len(caret_lines) - 1 - (len(lines) - len(shown))))
+    x = sheet.width_px(caret_lines[-1] + (" " if before.endswith(" ") else ""), type_px)
+    x = field[2] - pad - x if sheet.locale.rtl else left + pad + x
+    y = top + (tall - room * type_px * LINE_HEIGHT) / 2 + (row + 0.5) * type_px * LINE_HEIGHT
+    sheet.draw.line([(x, y - type_px * 0.55), (x, y + type_px * 0.55)], fill=theme.ACCENT, width=max(2, type_px // 12))
+    if item.unit:
+        sheet.put((field[2] + pad, top + tall / 2), item.unit, type_px, theme.INK)

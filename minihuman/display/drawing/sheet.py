@@ -1,0 +1,138 @@
+"""The sheet that a screen is drawn on: colours, type sizes and clickable spots.
+
+Lengths are fractions of the height. Nothing that must be read is set smaller than 1/40 of it.
+"""
+
+from dataclasses import dataclass
+
+from PIL import Image, ImageDraw
+
+from minihuman.display.text import draw_line, measure_width_px, select_typefaces, wrap_text
+from minihuman.experiment.machine.screens import Button, TextLocale
+
+Colour = tuple[int, int, int]
+
+# Contrast against BACKGROUND (WCAG): INK 14.4, QUIET 6.6, ACCENT 8.5. LIT and ACCENT stay apart in every kind of colour
+# vision (Okabe and Ito 2008: sky blue and orange).
+BACKGROUND: Colour = (22, 25, 30)
+SURFACE: Colour = (38, 43, 51)
+EDGE: Colour = (84, 93, 105)
+INK: Colour = (232, 230, 225)
+MUTED_INK: Colour = (154, 164, 176)
+ACCENT: Colour = (240, 176, 72)
+HIGHLIGHT: Colour = (86, 180, 233)
+GOOD: Colour = (0, 190, 140)
+BAD: Colour = (232, 110, 60)
+
+Size = tuple[int, int]  # width, height
+MARGIN = 0.03
+LINE_HEIGHT = 1.45  # line height, of the type size
+TIGHT_LINE_HEIGHT = 1.2  # where there is little room
+MIN_TYPE_SIZE = 1 / 40
+OVERFLOW_TYPE_SIZE = 1 / 60  # a text too long even so is set smaller rather than cut off; `check` complains about it
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A box that can be pointed at, in pixels; ``rtl`` says from which end ``along`` counts."""
+
+    name: str
+    left: float
+    top: float
+    right: float
+    bottom: float
+    rtl: bool = False
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a point lies in it."""
+        return self.left <= x < self.right and self.top <= y < self.bottom
+
+    def along(self, x: float) -> float:
+        """How far along it a point is, 0..1."""
+        share = min(1.0, max(0.0, (x - self.left) / max(1.0, self.right - self.left)))
+        return 1.0 - share if self.rtl else share
+
+
+class Sheet:
+    """A page of a size, in a language."""
+
+    def __init__(self, size_px: Size, locale: TextLocale) -> None:
+        self.size_px = size_px
+        self.locale = locale
+        self.faces = select_typefaces(locale.language, fonts=locale.fonts)
+        self.page = Image.new("RGB", size_px, BACKGROUND)
+        self.draw = ImageDraw.Draw(self.page)
+        self.spots: list[Spot] = []
+
+    @property
+    def high(self) -> float:
+        """The height that lengths are shares of: a window narrower than 4:3 counts as lower than it is."""
+        width, height = self.size_px
+        return min(float(height), width * 3 / 4)
+
+    @property
+    def min_type_px(self) -> int:
+        """The smallest type for what must be read."""
+        return max(8, round(self.high * MIN_TYPE_SIZE))
+
+    def width_px(self, words: str, type_px: int) -> float:
+        """How long a line is."""
+        return measure_width_px(words, self.faces, type_px)
+
+    def put(self, place: tuple[float, float], words: str, type_px: int, colour: Colour, anchor: str = "l") -> None:
+        """Set a line: ``place`` is the middle of its height at its left end, middle ("m") or right end ("r")."""
+        rtl = self.locale.rtl
+        draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
+
+    def put_line(self, place: tuple[float, float], words: str, type_px: int, wide: float, colour: Colour) -> None:
+        """Centre one line on a place, in smaller type if it would be too long; if it is even so, break it there."""
+        while type_px > self.min_type_px and self.width_px(words, type_px) > wide:
+            type_px -= 1
+        lines = [words] if self.width_px(words, type_px) <= wide else self.wrap(words, type_px, wide)
+        x, y = place
+        for row, line in enumerate(lines):
+            self.put((x, y + (row - (len(lines) - 1) / 2) * type_px * TIGHT_LINE_HEIGHT), line, type_px, colour, "m")
+
+    def column(
+        self, lines: list[str], left: float, right: float, top: float, type_px: int, colour: Colour = INK
+    ) -> float:
+        """Set lines below each other from where the language begins them; returns where the next would be."""
+        for line in lines:
+            y = top + type_px * LINE_HEIGHT / 2
+            if self.locale.rtl:
+                self.put((right, y), line, type_px, colour, "r")
+            else:
+                self.put((left, y), line, type_px, colour)
+            top += type_px * LINE_HEIGHT
+        return top
+
+    def wrap(self, words: str, type_px: int, wide: float) -> list[str]:
+        """Break text into lines."""
+        return wrap_text(words, faces=self.faces, size_px=type_px, wide_px=wide)
+
+    def fitted(self, words: str, type_px: int, wide: float, high: float) -> tuple[list[str], int]:
+        """Break text into lines in the largest type, not over ``type_px``, that fits; the last resort if none does."""
+        smallest = max(8, round(self.high * OVERFLOW_TYPE_SIZE))
+        for size in range(type_px, smallest - 1, -1):
+            lines = self.wrap(words, size, wide)
+            if len(lines) * size * LINE_HEIGHT <= high:
+                return lines, size
+        return self.wrap(words, smallest, wide), smallest
+
+    def buttons(self, buttons: tuple[Button, ...], y: float) -> None:
+        """Set buttons side by side around the middle, in reading order, and make each a spot."""
+        type_px, pad, gap = round(self.high / 34), self.high * 0.025, self.high * 0.03
+        widths = [max(self.width_px(button.label, type_px) + 2 * pad, self.high * 0.14) for button in buttons]
+        x = (self.size_px[0] - sum(widths) - gap * (len(widths) - 1)) / 2
+        tall = type_px * 2.0
+        placed = list(zip(buttons, widths, strict=True))
+        for button, wide in reversed(placed) if self.locale.rtl else placed:
+            box = (x, y - tall / 2, x + wide, y + tall / 2)
+            main = button.name == "go_on"
+            outline = ACCENT if main else EDGE
+            self.draw.rounded_rectangle(
+                box, radius=tall * 0.25, fill=SURFACE, outline=outline, width=max(1, round(self.high / 400))
+            )
+            self.put((x + wide / 2, y), button.label, type_px, ACCENT if main else INK, "m")
+            self.spots.append(Spot(button.name, *box))
+            x += wide + gap

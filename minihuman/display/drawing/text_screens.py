@@ -1,0 +1,162 @@
+"""Draw text screens: a title with a few words and keys, the keyboard check, and the pages of a text.
+
+A page has a title, a picture, running text broken as when the plan was made, buttons and a page number.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from minihuman.display import text
+from minihuman.display.drawing import sheet as theme
+from minihuman.display.drawing.keycaps import arrange_keycaps, draw_keycap
+from minihuman.display.drawing.sheet import LINE_HEIGHT, MARGIN, MIN_TYPE_SIZE, TIGHT_LINE_HEIGHT, Sheet, Size
+from minihuman.experiment.keys import key_caption, key_label
+from minihuman.experiment.machine.screens import PageScreen, PictureLabel, TextScreen
+
+BODY_TYPE_SIZE = 1 / 26  # type size of running text: 3.5 mm tall capitals on a 24-inch display
+_MEASURE = 1.25  # longest line of running text
+
+
+def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
+    """Draw it."""
+    width, height = size_px
+    sheet = Sheet(size_px, screen.locale)
+    wide = min(width - 4 * height * MARGIN, height * _MEASURE)
+    top, bottom = measure_text_box(screen, height)
+    sheet.put_line((width / 2, height * 0.115), screen.title, round(height / 15), wide, theme.INK)
+    if screen.keys:
+        _keyboard(sheet, screen, (width / 2 - wide / 2, height * 0.42, width / 2 + wide / 2, height * 0.80))
+    _paragraphs(sheet, screen.body, (width / 2 - wide / 2, top, width / 2 + wide / 2, bottom))
+    sheet.put_line((width / 2, height * 0.87), screen.prompt, round(height * BODY_TYPE_SIZE), wide, theme.ACCENT)
+    sheet.put_line((width / 2, height * 0.965), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+    return sheet
+
+
+def measure_text_box(screen: TextScreen, height: int) -> tuple[float, float]:
+    """Where running text begins and ends."""
+    return height * (0.20 if screen.title else 0.08), height * (0.40 if screen.keys else 0.80)
+
+
+def text_fits(screen: TextScreen, size_px: Size) -> bool:
+    """Whether its words fit in the smallest type there may be."""
+    sheet = Sheet(size_px, screen.locale)
+    top, bottom = measure_text_box(screen, size_px[1])
+    wide = min(size_px[0] - 4 * size_px[1] * MARGIN, size_px[1] * _MEASURE)
+    lines, type_px = sheet.fitted(screen.body, round(size_px[1] * BODY_TYPE_SIZE), wide, bottom - top)
+    return type_px >= round(sheet.high * MIN_TYPE_SIZE) and len(lines) * type_px * LINE_HEIGHT <= bottom - top
+
+
+def _paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, float]) -> None:
+    """Set running text in the largest type that fits the box, in its middle; three lines or fewer are centred."""
+    left, top, right, bottom = box
+    lines, type_px = sheet.fitted(body, round(sheet.size_px[1] * BODY_TYPE_SIZE), right - left, bottom - top)
+    lines = sheet.wrap(body, type_px, _narrowest(sheet, body, type_px, right - left, len(lines)))
+    longest = max((sheet.width_px(line, type_px) for line in lines), default=0.0)
+    y = top + max(0.0, (bottom - top - len(lines) * type_px * LINE_HEIGHT) / 2)
+    if len(lines) > 3:
+        sheet.column(lines, (left + right - longest) / 2, (left + right + longest) / 2, y, type_px)
+        return
+    for line in lines:
+        sheet.put(((left + right) / 2, y + type_px * LINE_HEIGHT / 2), line, type_px, theme.INK, "m")
+        y += type_px * LINE_HEIGHT
+
+
+def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
+    """The narrowest column, to a letter or so, that needs no more lines: no last word left alone."""
+    if lines > 3:
+        return wide
+    while len(sheet.wrap(body, type_px, wide - type_px)) <= lines and wide > 12 * type_px:
+        wide -= type_px
+    return wide
+
+
+def _keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, float]) -> None:
+    """The keys to be checked, where they lie to each other; pressed ones lit."""
+    left, top, right, bottom = box
+    pressed = dict(screen.keys)
+    printed = {key: (cap, above) for key, cap, above in screen.labels}
+    caps, wide, high = arrange_keycaps(tuple(pressed))
+    unit = min((right - left) / wide, (bottom - top) / high, (bottom - top) / 2.5)
+    x0, y0 = (left + right - wide * unit) / 2, (top + bottom - high * unit) / 2
+    gap = unit * 0.05
+    for cap in caps:
+        x, y = x0 + cap.x * unit, y0 + cap.y * unit
+        place = (x + gap, y + gap, x + cap.width * unit - gap, y + unit - gap)
+        words, above = printed.get(cap.key, (key_label(cap.key), key_caption(cap.key)))
+        draw_keycap(
+            *(sheet.draw, words, above, place),
+            language=screen.locale.language,
+            pressed=pressed[cap.key],
+            least_px=sheet.min_type_px,
+        )
+
+
+def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
+    """Draw it. Lines are those of the reference, whatever the window's size: a smaller one only draws them smaller."""
+    sheet = Sheet(size_px, screen.locale)
+    width, height = size_px
+    high = sheet.high
+    top = (height - high) / 2
+    wide = text.PAGE_COLUMN_WIDTH * high
+    left, right = (width - wide) / 2, (width + wide) / 2
+    sheet.put_line((width / 2, top + high * 0.085), screen.title, round(high / 18), wide, theme.INK)
+    y = top + high * text.TEXT_TOP
+    room = high * (text.TEXT_BOTTOM - text.TEXT_TOP)
+    if screen.picture is not None:
+        tall = high * (text.PAGE_PICTURE_HEIGHT - 0.03) if screen.body else room
+        _picture(sheet, screen.picture, screen.marks, (left, y, right, y + tall))
+        y += high * text.PAGE_PICTURE_HEIGHT
+        room -= high * text.PAGE_PICTURE_HEIGHT
+    lines = text.break_page_lines(screen.body, sheet.faces) if screen.body else []
+    type_px = _type_px(sheet, lines, wide)
+    if screen.pages == 1:  # a short text stands in the middle
+        y += max(0.0, (room - len(lines) * type_px * LINE_HEIGHT) / 2)
+    if len(lines) <= 3 and screen.pages == 1:
+        for line in lines:
+            sheet.put((width / 2, y + type_px * LINE_HEIGHT / 2), line, type_px, theme.INK, "m")
+            y += type_px * LINE_HEIGHT
+    else:
+        sheet.column(lines, left, right, y, type_px)
+    sheet.buttons(screen.buttons, top + high * 0.872)
+    sheet.put_line((width / 2, top + high * 0.925), screen.prompt, round(high / 36), wide, theme.MUTED_INK)
+    sheet.put_line((width / 2, top + high * 0.97), screen.progress, round(high / 36), wide, theme.MUTED_INK)
+    return sheet
+
+
+def _type_px(sheet: Sheet, lines: list[str], wide: float) -> int:
+    """The reference's type for this height; a pixel less where hinting would make a line too long."""
+    type_px = max(8, round(sheet.high * text.PAGE_TYPE_SIZE))
+    while type_px > 8 and any(sheet.width_px(line, type_px) > wide * 1.03 for line in lines):
+        type_px -= 1
+    return type_px
+
+
+def _picture(
+    sheet: Sheet, picture: NDArray[np.uint8], marks: tuple[PictureLabel, ...], box: tuple[float, float, float, float]
+) -> None:
+    """A picture as large as the box lets it be, with words beside what they are about and a line to it."""
+    left, top, right, bottom = box
+    height, width = picture.shape[:2]
+    scale = min((right - left) * (0.5 if marks else 1.0) / width, (bottom - top) / height)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    x0, y0 = (left + right - size[0]) / 2, (top + bottom - size[1]) / 2
+    resampling = Image.Resampling.NEAREST if scale > 1 and scale == int(scale) else Image.Resampling.LANCZOS
+    sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (round(x0), round(y0)))
+    type_px, reach = round(sheet.high / 36), sheet.high * 0.02
+    for mark in sorted(marks, key=lambda mark: mark.y):
+        x, y = x0 + mark.x * size[0], y0 + mark.y * size[1]
+        on_right = mark.x >= 0.5
+        end = x0 + size[0] + reach if on_right else x0 - reach
+        stroke = max(2, round(sheet.high / 360))
+        sheet.draw.line([(x, y), (end, y)], fill=theme.ACCENT, width=stroke)
+        sheet.draw.ellipse((x - stroke * 2, y - stroke * 2, x + stroke * 2, y + stroke * 2), fill=theme.ACCENT)
+        room = (right - end if on_right else end - left) - reach * 0.4
+        size_px = type_px
+        while size_px > sheet.min_type_px and sheet.width_px(mark.label, size_px) > room:
+            size_px -= 1
+        beside = end + reach * 0.4 if on_right else end - reach * 0.4
+        lines = sheet.wrap(mark.label, size_px, room)
+        for row, line in enumerate(lines):
+            place = (beside, y + (row - (len(lines) - 1) / 2) * size_px * TIGHT_LINE_HEIGHT)
+            sheet.put(place, line, size_px, theme.ACCENT, "l" if on_right else "r")

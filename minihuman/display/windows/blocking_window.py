@@ -1,0 +1,261 @@
+"""Windows on a real display: what they have in common, and how one is opened by name.
+
+Common are blocking until a deadline, auto-repeat made from held keys on the session's clock (the same on every toolkit
+and desktop), and the picture of a screen. Labs register windows in the entry-point group ``minihuman.windows``.
+"""
+
+import abc
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.display.drawing.play_screens import Box
+from minihuman.display.drawing.screen import (
+    compose_screen,
+    find_spot,
+    measure_along_spot,
+    picture_size_px,
+    repaint_screen,
+)
+from minihuman.display.drawing.sheet import Size
+from minihuman.display.windows.window import Clock, Window
+from minihuman.errors import WindowError
+from minihuman.experiment.machine.inputs import (
+    FocusChanged,
+    Input,
+    KeyDown,
+    KeyUp,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    ScreenShown,
+    TextInput,
+)
+from minihuman.experiment.machine.screens import Screen, TextScreen
+from minihuman.plugins import check_plugin_type, list_plugin_names, load_plugin
+
+REPEAT_DELAY_NS = 500_000_000  # the usual desktop's: half a second, then 30 a second
+REPEAT_PERIOD_NS = 33_000_000
+
+
+@dataclass(slots=True)
+class _RepeatingKey:
+    key: str
+    symbol: str
+    due_ns: int
+
+
+class KeyRepeater:
+    """Turns what a toolkit says about keys into presses, releases and repeats.
+
+    The system's own auto-repeat is a press of a key that is down already; it is dropped, since toolkits disagree on
+    whether and how to show it. The key pressed last repeats until it, or the focus, goes.
+    """
+
+    def __init__(self) -> None:
+        self._down: set[str] = set()
+        self._repeating: _RepeatingKey | None = None
+
+    def press(self, t_ns: int, key: str, symbol: str) -> list[KeyDown]:
+        """Press a key; [] if it is down already."""
+        if key in self._down:
+            return []
+        self._down.add(key)
+        self._repeating = _RepeatingKey(key, symbol, t_ns + REPEAT_DELAY_NS)
+        return [KeyDown(t_ns, key, symbol)]
+
+    def release(self, t_ns: int, key: str, symbol: str) -> list[KeyUp]:
+        """A key came up, also one that was pressed before the window had the focus."""
+        self._down.discard(key)
+        if self._repeating and self._repeating.key == key:
+            self._repeating = None
+        return [KeyUp(t_ns, key, symbol)]
+
+    def forget(self) -> None:
+        """The focus went: the releases will go elsewhere."""
+        self._down.clear()
+        self._repeating = None
+
+    @property
+    def next_repeat_ns(self) -> int | None:
+        """When the held key repeats next; None: no key is held."""
+        return self._repeating.due_ns if self._repeating else None
+
+    def repeats(self, now_ns: int) -> list[KeyDown]:
+        """The repeat that is due, if one is. A loop that came late gets one, not all that it missed."""
+        held = self._repeating
+        if held is None or now_ns < held.due_ns:
+            return []
+        on_time = now_ns - held.due_ns < REPEAT_PERIOD_NS
+        held.due_ns = (held.due_ns if on_time else now_ns) + REPEAT_PERIOD_NS
+        return [KeyDown(now_ns, held.key, held.symbol, repeat=True)]
+
+
+DEFAULT_SIZE_PX: Size = (1280, 720)
+TITLE = "minihuman"
+
+
+class BlockingWindow(Window):
+    """A window whose toolkit can block for input; a toolkit adds three methods and the port's last two."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._held = KeyRepeater()
+        self._focused = False
+        self._shown: Screen | None = None
+        self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
+        self._last_key_ns = -(1 << 62)
+        self._accepts = (False, False)  # text, pointer
+        self._pressed_in: str | None = None  # the spot in which a mouse button is down
+
+    @property
+    @abc.abstractmethod
+    def size_px(self) -> Size:
+        """Width and height of what is drawn."""
+
+    @abc.abstractmethod
+    def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
+        """Bring uint8[H, W, 3] of the window's size to the display; return when it is there.
+
+        Outside the box ``changed`` the frame is as it was at the last call.
+        """
+
+    @abc.abstractmethod
+    def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        """Block until something comes or time is up (None: for ever), and say what came, stamped; [] is no promise."""
+
+    @abc.abstractmethod
+    def _want(self, *, text: bool, pointer: bool) -> None:
+        """Turn the input method on or off, show or hide the pointer; inputs come only while wanted."""
+
+    @abc.abstractmethod
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into the toolkit's queue; from any thread, to measure with."""
+
+    @property
+    def picture_px(self) -> Size:
+        """The largest picture of a world there is room for."""
+        return picture_size_px(self.size_px)
+
+    def show(self, screen: Screen) -> ScreenShown:
+        """Draw a screen, flip, and say when it was submitted and when the flip returned."""
+        return self.show_after(screen, lambda: None)
+
+    def show_after(self, screen: Screen, written: Callable[[], None]) -> ScreenShown:
+        """Draw a screen, wait for ``written``, and flip.
+
+        Raises:
+            LogError: as ``written`` does; the display stays as it is.
+        """
+        width, height = self.size_px
+        if self._frame.shape[:2] != (height, width):
+            self._shown, self._frame = None, np.empty((height, width, 3), np.uint8)
+        changed = repaint_screen(self._frame, self._shown, screen)
+        self._shown = screen
+        if self._accepts != (screen.accepts_text, screen.accepts_pointer):
+            self._accepts, self._pressed_in = (screen.accepts_text, screen.accepts_pointer), None
+            self._want(text=screen.accepts_text, pointer=screen.accepts_pointer)
+        try:
+            written()
+        except BaseException:
+            self._shown, self._frame = None, self._frame[:0]  # never shown: the next is drawn anew
+            raise
+        submit_ns = self._clock()
+        self._flip(self._frame, changed)
+        flip_ns = self._clock()
+        return ScreenShown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
+
+    def _repaint(self) -> None:
+        """Bring what is shown to the display once more, all of it: it was covered, or the window has another size."""
+        if self._shown is None:
+            return
+        width, height = self.size_px
+        self._frame = compose_screen(self._shown, (width, height))
+        self._flip(self._frame, (0, 0, width, height))
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        """Block until an input comes or the clock reaches ``until_ns``; what has arrived is returned even so."""
+        while True:
+            due_ns = min((t for t in (until_ns, self._held.next_repeat_ns) if t is not None), default=None)
+            arrived = self._arrived(None if due_ns is None else max(0, due_ns - self._clock()))
+            if arrived:
+                return arrived
+            now_ns = self._clock()
+            if repeats := self._held.repeats(now_ns):
+                return list(repeats)
+            if until_ns is not None and now_ns >= until_ns:
+                return []
+
+    def _key(self, down: bool, key: str, symbol: str, t_ns: int) -> list[Input]:
+        """Convert a key event to inputs. Its time is at least a nanosecond after that of the key before."""
+        t_ns = self._last_key_ns = max(t_ns, self._last_key_ns + 1)
+        return [*(self._held.press if down else self._held.release)(t_ns, key, symbol)]
+
+    def _typed(self, text: str) -> list[Input]:
+        """Convert typed text to inputs; control characters come as keys."""
+        printable = "".join(letter for letter in text if letter.isprintable())
+        return [TextInput(self._clock(), printable)] if printable and self._accepts[0] else []
+
+    def _pointer(self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: float, y: float) -> list[Input]:
+        """Convert an event of the main mouse button at (x, y), 0..1 of the picture from its top left."""
+        if not self._accepts[1] or self._shown is None or (kind is PointerPressed) != (self._pressed_in is None):
+            return []
+        if self._pressed_in is None:
+            target, along = find_spot(self._shown, self.size_px, x, y)
+        else:
+            target, along = self._pressed_in, measure_along_spot(self._shown, self.size_px, self._pressed_in, x)
+        self._pressed_in = None if kind is PointerReleased else target
+        return [kind(self._clock(), x, y, target, along)]
+
+    def _focus(self, t_ns: int, focused: bool) -> list[Input]:
+        """Convert a focus event; toolkits repeat themselves, and report a loss before any gain."""
+        if focused == self._focused:
+            return []
+        self._focused = focused
+        if not focused:
+            self._held.forget()
+        return [FocusChanged(t_ns, focused)]
+
+
+WINDOW_GROUP = "minihuman.windows"
+AUTO_WINDOW = "auto"
+_OPENING = TextScreen("", "One moment, please.", "")  # worlds and log take a second or two to get ready
+_FIRST_CHOICE = ("pygame", "pyglet")  # pygame knows every key by position, on every system
+
+
+def list_windows() -> tuple[str, ...]:
+    """What can be asked for beside "auto", in the order in which auto tries them."""
+    installed = set(list_plugin_names(WINDOW_GROUP))
+    first = tuple(name for name in _FIRST_CHOICE if name in installed)
+    return first + tuple(sorted(installed.difference(first)))
+
+
+def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: Size = DEFAULT_SIZE_PX) -> Window:
+    """Open a window by name; "auto" takes the first that opens.
+
+    Raises:
+        WindowError: if the name is unknown, or no window can be opened here.
+    """
+    if name != AUTO_WINDOW:
+        return _open(name, clock, fullscreen=fullscreen, size_px=size_px)
+    refusals = []
+    for candidate in list_windows():
+        try:
+            return _open(candidate, clock, fullscreen=fullscreen, size_px=size_px)
+        except WindowError as error:
+            refusals.append(error)
+    if refusals:
+        raise refusals[0]
+    raise WindowError(f"no window is registered under {WINDOW_GROUP!r}; reinstall minihuman with `pip install`")
+
+
+def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window:
+    if name not in list_windows():
+        raise WindowError(f"window {name!r} is unknown; it is one of {', '.join((AUTO_WINDOW, *list_windows()))}")
+    window = load_plugin(WINDOW_GROUP, name, WindowError, what="window")(clock, fullscreen=fullscreen, size_px=size_px)
+    check_plugin_type(window, Window, WindowError, group=WINDOW_GROUP, name=name)
+    assert isinstance(window, Window)  # checked just now
+    window.show(_OPENING)
+    return window

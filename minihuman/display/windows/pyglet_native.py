@@ -1,0 +1,147 @@
+"""A pyglet window that reports key positions and shows finished pictures. Works with pyglet 1.5 and 2.
+
+Importing this opens pyglet's connection to the display, so only ``pyglet_window`` does, when a window is opened.
+"""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import pyglet
+import pyglet.window
+from numpy.typing import NDArray
+from pyglet import gl
+
+from minihuman.display.drawing.play_screens import Box
+from minihuman.display.drawing.sheet import Size
+from minihuman.display.windows.keyboard import key_from_symbol, key_from_xkb, read_key_positions
+
+ON_X11 = pyglet.compat_platform.startswith("linux")
+if ON_X11:
+    from pyglet.libs.x11 import xlib
+
+EVENT_HANDLED = pyglet.event.EVENT_HANDLED
+
+
+def find_screen() -> Any:
+    """The screen that windows open on."""
+    displays = pyglet.canvas if hasattr(pyglet, "canvas") else pyglet.display  # pyglet 1.5, pyglet 2
+    return displays.get_display().get_default_screen()
+
+
+class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 has no types
+    """Dispatches ``on_key(down, key, symbol, server_ms)`` in our key names, beside pyglet's own events.
+
+    On X11 the key is read from the keycode of the X event, before pyglet reduces it to a symbol and drops what it
+    takes for auto-repeat, and so is its time. Elsewhere pyglet's symbol is all there is, and ``server_ms`` is None.
+    """
+
+    _enable_event_queue = False  # deliver at once and in order, as pyglet's own event loop has it
+
+    def __init__(self, title: str, size_px: Size | None) -> None:
+        """Open a window of that size, no larger than the screen; None takes the whole screen."""
+        self._positions: dict[int, str] = {}
+        self.accepts_text = False
+        self._key_reported = False  # of the key event that pyglet looks at now
+        screen = find_screen()
+        settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
+        if size_px is not None:
+            wide, high = min(size_px[0], screen.width), min(size_px[1], screen.height)
+            settings = {"width": wide, "height": high, "resizable": True}
+        super().__init__(caption=title, vsync=True, **settings)
+        if ON_X11:
+            self._positions = read_key_positions(xlib._lib, self.display._display)
+        self._frame_size: Size | None = None
+        self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
+
+    # Keys on X11
+
+    def dispatch_platform_event(self, event: Any) -> None:
+        """Take key events of the window; the rest, and what text a key makes, is pyglet's."""
+        self._key_reported = self._key_of_x11(event)
+        if not self._key_reported or self.accepts_text:
+            super().dispatch_platform_event(event)
+        self._key_reported = False
+
+    def dispatch_platform_event_view(self, event: Any) -> None:
+        """Take key events of the area inside the window; the rest, and what text a key makes, is pyglet's."""
+        self._key_reported = self._key_of_x11(event)
+        if not self._key_reported or self.accepts_text:
+            super().dispatch_platform_event_view(event)
+        self._key_reported = False
+
+    def _key_of_x11(self, event: Any) -> bool:
+        if not ON_X11 or event.type not in (xlib.KeyPress, xlib.KeyRelease):
+            return False
+        keycode = event.xkey.keycode
+        keysym = xlib.KeySym()
+        text = ctypes.create_string_buffer(32)
+        xlib.XLookupString(event.xkey, text, len(text), ctypes.byref(keysym), None)
+        symbol = xlib.XKeysymToString(keysym.value) or b""
+        key = key_from_xkb(self._positions.get(keycode, ""), keycode)
+        self.dispatch_event(
+            "on_key", event.type == xlib.KeyPress, key, symbol.decode("ascii", "replace"), event.xkey.time
+        )
+        return True
+
+    # Keys elsewhere
+
+    def on_key_press(self, symbol: int, modifiers: int) -> bool:
+        """Say which key pyglet means; its own handler would close the window at Escape."""
+        return self._key_of_symbol(True, symbol)
+
+    def on_key_release(self, symbol: int, modifiers: int) -> bool:
+        """Say which key pyglet means."""
+        return self._key_of_symbol(False, symbol)
+
+    def _key_of_symbol(self, down: bool, symbol: int) -> bool:
+        if self._key_reported:  # by position, just now
+            return bool(EVENT_HANDLED)
+        name = pyglet.window.key.symbol_string(symbol)
+        self.dispatch_event("on_key", down, key_from_symbol(name), name, None)
+        return bool(EVENT_HANDLED)
+
+    # Pictures
+
+    def present(self, frame: NDArray[np.uint8], changed: Box) -> None:
+        """Show uint8[H, W, 3] of the framebuffer's size, new only in the box; return when the display has it.
+
+        A copy between framebuffers needs no shader and turns the picture the right way up, in either major's OpenGL.
+        """
+        height, width = frame.shape[:2]
+        self.switch_to()
+        if self._frame_size != (width, height):
+            self._make_frame(width, height)
+        left, top, wide, high = changed
+        pixels = np.ascontiguousarray(frame[top : top + high, left : left + wide]).ctypes.data_as(ctypes.c_void_p)
+        gl.glTexSubImage2D(gl.GL_TEXTURE_2D, 0, left, top, wide, high, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, pixels)
+        gl.glBlitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST)
+        self.flip()
+        gl.glFinish()  # a flip only queues the frame
+
+    def _make_frame(self, width: int, height: int) -> None:
+        """A texture the frame is uploaded into, bound for reading until there is another of another size."""
+        for delete, name in ((gl.glDeleteFramebuffers, self._framebuffer), (gl.glDeleteTextures, self._texture)):
+            delete(1, ctypes.byref(name))  # 0, which there is before the first, is passed over
+        texture, framebuffer = self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
+        gl.glGenTextures(1, ctypes.byref(texture))
+        gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
+        gl.glTexParameteri(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_MIN_FILTER, gl.GL_NEAREST)
+        gl.glPixelStorei(gl.GL_UNPACK_ALIGNMENT, 1)
+        gl.glTexImage2D(gl.GL_TEXTURE_2D, 0, gl.GL_RGB8, width, height, 0, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, None)
+        gl.glGenFramebuffers(1, ctypes.byref(framebuffer))
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, framebuffer)
+        gl.glFramebufferTexture2D(gl.GL_READ_FRAMEBUFFER, gl.GL_COLOR_ATTACHMENT0, gl.GL_TEXTURE_2D, texture, 0)
+        self._frame_size = (width, height)
+
+    def renderer(self) -> str:
+        """Who draws, as OpenGL names it."""
+        return (ctypes.cast(gl.glGetString(gl.GL_RENDERER), ctypes.c_char_p).value or b"unknown").decode()
+
+    def refresh_hz(self) -> str:
+        """What the display claims; "unknown" where it claims nothing."""
+        mode = self.screen.get_mode()
+        return str(mode.rate) if mode is not None and mode.rate else "unknown"
+
+
+PygletNativeWindow.register_event_type("on_key")

@@ -1,0 +1,162 @@
+"""The window in pyglet 1.5 or 2. Keys are identified by position on X11; elsewhere pyglet gives only the symbol."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.display.drawing.play_screens import Box
+from minihuman.display.drawing.sheet import Size
+from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
+from minihuman.display.windows.keyboard import ON_RECEIPT, SERVER_TIME, convert_server_time, has_shared_clock
+from minihuman.display.windows.window import Clock
+from minihuman.errors import WindowError
+from minihuman.experiment.machine.inputs import Input, PointerMoved, PointerPressed, PointerReleased, Stop
+
+if TYPE_CHECKING:
+    from minihuman.display.windows.pyglet_native import PygletNativeWindow
+
+
+_LEFT = 1  # pyglet's name for the main button
+
+
+class PygletWindow(BlockingWindow):
+    """A pyglet window, or the whole screen.
+
+    Args:
+        clock: stamps inputs and flips.
+        fullscreen: take the whole screen; ``size_px`` is then the screen's.
+        size_px: width and height of a window; smaller on a screen that is smaller.
+
+    Raises:
+        WindowError: if there is no display, or none with OpenGL 3.
+    """
+
+    def __init__(self, clock: Clock, *, fullscreen: bool = False, size_px: Size = DEFAULT_SIZE_PX) -> None:
+        super().__init__(clock)
+        self._inputs: list[Input] = []
+        self._to_repaint = False
+        self._native: PygletNativeWindow | None = _open(fullscreen=fullscreen, size_px=size_px)
+        self._server_time = has_shared_clock()
+        self._native.push_handlers(
+            on_key=self._on_key,
+            on_activate=lambda: self._on_focus(True),
+            on_deactivate=lambda: self._on_focus(False),
+            on_close=self._on_close,
+            on_text=self._on_text,
+            on_mouse_press=lambda x, y, button, modifiers: self._on_pointer(PointerPressed, x, y, button),
+            on_mouse_drag=lambda x, y, dx, dy, buttons, modifiers: self._on_pointer(PointerMoved, x, y, buttons),
+            on_mouse_release=lambda x, y, button, modifiers: self._on_pointer(PointerReleased, x, y, button),
+            on_expose=self._repaint_soon,
+            on_show=self._repaint_soon,
+            on_resize=lambda width, height: self._repaint_soon(),
+        )
+
+    @property
+    def _window(self) -> "PygletNativeWindow":
+        if self._native is None:
+            raise WindowError("the window is closed; open a new one")
+        return self._native
+
+    @property
+    def size_px(self) -> Size:
+        """Width and height of what is drawn."""
+        width, height = self._window.get_framebuffer_size()
+        return int(width), int(height)
+
+    def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
+        self._window.present(frame, changed)
+
+    def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        import pyglet
+
+        if not self._inputs:
+            pyglet.app.platform_event_loop.step(None if timeout_ns is None else timeout_ns * 1e-9)
+        if self._to_repaint:
+            self._to_repaint = False
+            self._repaint()
+        arrived, self._inputs = self._inputs, []
+        return arrived
+
+    def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None) -> None:
+        event_ms = server_ms if self._server_time else None
+        t_ns = self._clock() if event_ms is None else convert_server_time(event_ms, self._clock)
+        self._inputs += self._key(down, key, symbol, t_ns)
+
+    def _on_text(self, text: str) -> None:
+        self._inputs += self._typed(text)
+
+    def _on_pointer(
+        self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: int, y: int, buttons: int
+    ) -> None:
+        if buttons & _LEFT:
+            width, height = self._window.get_size()  # pyglet counts from the bottom
+            self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height)
+
+    def _want(self, *, text: bool, pointer: bool) -> None:
+        self._window.accepts_text = text
+        self._window.set_mouse_visible(pointer)
+
+    def _on_focus(self, focused: bool) -> None:
+        self._inputs += self._focus(self._clock(), focused)
+
+    def _repaint_soon(self) -> None:
+        self._to_repaint = True
+
+    def _on_close(self) -> bool:
+        self._inputs.append(Stop(self._clock(), "window_closed"))
+        return True  # handled: pyglet is not to close it itself
+
+    def post_key(self, key: str) -> None:
+        """Put a press and a release of a key into pyglet's queue; from any thread."""
+        import pyglet
+
+        for down in (True, False):
+            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None)
+
+    def facts(self) -> dict[str, str]:
+        """Toolkit, version, display size, refresh rate, how keys are identified."""
+        import pyglet
+
+        from minihuman.display.windows.pyglet_native import ON_X11
+
+        window = self._window
+        width, height = self.size_px
+        return {
+            "window": "pyglet",
+            "window_version": f"pyglet {pyglet.version}",
+            "window_driver": f"{pyglet.compat_platform}, {window.renderer()}",
+            "window_size_px": f"{width}x{height}",
+            "fullscreen": str(bool(window.fullscreen)).lower(),
+            "vsync": "on" if window.vsync else "off",
+            "refresh_hz_reported": window.refresh_hz(),
+            "key_times": SERVER_TIME if self._server_time else ON_RECEIPT,
+            "key_identity": "position (X11 keycode)" if ON_X11 else "symbol (US layout assumed)",
+        }
+
+    def close(self) -> None:
+        """Give the display back."""
+        if self._native is not None:
+            self._native.close()
+            self._native = None
+
+
+def _open(*, fullscreen: bool, size_px: Size) -> "PygletNativeWindow":
+    try:
+        import pyglet
+
+        if pyglet.options["headless"]:
+            raise WindowError("pyglet is in headless mode in this process; use --window pygame")
+        from minihuman.display.windows.pyglet_native import PygletNativeWindow
+
+        window = PygletNativeWindow(TITLE, None if fullscreen else size_px)
+        pyglet.app.platform_event_loop.start()
+    except WindowError:
+        raise
+    except Exception as error:  # pyglet's own share no base, and the missing OpenGL library is an ImportError
+        raise WindowError(
+            f"pyglet cannot open a window here ({type(error).__name__}: {error}); log in to a desktop or set DISPLAY, "
+            "or use `minihuman simulate` to play without a window"
+        ) from error
+    window.set_mouse_visible(False)
+    return window

@@ -1,0 +1,1 @@
+"""Experiment: protocol files, session plans, the session machine and its activities. No I/O."""

@@ -1,0 +1,451 @@
+"""Takeover and rating: blocks that an agent plays at a fixed pace while a person takes over or rates it.
+
+The policy is not here: its action probabilities arrive as an input and the action is drawn here, so a log holds
+everything the agent did and a replay draws the same actions. Steps count from 0 for the reset. A rating also counts
+while the last image is held, because people rate what they saw about 0.6 s earlier: a rated block needs a longer
+`final_frame_ms`. Assigning credit is left to the learner.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from minihuman.experiment.activities.activity import ActivityKind, ActivityRequest, SessionContext
+from minihuman.experiment.activities.block_plans import AgentPlan, AgentPlayPlan
+from minihuman.experiment.activities.play import NS_PER_MS, PlayActivity
+from minihuman.experiment.machine.events import ActivityEvent, PauseReason
+from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import OutcomeMark, PlayScreen
+from minihuman.experiment.machine.transitions import Phase, TransitionCause
+from minihuman.experiment.plan.random_streams import draw_words
+from minihuman.experiment.plan.session_plan import PlannedPart
+
+Controller = Literal["agent", "person"]
+ControlReason = Literal["start", "key", "hand_back", "no_policy"]
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyRequest(ActivityRequest):
+    """The part has begun, or its learner was asked: which policy plays from the next episode on?"""
+
+    part: int
+    name: str  # of the part
+    agent: AgentPlan
+    learning: bool  # a learner was asked for one, and has not answered; else it is the first that is asked for
+    episode: int  # the first that the learner cannot know of
+    policy: str  # that plays now; before the first, what the protocol calls it
+
+
+@dataclass(frozen=True, slots=True)
+class AdviceRequest(ActivityRequest):
+    """What would the policy do in the world as it is now?"""
+
+    policy: str  # SHA-256 of its file, or its name
+    step: int
+
+
+@dataclass(frozen=True, slots=True)
+class NewPolicy(ActivityInput):
+    """A new policy, or the failure of a learner: then the policy before stays."""
+
+    policy: str  # SHA-256 of its file, or the name of an agent that has none
+    failure: str = ""  # why there is none
+
+
+@dataclass(frozen=True, slots=True)
+class Advice(ActivityInput):
+    """How likely the policy thinks each of the world's actions to be best; float32 numbers."""
+
+    step: int  # the step that the world was in
+    probabilities: tuple[float, ...]  # by the world's action number
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyGiven(ActivityEvent):
+    """This policy plays from the next episode on."""
+
+    part: int
+    episode: int  # the next one
+    policy: str  # SHA-256 of its file, or the name of an agent that has none; "" where there is none yet
+    failure: str  # why a learner gave none; "" where it did
+
+
+@dataclass(frozen=True, slots=True)
+class LearnerAsked(ActivityEvent):
+    """A learner was asked for a policy from everything taught so far."""
+
+    part: int
+    episode: int  # the first that it cannot know of
+
+
+@dataclass(frozen=True, slots=True)
+class Advised(ActivityEvent):
+    """What the policy would do after a step, whoever is in control."""
+
+    episode: int
+    step: int  # that it follows, 0 for the reset
+    action: int  # the world's; drawn from the probabilities, or the likeliest
+    probabilities: tuple[float, ...]  # by the world's action number
+
+
+@dataclass(frozen=True, slots=True)
+class ControlChanged(ActivityEvent):
+    """Who is in control from now on."""
+
+    episode: int
+    step: int  # that it follows
+    who: Controller
+    reason: ControlReason
+    pressed_ns: int  # when the key for it went down; t_ns where none did
+
+
+@dataclass(frozen=True, slots=True)
+class Rated(ActivityEvent):
+    """A press for good or bad. Which step it refers to is left to the learner; ``FrameShown`` has the pictures."""
+
+    episode: int
+    step: int  # the world's when the session took the press
+    value: float  # 1 good, -1 bad
+    pressed_ns: int
+
+
+class AgentPlayActivity(PlayActivity):
+    """Plays a block's episodes by a policy's advice."""
+
+    can_copy = False
+    alone = False  # whether the agent acts even without a policy, since the person cannot
+    takes_over = False  # whether a key that has an action takes over from it
+
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        super().__init__(number, part, context)
+        self.plan: AgentPlayPlan = part.plan
+        self.who: Controller = "agent"  # steers
+        self.policy = ""  # in force
+        self.advised: Advised | None = None  # of the present state
+        self._given = False  # the first policy, or that there is none
+        self._next_policy = ""
+        self._learning = False
+        self._asked_at = 0  # the first episode that the learner cannot know of
+        self._due_ns: int | None = None  # the agent's next step; None until its picture has been seen
+
+    @property
+    def agent(self) -> AgentPlan:
+        """The protocol's ``[blocks.agent]``."""
+        return self.plan.agent
+
+    @property
+    def hand_back_key(self) -> str:
+        """The key that gives the agent control back; "" where takeovers are not possible."""
+        return ""
+
+    @property
+    def rating_keys(self) -> tuple[str, str]:
+        """The keys that say good and bad; "" where steps are not rated."""
+        return "", ""
+
+    # From outside
+
+    @property
+    def request(self) -> ActivityRequest | None:  # type: ignore[override]
+        """A policy between episodes, its advice in each state."""
+        if not self.playing:
+            if self._given and not self._learning:
+                return None
+            part, agent, asked = self.part.name, self.agent, self._asked_at
+            return PolicyRequest(
+                self.number, part, agent, self._learning, asked, self._next_policy or self._first_policy
+            )
+        seen = self.advised is not None and self.advised.step == self._current.steps
+        return None if seen or not self.policy else AdviceRequest(self.policy, self._current.steps)
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        match happened:
+            case NewPolicy():
+                self._take_policy(happened)
+            case Advice() if self.playing:
+                self._take_advice(happened)
+            case ActivityInput():
+                pass
+            case _:
+                super().receive(happened)
+
+    @staticmethod
+    def input_of(event: ActivityEvent) -> Input | None:
+        """The policy and the advice that came from outside."""
+        match event:
+            case PolicyGiven():
+                return NewPolicy(event.t_ns, event.policy, event.failure)
+            case Advised():
+                return Advice(event.t_ns, event.step, event.probabilities)
+        return None
+
+    def _take_policy(self, new: NewPolicy) -> None:
+        if not new.failure:
+            self._next_policy = new.policy
+        if self.playing:  # the agent that plays has failed
+            self.policy = ""
+        else:
+            self._given, self._learning = True, False
+        now_ns, episode = self.context.now_ns, self.context.next_episode
+        self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, new.failure))
+        if self.phase is Phase.LEARNING:
+            self._move(TransitionCause.DONE)
+        elif self.playing and self.who == "agent" and not self.alone:
+            self._steer("person", "no_policy")
+
+    def _take_advice(self, advice: Advice) -> None:
+        play, now_ns = self._current, self.context.now_ns
+        if advice.step != play.steps:
+            return  # of a state that is gone
+        action = self._choose(advice)
+        if action is None:
+            failure = "the policy gives no chance to any action that has a key"
+            self._take_policy(NewPolicy(now_ns, self._next_policy, failure))
+            return
+        self.advised = Advised(now_ns, play.plan.episode, play.steps, action, advice.probabilities)
+        self.context.emit(self.advised)
+
+    def _choose(self, advice: Advice) -> int | None:
+        """One of the actions that have a key, by the policy's probabilities; None where it gives them no chance."""
+        if len(advice.probabilities) != len(self._current.world.action_names):
+            return None
+        play, playable = self._current, self._playable
+        chances = np.array([advice.probabilities[action] for action in playable], np.float64)
+        if not np.isfinite(chances).all() or (chances < 0).any() or not chances.sum() > 0:
+            return None
+        if self.agent.acts == "likeliest":
+            return playable[int(chances.argmax())]
+        plan, session = self.context.plan, self.context.plan.session
+        purpose = f"advice-session-{session}-episode-{play.plan.episode}-step-{advice.step}"
+        word = int(draw_words(1, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)[0])
+        sums = np.cumsum(chances)
+        place = int(np.searchsorted(sums, (word >> 11) / 2**53 * sums[-1], side="right"))
+        return playable[min(place, len(playable) - 1)]
+
+    @property
+    def _playable(self) -> list[int]:
+        """The world's actions that have a key."""
+        play = self._current
+        return sorted({a for key in play.plan.key_map.keys if (a := play.action_of(key)) is not None})
+
+    @property
+    def _first_policy(self) -> str:
+        return self.agent.policy
+
+    # Time
+
+    @property
+    def real_time(self) -> bool:  # type: ignore[override]
+        """Whether the agent makes steps now."""
+        return self.playing and (self.who == "agent" or self._current.real_time)
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The agent's next step, beside what every block waits for."""
+        others = super().next_tick_ns
+        mine = self._due_ns if self._agent_can_step else None
+        return min((t for t in (others, mine) if t is not None), default=None)
+
+    @property
+    def _agent_can_step(self) -> bool:
+        return self.playing and self.who == "agent" and self.advised is not None
+
+    def _let_time_pass(self) -> None:
+        super()._let_time_pass()
+        if self._agent_can_step and self._due_ns is not None and self.context.now_ns >= self._due_ns:
+            assert self.advised is not None
+            now_ns, action = self.context.now_ns, self.advised.action
+            self._step(action, key="", key_t_ns=now_ns)
+
+    def _step(self, action: int, *, key: str, key_t_ns: int) -> None:
+        stepped = self._current.step(self.context.now_ns, action, key=key, key_t_ns=key_t_ns)
+        self._due_ns = self.advised = None
+        self._stepped(stepped)
+
+    def _shown(self, shown: ScreenShown) -> None:
+        super()._shown(shown)
+        if self.playing and self._due_ns is None and (shown.step is None or shown.step >= self._current.steps):
+            self._due_ns = shown.flip_ns + self.period_ns
+
+    def suspend(self, reason: PauseReason) -> None:
+        """Stop the agent's clock too; the next picture shown starts it anew."""
+        super().suspend(reason)
+        self._due_ns = None
+
+    # Episodes
+
+    def _episode_started(self) -> None:
+        self.policy = self._next_policy
+        self._due_ns = self.advised = None
+        self._steer("agent" if self.policy or self.alone else "person", "start" if self.policy else "no_policy")
+
+    def _steer(self, who: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
+        play, now_ns = self._current, self.context.now_ns
+        self.who, self._due_ns = who, None
+        pressed_ns = now_ns if pressed_ns is None else pressed_ns
+        self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, who, reason, pressed_ns))
+
+    def _between_episodes(self) -> None:
+        """Ask the learner, where it is its turn."""
+        agent, played = self.agent, self.context.next_episode - self.plan.first
+        if agent.learner and not self._learning and self.has_next_episode and played % agent.update_every == 0:
+            self._learning, self._asked_at = True, self.context.next_episode
+            self.context.emit(LearnerAsked(self.context.now_ns, self.number, self.context.next_episode))
+
+    @property
+    def learning_s(self) -> float:  # type: ignore[override]
+        """How long the next episode waits for the learner."""
+        return self.agent.wait_s if self._learning else 0.0
+
+    # What is seen
+
+    @property
+    def period_ns(self) -> int:
+        """From the picture of one of the agent's steps to the next step."""
+        return round(self.agent.step_ms * NS_PER_MS)
+
+    def control_text(self, who: Controller) -> str:
+        """The text below the picture."""
+        return self.context.words[f"steers.{who}"]
+
+    @property
+    def _look(self) -> object:
+        return self.who
+
+    def _play_screen(self) -> PlayScreen:
+        return replace(super()._play_screen(), controller=self.who, controller_text=self.control_text(self.who))
+
+
+class TakeoverActivity(AgentPlayActivity):
+    """A key of the person takes control; the hand-back key returns it to the agent."""
+
+    takes_over = True
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        play, emit_key = self._current, self.context.emit_key
+        action = play.action_of(press.key)
+        if press.key == self.agent.hand_back and not press.repeat:
+            can = self.who == "person" and bool(self.policy)
+            emit_key(press, "accepted" if can else "not_playing", self.phase)
+            if can:
+                self._steer("agent", "hand_back", press.t_ns)
+        elif action is None or (press.repeat and not play.plan.auto_repeat):
+            super()._key_in_play(press)
+        else:
+            emit_key(press, "accepted", self.phase, action)
+            if self.who == "agent":
+                self._steer("person", "key", press.t_ns)
+            self._step(action, key=press.key, key_t_ns=press.t_ns)
+
+    @property
+    def hand_back_key(self) -> str:
+        """The key that gives the agent control back; "" where there is no agent to give it to."""
+        return self.agent.hand_back if self.policy else ""
+
+    def control_text(self, who: Controller) -> str:
+        """The text below the picture, with how to hand back."""
+        words, said = self.context.words, super().control_text(who)
+        if who == "agent" or not self.policy:
+            return said
+        key = words.labels((self.agent.hand_back,))[0][1]
+        return f"{said}  {words.fill('steers.hand_back', name=key)}"
+
+
+TAKEOVER = ActivityKind(
+    "takeover", AgentPlayPlan, TakeoverActivity, messages="minihuman.log.activity_topics:TAKEOVER_ROWS"
+)
+
+FLASH_NS = 150_000_000  # how long a press is seen
+REPEAT_INTERVAL_NS = 100_000_000  # a held key counts once in so long
+
+
+class RatingActivity(AgentPlayActivity):
+    """Only the agent acts. Without a policy all actions are equally likely."""
+
+    alone = True
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*arguments)  # type: ignore[arg-type]
+        self._flash = 0.0  # the value of the press that is seen
+        self._flash_until_ns: int | None = None
+        self._last_ns: int | None = None  # of the last press that counted
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        self._end_flash()
+        held = self.phase in (Phase.PLAYING, Phase.HOLD) and self._current.started
+        if held and isinstance(happened, KeyDown) and happened.key in self._values:
+            self._let_time_pass()
+            self._rate(happened)
+        else:
+            super().receive(happened)
+
+    @property
+    def _values(self) -> dict[str, float]:
+        return {self.agent.good: 1.0, self.agent.bad: -1.0}
+
+    def _rate(self, press: KeyDown) -> None:
+        if press.repeat and self._last_ns is not None and press.t_ns < self._last_ns + REPEAT_INTERVAL_NS:
+            self.context.emit_key(press, "repeat", self.phase)
+            return
+        now_ns, play, value = self.context.now_ns, self._current, self._values[press.key]
+        self.context.emit_key(press, "accepted", self.phase)
+        self.context.emit(Rated(now_ns, play.plan.episode, play.steps, value, press.t_ns))
+        self._last_ns = press.t_ns
+        self._flash, self._flash_until_ns = value, now_ns + FLASH_NS
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        """The keys of actions do nothing: only the agent acts."""
+        self.context.emit_key(press, "repeat" if press.repeat else "unmapped", self.phase)
+
+    @property
+    def _first_policy(self) -> str:
+        return self.agent.policy or "random"  # an agent has to act before it can be rated
+
+    def _shown(self, shown: ScreenShown) -> None:
+        super()._shown(shown)
+        if self.playing and not self.policy and self.advised is None:
+            playable, count = self._playable, len(self._current.world.action_names)
+            share = float(np.float32(1 / len(playable)))
+            chances = tuple(share if action in playable else 0.0 for action in range(count))
+            self._take_advice(Advice(self.context.now_ns, self._current.steps, chances))
+
+    def _end_flash(self) -> None:
+        if self._flash_until_ns is not None and self.context.now_ns >= self._flash_until_ns:
+            self._flash, self._flash_until_ns = 0.0, None
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The end of a flash, beside what every agent waits for."""
+        due = (super().next_tick_ns, self._flash_until_ns)
+        return min((t for t in due if t is not None), default=None)
+
+    @property
+    def held(self) -> RunningEpisode | None:
+        """The episode whose last picture is held, for players who rate it; None in every other phase."""
+        return self._current if self.phase is Phase.HOLD else None
+
+    @property
+    def rating_keys(self) -> tuple[str, str]:
+        """The keys that say good and bad."""
+        return self.agent.good, self.agent.bad
+
+    @property
+    def _look(self) -> object:
+        return self.who, self._flash
+
+    def _play_screen(self) -> PlayScreen:
+        flash: OutcomeMark = "" if not self._flash else "good" if self._flash > 0 else "bad"
+        return replace(super()._play_screen(), flash=flash)
+
+    def control_text(self, who: Controller) -> str:
+        """The text below the picture: the rating keys."""
+        words = self.context.words
+        good, bad = (cap for _, cap, _ in words.labels(self.rating_keys))
+        return words.fill("rating.prompt", good=good, bad=bad)
+
+
+RATING = ActivityKind("rating", AgentPlayPlan, RatingActivity, messages="minihuman.log.activity_topics:RATING_ROWS")

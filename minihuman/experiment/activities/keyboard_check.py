@@ -1,0 +1,52 @@
+"""Keyboard check: every key of the pool must arrive once before data are recorded."""
+
+import msgspec
+
+from minihuman.experiment.activities.activity import Activity, ActivityKind, PartEnding
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.events import Noted
+from minihuman.experiment.machine.inputs import Input, KeyDown
+from minihuman.experiment.machine.screens import TextScreen
+from minihuman.experiment.machine.transitions import Phase
+
+
+class KeyboardCheckPlan(msgspec.Struct, frozen=True):
+    """The keys that are asked for."""
+
+    keys: tuple[str, ...]
+
+
+class KeyboardCheckActivity(Activity):
+    """Lights each key up when it has arrived, and says what it types."""
+
+    phase = Phase.KEYBOARD_CHECK
+    can_copy = True
+
+    def begin(self) -> None:
+        """Ask for every key."""
+        self._arrived: dict[str, str] = {}  # key -> symbol
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+
+    def receive(self, happened: Input) -> None:
+        """Take a key."""
+        if not isinstance(happened, KeyDown):
+            return
+        plan: KeyboardCheckPlan = self.part.plan
+        if happened.key not in plan.keys:
+            self.context.emit_key(happened, "unmapped", self.phase)
+            return
+        self.context.emit_key(happened, "accepted", self.phase)
+        self._arrived.setdefault(happened.key, happened.symbol)
+        if len(self._arrived) == len(set(plan.keys)):
+            typed = ", ".join(f"{key} types {self._arrived[key]!r}" for key in plan.keys)
+            self.context.emit(Noted(self.context.now_ns, "keyboard_check", f"every key arrived: {typed}"))
+            self.ended = PartEnding()
+
+    def screen(self) -> TextScreen:
+        """The keys, where they lie to each other."""
+        return screen_texts.build_keyboard_check_screen(
+            self.context.words, self.part.plan.keys, frozenset(self._arrived)
+        )
+
+
+KEYBOARD_CHECK = ActivityKind("keyboard_check", KeyboardCheckPlan, KeyboardCheckActivity)

@@ -1,0 +1,174 @@
+"""Pages: a text read page by page. A consent text must be read to its end before agreement."""
+
+import io
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.events import Noted, PageShown
+from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
+from minihuman.experiment.machine.running_episode import catch_world_errors
+from minihuman.experiment.machine.screens import PageScreen, PictureLabel
+from minihuman.experiment.machine.transitions import Phase
+
+FORWARD_KEYS = (*ENTER_KEYS, "right", "page_down", "space")
+BACK_KEYS = ("left", "page_up", "backspace")
+EXAMPLE_SIZE_PX = (960, 720)
+
+
+class ExampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A picture of a world, with words at some of its things."""
+
+    world: str
+    options: dict[str, Any] = {}
+    seed: int = 0
+    marks: dict[str, str] = {}  # "agent" or a thing's name -> what is written beside it
+
+
+class PagePlan(msgspec.Struct, frozen=True):
+    """A text in pages, broken by measured height when the plan was made."""
+
+    title: str
+    pages: tuple[str, ...]
+    agree: bool = False  # Enter on the last page means agreement
+    sha256: str = ""  # of the whole text that is agreed to
+    closing: bool = False  # the session's last words
+    pictures: tuple[bytes, ...] = ()  # PNG, one a page from the first; more pages than pictures have none
+    example: ExampleSpec | None = None  # drawn on the first page
+
+
+class PageReader:
+    """Which page is open, and which were: shared by every text that has pages."""
+
+    def __init__(self, pages: int) -> None:
+        self.pages = max(1, pages)
+        self.page = 0
+        self.furthest = 0
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the last page is open."""
+        return self.page == self.pages - 1
+
+    def turn(self, by: int) -> bool:
+        """Open the next or the previous page; False if there is none."""
+        page = self.page + by
+        if not 0 <= page < self.pages:
+            return False
+        self.page = page
+        self.furthest = max(self.furthest, page)
+        return True
+
+
+class PagesActivity(Activity):
+    """Shows a text; on its last page Enter goes on."""
+
+    can_copy = True
+
+    def begin(self) -> None:
+        """Open the first page."""
+        plan: PagePlan = self.part.plan
+        self.phase = Phase.CONSENT if plan.agree else Phase.CLOSING if plan.closing else Phase.PAGE
+        self._reader = PageReader(len(plan.pages))
+        self._pictures = {number: _decode_png(png) for number, png in enumerate(plan.pictures)}
+        self._marks: tuple[PictureLabel, ...] = ()
+        self._open: PageScreen | None = None
+        if plan.example is not None:
+            self._pictures[0], self._marks = _draw_example(self.context, plan.example)
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+
+    def receive(self, happened: Input) -> None:
+        """Turn a page, or go on from the last."""
+        match happened:
+            case ScreenShown():
+                self.context.emit(build_page_shown(self.number, self._reader, happened))
+            case KeyDown(key=key):
+                verdict = self._moved(
+                    1 if key in FORWARD_KEYS else -1 if key in BACK_KEYS else 0, by_enter=key in ENTER_KEYS
+                )
+                self.context.emit_key(happened, "accepted" if verdict else "unmapped", self.phase)
+                self._note_agreement()
+            case PointerPressed(target="go_on"):
+                self._moved(1, by_enter=True)
+                self._note_agreement()
+            case PointerPressed(target="back"):
+                self._moved(-1, by_enter=False)
+            case PointerPressed(target="decline") if self.part.plan.agree:
+                self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
+
+    def _moved(self, by: int, *, by_enter: bool) -> bool:
+        """Whether it led anywhere. The last page is left by Enter or its button only, never by an arrow too many."""
+        if not by:
+            return False
+        if self._reader.turn(by):
+            return True
+        if by > 0 and by_enter:
+            self.ended = PartEnding()
+            return True
+        return False
+
+    def _note_agreement(self) -> None:
+        plan: PagePlan = self.part.plan
+        if self.ended and plan.agree:
+            text = f"agreed to the text with SHA-256 {plan.sha256}"
+            self.context.emit(Noted(self.context.now_ns, "consent", text))
+
+    def screen(self) -> PageScreen:
+        """The open page."""
+        if self._open is None or self._open.page != self._reader.page + 1:
+            self._open = self._screen()
+        return self._open
+
+    def _screen(self) -> PageScreen:
+        plan: PagePlan = self.part.plan
+        words, reader = self.context.words, self._reader
+        last = "consent.prompt" if plan.agree else "closing.prompt" if plan.closing else "go_on"
+        return screen_texts.build_page_screen(
+            words,
+            title=plan.title,
+            decline_label=words["consent.decline"] if plan.agree else "",
+            body=screen_texts.fill_score_fields(self.context, plan.pages[reader.page] if plan.pages else ""),
+            page=reader.page,
+            pages=reader.pages,
+            last=words[last],
+            button=words["consent.button"] if plan.agree else words["button.go_on"],
+            picture=self._pictures.get(reader.page),
+            marks=self._marks if reader.page == 0 else (),
+        )
+
+
+def build_page_shown(part: int, reader: PageReader, shown: ScreenShown) -> PageShown:
+    """Say that the open page reached the display."""
+    return PageShown(shown.t_ns, part, reader.page + 1, reader.pages, shown.submit_ns, shown.flip_ns)
+
+
+def _decode_png(png: bytes) -> NDArray[np.uint8]:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArray[np.uint8], tuple[PictureLabel, ...]]:
+    """The world from above, and where in it the marked things are."""
+    world = context.world(example.world, example.options)
+    with catch_world_errors():
+        world.reset(example.seed)
+        picture = world.frame("full", context.picture_px or EXAMPLE_SIZE_PX)
+        floor, pose = world.map(), world.pose()
+    if floor is None:
+        return picture, ()
+    x0, z0, x1, z1 = floor.bounds
+    places = {thing.name: (thing.x, thing.z) for thing in reversed(floor.things)}
+    if pose is not None:
+        places["agent"] = (pose.x, pose.z)
+    return picture, tuple(
+        PictureLabel((places[name][0] - x0) / (x1 - x0), (places[name][1] - z0) / (z1 - z0), label)
+        for name, label in example.marks.items()
+        if name in places
+    )
+
+
+PAGE = ActivityKind("page", PagePlan, PagesActivity)

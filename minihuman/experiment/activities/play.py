@@ -1,0 +1,626 @@
+"""Play: the episodes of one block, with instructions, fixation, feedback and rest.
+
+Holds the block's transition table, time limits (playing time only, pauses excluded), timed screens, tally of outcomes
+and screens.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from enum import StrEnum
+
+from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
+from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.experiment.activities.pages import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.events import (
+    EndCause,
+    EpisodesSkipped,
+    KeyMapDrawn,
+    Noted,
+    Paused,
+    PauseReason,
+    Resumed,
+    Scored,
+    SkipReason,
+    Stepped,
+)
+from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode
+from minihuman.experiment.machine.screens import BlankScreen, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
+from minihuman.experiment.plan.session_plan import PlannedPart
+
+
+def _another_episode_follows(play: "PlayActivity") -> bool:
+    return play.has_next_episode
+
+
+PLAY_TRANSITIONS: "TransitionTable[PlayActivity]" = TransitionTable(
+    [
+        PhaseTransition(Phase.START, TransitionCause.BEGAN, Phase.INSTRUCTIONS),
+        PhaseTransition(Phase.INSTRUCTIONS, TransitionCause.DONE, Phase.PREPARING),
+        PhaseTransition(Phase.PREPARING, TransitionCause.DONE, Phase.READY),
+        PhaseTransition(Phase.READY, TransitionCause.DONE, Phase.INTERVAL),
+        PhaseTransition(Phase.INTERVAL, TransitionCause.DONE, Phase.FIXATION),
+        PhaseTransition(Phase.FIXATION, TransitionCause.DONE, Phase.PLAYING),
+        PhaseTransition(Phase.PLAYING, TransitionCause.EPISODE_ENDED, Phase.HOLD),
+        PhaseTransition(Phase.HOLD, TransitionCause.DONE, Phase.FEEDBACK),
+        PhaseTransition(Phase.FEEDBACK, TransitionCause.DONE, Phase.LEARNING, _another_episode_follows),
+        PhaseTransition(Phase.LEARNING, TransitionCause.DONE, Phase.PREPARING),
+        PhaseTransition(Phase.FEEDBACK, TransitionCause.DONE, Phase.REST),
+        PhaseTransition(Phase.REST, TransitionCause.DONE, Phase.OVER),
+    ]
+)
+
+PHASE_CONDITIONS: "Mapping[Phase, Callable[[PlayActivity], bool]]" = {
+    Phase.INSTRUCTIONS: lambda play: bool(play.plan.instruction),
+    Phase.LEARNING: lambda play: play.learning_s > 0,
+    Phase.PREPARING: lambda play: play.needs_new_world,
+    Phase.READY: lambda play: play.shows_ready_screen,
+    Phase.INTERVAL: lambda play: play.plan.interval_ms > 0,
+    Phase.FIXATION: lambda play: play.plan.fixation_ms > 0,
+    Phase.HOLD: lambda play: play.plan.hold_ms > 0,
+    Phase.FEEDBACK: lambda play: bool(play.feedback_text),
+    Phase.REST: lambda play: bool(play.plan.rest) or play.plan.rest_s > 0,
+}
+
+
+NS_PER_S = 1_000_000_000
+
+
+class BlockTimeLimits:
+    """Two clocks that run while an episode is played; 0 s is no limit."""
+
+    def __init__(self, episode_s: float, block_s: float) -> None:
+        self._episode_ns = round(episode_s * NS_PER_S)
+        self._block_ns = round(block_s * NS_PER_S)
+        self._played_ns = 0  # of the episode, when the clock last stood
+        self._block_played_ns = 0
+        self._running_since_ns: int | None = None
+
+    def begin(self, now_ns: int) -> None:
+        """An episode starts."""
+        self._played_ns = 0
+        self._running_since_ns = now_ns
+
+    def resume(self, now_ns: int) -> None:
+        """It goes on."""
+        self._running_since_ns = now_ns
+
+    def stop(self, now_ns: int) -> None:
+        """It pauses or is over."""
+        if self._running_since_ns is not None:
+            ran_ns = now_ns - self._running_since_ns
+            self._played_ns += ran_ns
+            self._block_played_ns += ran_ns
+            self._running_since_ns = None
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the next limit is reached; None: there is none, or the clocks stand."""
+        if self._running_since_ns is None:
+            return None
+        left = [limit - played for limit, played in self._pairs if limit]
+        return self._running_since_ns + max(0, min(left)) if left else None
+
+    def over(self, now_ns: int) -> EndCause:
+        """Which limit has been reached; "" for none."""
+        due_ns = self.due_ns
+        if due_ns is None or now_ns < due_ns:
+            return ""
+        return "block_max_s" if self.block_is_over(now_ns) else "max_s"
+
+    def block_is_over(self, now_ns: int) -> bool:
+        """Whether the block's time has been played."""
+        running_ns = 0 if self._running_since_ns is None else now_ns - self._running_since_ns
+        return bool(self._block_ns) and self._block_played_ns + running_ns >= self._block_ns
+
+    @property
+    def _pairs(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        return (self._episode_ns, self._played_ns), (self._block_ns, self._block_played_ns)
+
+
+NS_PER_MS = 1_000_000
+_TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD, Phase.LEARNING)  # time ends them, no key
+
+
+class PhaseTimer:
+    """The time of the phase that stands; phases without a length leave it alone.
+
+    Args:
+        plan: the block's.
+        learning_s: how long the next episode may wait for an agent that learns.
+    """
+
+    def __init__(self, plan: PlayPlan, learning_s: Callable[[], float]) -> None:
+        self._plan = plan
+        self._learning_s = learning_s
+        self._until_ns: int | None = None
+
+    def begin(self, phase: StrEnum, now_ns: int) -> None:
+        """A phase begins."""
+        if phase in _TIMED:
+            self._until_ns = now_ns + self._lasts_ns(phase)
+        elif phase is Phase.REST:
+            self._until_ns = now_ns + round(self._plan.rest_s * NS_PER_S)
+
+    def seen(self, phase: StrEnum, flip_ns: int) -> None:
+        """Its screen reached the display: it stands from then on. Learning lasts however late it was seen."""
+        if phase in _TIMED and phase is not Phase.LEARNING and self._until_ns is not None:
+            self._until_ns = flip_ns + self._lasts_ns(phase)
+
+    def suspend(self, phase: StrEnum) -> None:
+        """Something is in front; a rest goes on even so."""
+        if phase in _TIMED:
+            self._until_ns = None
+
+    def resume(self, phase: StrEnum, now_ns: int) -> None:
+        """It stands again, for its whole time."""
+        if phase in _TIMED:
+            self._until_ns = now_ns + self._lasts_ns(phase)
+
+    def over(self, phase: StrEnum, now_ns: int) -> bool:
+        """Whether a phase that time ends has stood long enough."""
+        return phase in _TIMED and self._until_ns is not None and now_ns >= self._until_ns
+
+    def due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
+        """When something changes by itself, a rest's next second too; None: never."""
+        if self._until_ns is None or now_ns >= self._until_ns:
+            return None
+        if phase is Phase.REST:
+            return self._until_ns - (self.left_s(now_ns) - 1) * NS_PER_S
+        return self._until_ns
+
+    def left_s(self, now_ns: int) -> int:
+        """Seconds that are left, begun ones counted whole."""
+        return max(0, -(-((self._until_ns or 0) - now_ns) // NS_PER_S))
+
+    def _lasts_ns(self, phase: StrEnum) -> int:
+        ms: dict[StrEnum, float] = {
+            Phase.INTERVAL: self._plan.interval_ms,
+            Phase.FIXATION: self._plan.fixation_ms,
+            Phase.HOLD: self._plan.hold_ms,
+            Phase.LEARNING: self._learning_s() * 1_000,
+        }
+        return round(ms[phase] * NS_PER_MS)
+
+
+class BlockTally:
+    """Counts a block's episodes that are over.
+
+    Args:
+        plan: the block's.
+    """
+
+    def __init__(self, plan: PlayPlan) -> None:
+        self._plan = plan
+        self._outcomes: list[str] = []  # in order
+        self.scored = 0.0  # by the last one
+        self.skip: SkipReason | None = None  # why no other episode is played
+
+    def restore_outcomes(self, outcomes: Iterable[str]) -> None:
+        """Restore the outcomes of earlier segments."""
+        self._outcomes = list(outcomes)
+
+    def add_episode(self, play: RunningEpisode) -> float | None:
+        """Count an episode that is over; return its points, None in a block without points."""
+        assert play.outcome is not None
+        self._outcomes.append(play.outcome)
+        if self._plan.points is None:
+            return None
+        self.scored = self._plan.points.compute(play.outcome, play.steps, play.return_)
+        return self.scored
+
+    def decide(self, *, time_is_up: bool) -> None:
+        """Settle whether the block is over before its last episode."""
+        until = self._plan.until
+        if until is not None and until.is_met(self._outcomes):
+            self.skip = "criterion"
+        elif time_is_up:
+            self.skip = "time"
+
+    def has_next(self, next_episode: int) -> bool:
+        """Whether the block goes on with that episode."""
+        return self.skip is None and next_episode < self._plan.first + self._plan.count
+
+    @property
+    def failed(self) -> bool:
+        """Whether the block ends the session because its criterion was not reached."""
+        until = self._plan.until
+        return until is not None and not until.is_met(self._outcomes) and until.otherwise == "end"
+
+
+class BlockScreens:
+    """A block's screens. Decides nothing.
+
+    Args:
+        plan: the block's.
+        context: the session around it, for its words and points.
+    """
+
+    def __init__(self, plan: PlayPlan, context: SessionContext) -> None:
+        self._plan = plan
+        self._context = context
+
+    def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
+        """A screen without an episode; None where the phase shows one."""
+        words = self._context.words
+        match phase:
+            case Phase.INSTRUCTIONS:
+                return screen_texts.build_page_screen(
+                    words,
+                    title=self._plan.title or words["instructions.title"],
+                    body=self._plan.instruction[reader.page],
+                    page=reader.page,
+                    pages=reader.pages,
+                    last=words["go_on"],
+                    button=words["button.go_on"],
+                )
+            case Phase.LEARNING:
+                return screen_texts.build_learning_screen(words)
+            case Phase.PREPARING:
+                return screen_texts.build_wait_screen(words)
+            case Phase.INTERVAL | Phase.FIXATION:
+                return BlankScreen(cross=phase is Phase.FIXATION)
+        return None
+
+    def rest(self, left_s: int) -> TextScreen:
+        """The rest after the block."""
+        return screen_texts.build_rest_screen(
+            self._context.words, screen_texts.fill_score_fields(self._context, self._plan.rest), left_s
+        )
+
+    def ready(self, play: RunningEpisode) -> TextScreen:
+        """The last screen before an episode."""
+        return screen_texts.build_ready_screen(self._context.words, self._mission(play), self._progress(play))
+
+    def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
+        """The feedback on an episode."""
+        return screen_texts.build_feedback_screen(
+            self._context.words, self._plan, play, self._progress(play), scored, self._context.points
+        )
+
+    def play(self, play: RunningEpisode, *, held: bool, scored: float) -> PlayScreen:
+        """An episode's picture; ``held``: its last one, with what it was worth."""
+        words = self._context.words
+        legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
+        return PlayScreen(
+            picture=play.picture() if held or self._context.renders_steps else EMPTY_IMAGE,
+            mission=self._mission(play),
+            progress=self._progress(play),
+            legend=tuple((key, words.action(action)) for key, action in legend),
+            episode=play.plan.episode,
+            step=play.steps,
+            locale=words.locale,
+            mark=screen_texts.outcome_mark(play.outcome) if held and self._plan.marks else "",
+            score_text=screen_texts.format_score(words, scored) if held and self._plan.points is not None else "",
+            labels=words.labels(tuple(key for key, _ in legend)),
+        )
+
+    def _mission(self, play: RunningEpisode) -> str:
+        return self._plan.mission or self._context.words.mission(play.mission)
+
+    def _progress(self, play: RunningEpisode) -> str:
+        total = self._context.points if self._plan.show_points else None
+        return screen_texts.format_progress(self._context, self._plan, play.plan, total)
+
+
+_TEXT_PHASES = (Phase.READY, Phase.FEEDBACK)
+
+
+class PlayActivity(Activity):
+    """Plays a block's episodes from the next one that the session has not completed."""
+
+    plan: PlayPlan
+    can_copy = True
+    play: RunningEpisode | None = None
+    learning_s = 0.0  # how long the next episode may wait for an agent that learns
+
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        super().__init__(number, part, context)
+        self.plan = part.plan
+        self.phase = Phase.START
+        self.shows_ready_screen: bool = True
+        self._play: RunningEpisode | None = None  # from the ready screen to the end of the feedback
+        self._timer = PhaseTimer(self.plan, lambda: self.learning_s)
+        self._limits = BlockTimeLimits(self.plan.max_s, self.plan.block_max_s)
+        self._reader = PageReader(len(self.plan.instruction))
+        self._tally = BlockTally(self.plan)
+        self._view = BlockScreens(self.plan, context)
+        self._flip_ns: int | None = None  # when the present text reached the display
+        self._drawn: tuple[object, Screen] | None = None  # a world's picture is drawn once
+
+    # What the conditions beside the table ask
+
+    @property
+    def has_next_episode(self) -> bool:
+        """Whether the block goes on."""
+        return self._tally.has_next(self.context.next_episode)
+
+    @property
+    def needs_new_world(self) -> bool:
+        """Whether the next episode's world has to be made."""
+        plan = self.context.plan.episodes[self.context.next_episode]
+        return not self.context.has_world(plan.world, plan.options)
+
+    @property
+    def feedback_text(self) -> str:
+        """The feedback on the last episode; "" if there is none."""
+        return self.plan.feedback.get(self._play.outcome or "", "") if self._play else ""
+
+    # The port
+
+    def begin(self) -> None:
+        """Begin the block, or go on with it."""
+        if (
+            self.number == self.context.plan.standing.part
+            and self.context.next_episode == self.context.plan.first_episode
+        ):
+            self._tally.restore_outcomes(self.context.plan.standing.outcomes)
+        self._decide()
+        if not self.has_next_episode:
+            self._end()
+            return
+        self._move(TransitionCause.BEGAN)
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        match happened:
+            case ScreenShown():
+                self._shown(happened)
+                return
+        self._let_time_pass()
+        if self.ended:
+            if isinstance(happened, KeyDown):
+                self.context.emit_key(happened, "not_playing", self.phase)
+            return
+        match happened:
+            case KeyDown() if self.phase is Phase.PLAYING:
+                self._key_in_play(happened)
+            case KeyDown(repeat=True):
+                self.context.emit_key(happened, "repeat", self.phase)
+            case KeyDown():
+                self._key_outside_play(happened)
+            case PointerPressed(target="go_on" | "back" as target) if self.phase is Phase.INSTRUCTIONS:
+                self._turn(1 if target == "go_on" else -1, by_enter=True)
+
+    def suspend(self, reason: PauseReason) -> None:
+        """Stop the clocks."""
+        self._timer.suspend(self.phase)
+        if self.phase is Phase.PLAYING:
+            self._current.suspend()
+            self._limits.stop(self.context.now_ns)
+            self.context.emit(Paused(self.context.now_ns, reason))
+
+    def resume(self) -> None:
+        """Let them run again."""
+        super().resume()
+        if self.phase is Phase.PLAYING:
+            self._limits.resume(self.context.now_ns)
+            self.context.emit(Resumed(self.context.now_ns))
+        else:
+            self._timer.resume(self.phase, self.context.now_ns)
+
+    def stop(self) -> None:
+        """Abandon what is being played."""
+        if self._play and self._play.started and self._play.outcome is None:
+            self.context.emit(self._play.end(self.context.now_ns))
+
+    @property
+    def playing(self) -> bool:  # type: ignore[override]
+        """Whether an episode runs."""
+        return self.phase is Phase.PLAYING
+
+    @property
+    def real_time(self) -> bool:  # type: ignore[override]
+        """Whether time makes its steps."""
+        return self.playing and self._current.real_time
+
+    @property
+    def limit_ns(self) -> int | None:
+        """When the time for the episode, or for the block, is over; None while nothing is played or without a limit."""
+        return self._limits.due_ns if self.playing else None
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The next step of real time, a limit, the end of a timed screen, or a rest's next second."""
+        if self.phase is Phase.PLAYING:
+            self.play = self._current
+            due = [t for t in (self._current.next_tick_ns, self._limits.due_ns) if t is not None]
+            return min(due, default=None)
+        if self.phase is Phase.PREPARING:
+            return self.context.now_ns
+        return self._timer.due_ns(self.phase, self.context.now_ns)
+
+    def screen(self) -> Screen:
+        """What belongs to the phase."""
+        steps = self._play and self._play.steps
+        now = (self.phase, self._reader.page, self._play, steps, self._rest_left_s, self._look)
+        if self._drawn is None or self._drawn[0] != now:
+            self._drawn = (now, self._screen())
+        return self._drawn[1]
+
+    def _screen(self) -> Screen:
+        before = self._view.before(self.phase, self._reader)
+        if before is not None:
+            return before
+        match self.phase:
+            case Phase.READY:
+                return self._view.ready(self._current)
+            case Phase.FEEDBACK:
+                return self._view.feedback(self._current, self._tally.scored)
+            case Phase.REST:
+                return self._view.rest(self._rest_left_s)
+        return self._play_screen()
+
+    def _play_screen(self) -> PlayScreen:
+        return self._view.play(self._current, held=self.phase is Phase.HOLD, scored=self._tally.scored)
+
+    # Inputs
+
+    def _shown(self, shown: ScreenShown) -> None:
+        if self.phase in (Phase.PLAYING, Phase.HOLD):
+            self.context.emit(self._current.record_shown(shown))
+            if shown.step is not None and shown.step < self._current.steps:
+                return
+        elif shown.step is not None:  # late word of a picture: the episode is over by now
+            if self._play is not None and self._play.started:
+                self.context.emit(self._play.record_shown(shown))
+            return
+        elif self.phase is Phase.INSTRUCTIONS:
+            self.context.emit(build_page_shown(self.number, self._reader, shown))
+        self._flip_ns = shown.flip_ns
+        self._timer.seen(self.phase, shown.flip_ns)
+
+    def _let_time_pass(self) -> None:
+        """Do what was due by now, before any later input."""
+        now_ns = self.context.now_ns
+        if self.phase is Phase.PLAYING:
+            cause = self._limits.over(now_ns)
+            if cause:
+                self._episode_ended(cause)
+            elif stepped := self._current.tick(now_ns):
+                self._stepped(stepped)
+        elif self.phase is Phase.PREPARING or self._timer.over(self.phase, now_ns):
+            self._move(TransitionCause.DONE)
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        play, emit_key = self._current, self.context.emit_key
+        action = play.action_of(press.key)
+        if press.repeat and (play.real_time or not play.plan.auto_repeat or action is None):
+            emit_key(press, "repeat", self.phase, action)
+        elif action is None:
+            emit_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped", self.phase)
+        elif play.real_time:
+            play.queue(press.t_ns, press.key, action)
+            emit_key(press, "queued", self.phase, action)
+        else:
+            emit_key(press, "accepted", self.phase, action)
+            self._stepped(play.step(self.context.now_ns, action, key=press.key, key_t_ns=press.t_ns))
+
+    def _key_outside_play(self, press: KeyDown) -> None:
+        key, phase, emit_key = press.key, self.phase, self.context.emit_key
+        if phase is Phase.INSTRUCTIONS and key in (*FORWARD_KEYS, *BACK_KEYS):
+            by = 1 if key in FORWARD_KEYS else -1
+            can = self._reader.page + by in range(self._reader.pages) or (by > 0 and key in ENTER_KEYS)
+            emit_key(press, "accepted" if can else "unmapped", phase)
+            self._turn(by, by_enter=key in ENTER_KEYS)
+        elif phase is Phase.READY and key in ENTER_KEYS and self._flip_ns is not None and press.t_ns < self._flip_ns:
+            emit_key(press, "not_playing", phase)  # meant for the screen before: this one is not on the display yet
+        elif key in ENTER_KEYS and (phase in _TEXT_PHASES or (phase is Phase.REST and not self._rest_left_s)):
+            emit_key(press, "accepted", phase)
+            self._move(TransitionCause.DONE)
+        else:
+            meant = key in ENTER_KEYS or (self._play is not None and self._play.action_of(key) is not None)
+            emit_key(press, "not_playing" if meant else "unmapped", phase)
+
+    def _turn(self, by: int, *, by_enter: bool) -> None:
+        if not self._reader.turn(by) and by > 0 and by_enter:
+            self._move(TransitionCause.DONE)
+
+    # Moving on
+
+    def _move(self, cause: TransitionCause) -> None:
+        """Follow the table, and on through phases that have nothing to show. An impossible move changes nothing."""
+        move = PLAY_TRANSITIONS.find(self.phase, cause, self)
+        if move is None:
+            return
+        assert isinstance(move.end, Phase)
+        before, self.phase = self.phase, move.end
+        if self.phase is Phase.OVER:
+            self._end()
+            return
+        if before is Phase.FEEDBACK:
+            self.shows_ready_screen = not self.feedback_text  # a participant who has just left the feedback is ready
+        elif self.phase is Phase.READY:
+            self._prepare()
+        self._flip_ns = None
+        if not PHASE_CONDITIONS.get(self.phase, _always)(self):
+            self._move(TransitionCause.DONE)
+            return
+        self._timer.begin(self.phase, self.context.now_ns)
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+        if self.phase is Phase.PLAYING:
+            self._start_episode()
+
+    def _prepare(self) -> None:
+        """Reset the world behind a text, so that play starts at once."""
+        plan = self.context.plan.episodes[self.context.next_episode]
+        self._play = RunningEpisode(
+            plan, self.context.world(plan.world, plan.options), picture_px=self.context.picture_px
+        )
+        self._play.picture()  # a world's first picture may have to be compiled: not after the key that starts play
+        self.next_play = self._play
+
+    def _start_episode(self) -> None:
+        play, now_ns = self._current, self.context.now_ns
+        self.play, self.next_play = play, None
+        if self.context.key_map != play.plan.key_map:
+            self.context.key_map = play.plan.key_map
+            self.context.emit(KeyMapDrawn(now_ns, play.plan.episode, play.plan.key_map))
+        self.context.emit(play.start(now_ns), *play.stored_observations(now_ns))
+        self._limits.begin(now_ns)
+        self._episode_started()
+
+    def _episode_started(self) -> None:
+        """Called when an episode has begun; subclasses override it."""
+
+    def _between_episodes(self) -> None:
+        """Called when an episode is over; subclasses override it."""
+
+    def _stepped(self, stepped: Stepped) -> None:
+        play, now_ns = self._current, self.context.now_ns
+        self.context.emit(*play.stored_observations(now_ns), *play.clauses_done(now_ns), stepped)
+        if self._current.outcome is not None:
+            self._episode_ended("")
+
+    def _episode_ended(self, cause: EndCause) -> None:
+        play, context = self._current, self.context
+        self.play = None
+        self._limits.stop(context.now_ns)
+        context.emit(play.end(context.now_ns, cause))
+        scored = self._tally.add_episode(play)
+        if scored is not None:
+            context.points += scored
+            context.emit(Scored(context.now_ns, play.plan.episode, scored, context.points))
+        context.next_episode += 1
+        context.completed += 1
+        self._decide()
+        self._between_episodes()
+        self._move(TransitionCause.EPISODE_ENDED)
+
+    def _decide(self) -> None:
+        self._tally.decide(time_is_up=self._limits.block_is_over(self.context.now_ns))
+
+    def _end(self) -> None:
+        self.phase = Phase.OVER
+        context, past, skip = self.context, self.plan.first + self.plan.count, self._tally.skip
+        if skip is not None and context.next_episode < past:
+            context.emit(EpisodesSkipped(context.now_ns, context.next_episode, past - context.next_episode, skip))
+            context.next_episode = past
+        if self._tally.failed:
+            self.ended = PartEnding("failed", reason="screened_out", detail=f"{self.part.name}: criterion not reached")
+        else:
+            self.ended = PartEnding()
+
+    # Small things
+
+    @property
+    def _look(self) -> object:
+        """What else the screen depends on; subclasses override it."""
+        return None
+
+    @property
+    def _current(self) -> RunningEpisode:
+        assert self._play is not None
+        return self._play
+
+    @property
+    def _rest_left_s(self) -> int:
+        return self._timer.left_s(self.context.now_ns)
+
+
+def _always(_: PlayActivity) -> bool:
+    return True
+
+
+PLAY = ActivityKind("play", PlayPlan, PlayActivity)

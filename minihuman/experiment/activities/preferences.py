@@ -1,0 +1,424 @@
+"""Preferences: compare two clips of episodes side by side, recreated from seeds and actions.
+
+Which clips are compared is decided outside. Which one is on the left is drawn here, so that each side shows half of
+the first clips. Clips repeat until the participant answers.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import MinihumanError
+from minihuman.experiment.activities.activity import Activity, ActivityKind, ActivityRequest, PartEnding
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
+from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, catch_world_errors
+from minihuman.experiment.machine.screens import PairScreen, Screen
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.plan.random_streams import draw_permutation
+from minihuman.worlds.contract import Palette, View
+
+if TYPE_CHECKING:
+    from minihuman.worlds.adapters.world import World
+
+Side = Literal["left", "right"]
+PairingPolicy = Literal["random", "disagreement"]  # any pair, or one that an ensemble of reward models disagrees on
+PairAnswer = Literal["left", "right", "equal", "cannot_tell"]
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeClip:
+    """Some steps of an episode, by what makes it again: the world, its seed and every action up to its last step."""
+
+    episode: int  # of the session it was played in, 0 for the first
+    attempt: int  # 1, or more where the episode was begun again
+    first: int  # the step whose picture is the first; 0 is the reset
+    world: str
+    options: str  # JSON
+    seed: int
+    actions: tuple[int, ...]  # the world's, from the reset to the stretch's last step
+
+    @property
+    def last(self) -> int:
+        """The step whose picture is the last."""
+        return len(self.actions)
+
+
+@dataclass(frozen=True, slots=True)
+class ClipRequest(ActivityRequest):
+    """A clip to compare; two are requested, one after the other."""
+
+    part: int
+    source: str  # the block whose episodes are compared
+    pair: int  # 0 for the first
+    place: int  # 0, then 1
+    steps: int
+    again: EpisodeClip | None  # what the first of the pair is
+    pairing: PairingPolicy = "random"
+    wait_s: float = 0.0  # how long a pair that is disagreed on may be waited for
+
+
+@dataclass(frozen=True, slots=True)
+class ClipOffered(ActivityInput):
+    """A clip; None if no two differ."""
+
+    stretch: EpisodeClip | None
+
+
+@dataclass(frozen=True, slots=True)
+class StretchShown(ActivityEvent):
+    """A clip is one side of a pair. Both sides are logged before the pair is shown."""
+
+    part: int
+    pair: int
+    side: Side
+    episode: int
+    attempt: int
+    first: int
+    world: str
+    options: str
+    seed: int
+    actions: tuple[int, ...]
+    first_hash: int  # of the world's state at the first picture and at the last
+    last_hash: int
+
+    @property
+    def stretch(self) -> EpisodeClip:
+        """What was shown."""
+        return EpisodeClip(self.episode, self.attempt, self.first, self.world, self.options, self.seed, self.actions)
+
+
+@dataclass(frozen=True, slots=True)
+class NothingToCompare(ActivityEvent):
+    """No two clips differ: the part is over."""
+
+    part: int
+    pair: int
+
+
+@dataclass(frozen=True, slots=True)
+class PairSeen(ActivityEvent):
+    """A pair's pictures reached the display."""
+
+    part: int
+    pair: int
+    step: int  # 0 for the first picture of both
+    submit_ns: int
+    flip_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Preferred(ActivityEvent):
+    """The answer to a pair."""
+
+    part: int
+    pair: int
+    answer: PairAnswer
+    shown_ns: int  # when its first picture reached the display; 0 if unknown
+    replays: int  # how often the participant replayed it
+    pressed_ns: int
+
+
+ImageArray = NDArray[np.uint8]
+
+
+class EpisodeFilm(Sequence[ImageArray]):
+    """Pictures of a step and of each one after it, uint8[H, W, 3].
+
+    Args:
+        world: one made for the episode; others may use it between two looks.
+        seed: of its reset.
+        actions: the world's.
+        view: how much of the world is seen.
+        palette: its colours.
+        picture_px: the largest picture wanted, width and height; None draws none.
+        first: the step whose picture is the first; 0 is the reset.
+    """
+
+    def __init__(
+        self,
+        world: "World",
+        seed: int,
+        actions: Sequence[int],
+        *,
+        view: View,
+        palette: Palette,
+        picture_px: tuple[int, int] | None,
+        first: int = 0,
+    ) -> None:
+        self._world = world
+        self._seed = seed
+        self._actions = tuple(actions)
+        self._view: View = view
+        self._palette: Palette = palette
+        self._picture_px = picture_px
+        self._first = first
+        self._saved: list[Any] = []  # the world at each picture; none where it cannot be saved
+        with catch_world_errors():
+            self._lead_to(first)
+            self.first_hash = world.state_hash()
+            self._save()
+            for action in self._actions[first:]:
+                world.advance(action)
+                self._save()
+            self.last_hash = world.state_hash()
+
+    def __len__(self) -> int:
+        """One more than the steps from the first picture on."""
+        return len(self._actions) + 1 - self._first
+
+    @overload
+    def __getitem__(self, step: int) -> ImageArray: ...
+    @overload
+    def __getitem__(self, step: slice) -> Sequence[ImageArray]: ...
+    def __getitem__(self, step: int | slice) -> ImageArray | Sequence[ImageArray]:
+        """A picture, drawn now."""
+        if isinstance(step, slice):
+            return [self[one] for one in range(*step.indices(len(self)))]
+        if not -len(self) <= step < len(self):
+            raise IndexError(step)
+        if self._picture_px is None:
+            return EMPTY_IMAGE
+        with catch_world_errors():
+            self._go_to(step % len(self))
+            return self._world.frame(self._view, self._picture_px, self._palette).copy()
+
+    def _go_to(self, step: int) -> None:
+        if len(self._saved) == len(self):
+            self._world.restore(self._saved[step])
+        else:
+            self._lead_to(self._first + step)
+
+    def _lead_to(self, step: int) -> None:
+        self._world.reset(self._seed)
+        for action in self._actions[:step]:
+            self._world.advance(action)
+
+    def _save(self) -> None:
+        if self._picture_px is None:
+            return
+        try:
+            self._saved.append(self._world.save())
+        except MinihumanError:  # a world that cannot be saved is reset and stepped there each time
+            self._saved = []
+
+
+NS_PER_MS = 1_000_000
+
+
+class PreferencesPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``plan`` of an activity of kind "preferences"."""
+
+    source: str  # the block of this session whose episodes are compared
+    pairs: int = 20
+    steps: int = 12  # of a stretch
+    step_ms: float = 200.0  # each picture is seen so long
+    pairing: PairingPolicy = "random"
+    wait_s: float = 15.0  # for a pair that is disagreed on; then any pair comes
+    left: str = "f"
+    right: str = "j"
+    equal: str = "b"
+    cannot_tell: str = "n"
+    again: str = "r"
+    view: View = "partial"
+    palette: Palette = "classic"
+
+
+class PreferencesActivity(Activity):
+    """Asks for pair after pair."""
+
+    def begin(self) -> None:
+        """Wait for the first pair."""
+        self._plan: PreferencesPlan = self.part.plan
+        self._pair = 0
+        self._drawn: tuple[object, Screen] | None = None
+        plan, session = self.context.plan, self.context.plan.session
+        purpose = f"pair-sides-{self.part.name}-session-{session}"
+        order = draw_permutation(self._plan.pairs, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
+        self._first_is_right = [place % 2 == 1 for place in order]
+        self._wait()
+
+    def _wait(self) -> None:
+        self.phase = Phase.PREPARING
+        self._offered: list[EpisodeClip] = []
+        self._films: dict[Side, EpisodeFilm] = {}
+        self._step = self._replays = self._shown_ns = 0
+        self._seen_whole = False
+        self._until_ns: int | None = None  # the present pictures are seen until then
+        if self._pair == self._plan.pairs:
+            self.ended = PartEnding()
+            return
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+
+    @property
+    def request(self) -> ActivityRequest | None:  # type: ignore[override]
+        """The next clip."""
+        if self.ended or self.phase is not Phase.PREPARING:
+            return None
+        first = self._offered[0] if self._offered else None
+        plan, place = self._plan, len(self._offered)
+        drawn = plan.pairing, plan.wait_s
+        return ClipRequest(self.number, plan.source, self._pair, place, plan.steps, first, *drawn)
+
+    @staticmethod
+    def input_of(event: ActivityEvent) -> Input | None:
+        """The clips from the session host, and when their pictures were shown."""
+        match event:
+            case PairSeen():
+                return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns)
+            case StretchShown():
+                return ClipOffered(event.t_ns, event.stretch)
+            case NothingToCompare():
+                return ClipOffered(event.t_ns, None)
+        return None
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        self._let_time_pass()
+        match happened:
+            case ClipOffered() if self.request is not None:
+                self._offer(happened.stretch)
+            case KeyDown():
+                self._key(happened)
+            case ScreenShown() if self.phase is Phase.COMPARING:
+                place = (self.number, self._pair, min(self._step, self.length - 1))
+                self.context.emit(PairSeen(happened.t_ns, *place, happened.submit_ns, happened.flip_ns))
+                self._shown_ns = self._shown_ns or happened.flip_ns
+                if self._until_ns is None:
+                    self._until_ns = happened.flip_ns + round(self._plan.step_ms * NS_PER_MS)
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The next pictures."""
+        return self._until_ns
+
+    def suspend(self, reason: PauseReason) -> None:
+        """Stop the clips."""
+        self._until_ns = None
+
+    # Pairs
+
+    def _offer(self, stretch: EpisodeClip | None) -> None:
+        now_ns = self.context.now_ns
+        if stretch is None:
+            self.context.emit(NothingToCompare(now_ns, self.number, self._pair))
+            self.ended = PartEnding("failed")
+            return
+        side: Side = "right" if self._first_is_right[self._pair] != bool(self._offered) else "left"
+        film = self._films[side] = self._film_of(stretch)
+        self._offered.append(stretch)
+        fields = (stretch.world, stretch.options, stretch.seed, stretch.actions)
+        place = (self._pair, side, stretch.episode, stretch.attempt, stretch.first)
+        self.context.emit(StretchShown(now_ns, self.number, *place, *fields, film.first_hash, film.last_hash))
+        if len(self._offered) == 2:
+            self.phase = Phase.COMPARING
+            self.context.emit(Noted(now_ns, "phase", self.phase))
+
+    def _film_of(self, stretch: EpisodeClip) -> EpisodeFilm:
+        with catch_world_errors():
+            options: dict[str, Any] = json.loads(stretch.options)
+        plan = self._plan
+        return EpisodeFilm(
+            self.context.world(stretch.world, options),
+            stretch.seed,
+            stretch.actions,
+            view=plan.view,
+            palette=plan.palette,
+            picture_px=self.context.picture_px,
+            first=stretch.first,
+        )
+
+    @property
+    def pair(self) -> tuple[EpisodeClip, EpisodeClip] | None:
+        """The left and the right clip, for simulated participants; None if no pair is shown."""
+        if self.phase is not Phase.COMPARING:
+            return None
+        first, second = self._offered
+        return (second, first) if self._first_is_right[self._pair] else (first, second)
+
+    @property
+    def pair_id(self) -> tuple[int, int]:
+        """The part, and the pair in it."""
+        return self.number, self._pair
+
+    @property
+    def length(self) -> int:
+        """The number of pictures of the longer clip."""
+        return max(map(len, self._films.values()))
+
+    def _let_time_pass(self) -> None:
+        """Go on to the next picture; both stand for one more period at the end."""
+        if self._until_ns is None or self.context.now_ns < self._until_ns:
+            return
+        self._until_ns = None
+        self._step += 1
+        if self._step > self.length:
+            self._step, self._seen_whole = 0, True
+
+    def _key(self, press: KeyDown) -> None:
+        plan, emit_key = self._plan, self.context.emit_key
+        answers: dict[str, PairAnswer] = {
+            plan.left: "left",
+            plan.right: "right",
+            plan.equal: "equal",
+            plan.cannot_tell: "cannot_tell",
+        }
+        if press.repeat:
+            emit_key(press, "repeat", self.phase)
+        elif self.phase is not Phase.COMPARING:
+            emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
+        elif press.key == plan.again:
+            emit_key(press, "accepted", self.phase)
+            self._step, self._until_ns = 0, None
+            self._replays += 1
+        elif press.key in answers and (self._seen_whole or self._step >= self.length):
+            emit_key(press, "accepted", self.phase)
+            answer = (answers[press.key], self._shown_ns, self._replays, press.t_ns)
+            self.context.emit(Preferred(self.context.now_ns, self.number, self._pair, *answer))
+            self._pair += 1
+            self._wait()
+        else:  # both are to be seen to their ends first
+            emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
+
+    # What is seen
+
+    def screen(self) -> Screen:
+        """Both clips at the same step, or the waiting screen."""
+        if self.phase is not Phase.COMPARING:
+            return screen_texts.build_wait_screen(self.context.words)
+        now = (self._pair, self._step, self._replays)
+        if self._drawn is None or self._drawn[0] != now:
+            self._drawn = (now, self._screen())
+        return self._drawn[1]
+
+    def _screen(self) -> PairScreen:
+        words, plan = self.context.words, self._plan
+        keys = ("left", "right", "equal", "cannot_tell", "again")
+        caps = words.labels(tuple(getattr(plan, key) for key in keys))
+        return PairScreen(
+            lefts=self._films["left"],
+            rights=self._films["right"],
+            step=self._step,
+            title=words["pair.title"],
+            prompt=words.fill("pair.prompt", **{key: cap for key, (_, cap, _) in zip(keys, caps, strict=True)}),
+            progress=words.fill("pair.progress", number=self._pair + 1, count=plan.pairs),
+            period_ns=round(plan.step_ms * NS_PER_MS),
+            replay_key=plan.again,
+            pair=(self.number, self._pair),
+            locale=words.locale,
+        )
+
+
+PREFERENCES = ActivityKind(
+    "preferences",
+    PreferencesPlan,
+    PreferencesActivity,
+    messages="minihuman.log.activity_topics:PREFERENCE_ROWS",
+    block_field="source",
+)

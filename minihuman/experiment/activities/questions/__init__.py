@@ -1,0 +1,1 @@
+"""Questions: a file for each kind, and the questionnaire that asks them."""

@@ -1,0 +1,235 @@
+"""A kind of question: what an item says, the answer while it is given, and how a kind is registered.
+
+A kind is one file with one `QuestionKind`, which the entry-point group ``minihuman.questions`` names. What is shown of
+an answer is a widget (`minihuman.experiment.machine.screens`), a value that windows and the page know how to draw.
+"""
+
+import abc
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.screens import AnswerWidget
+from minihuman.plugins import load_plugin
+
+QUESTION_GROUP = "minihuman.questions"
+AnswerType = Literal["code", "codes", "rating", "number", "text"]
+AnswerValue = str | int | float | list[str | int] | None
+
+
+class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One question."""
+
+    name: str  # in the log and the table
+    kind: str
+    ask: str  # what the participant reads
+    options: tuple[str, ...] = ()  # choice, choices; likert: a word for each point
+    codes: tuple[str | int, ...] = ()  # what the table holds for each option; absent: 1, 2, ...
+    low: str = ""  # likert, slider: the words at the ends
+    high: str = ""
+    points: int = 7  # likert without options
+    minimum: float = 0.0  # slider, number
+    maximum: float = 100.0
+    step: float = 1.0
+    show_value: bool = False  # slider: the number is on the screen
+    whole: bool = True  # number: no decimals
+    unit: str = ""  # number
+    longest: int = 2000  # text: characters
+    required: bool = True
+    right: str | int | float | tuple[str | int, ...] | None = None  # the right answer's code or value
+    settings: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET  # a plug-in's fields; not in plans without any
+
+    @property
+    def all_codes(self) -> tuple[str | int, ...]:
+        """A code for each option or point."""
+        return self.codes or tuple(range(1, (len(self.options) or self.points) + 1))
+
+    @property
+    def right_answers(self) -> tuple[str | int | float, ...]:
+        """Every right answer; empty where none is right or wrong."""
+        if self.right is None:
+            return ()
+        return self.right if isinstance(self.right, tuple) else (self.right,)
+
+
+@dataclass(frozen=True, slots=True)
+class Click:
+    """A press of the pointer on a target of a widget; ``along`` as in `PointerPressed`."""
+
+    target: str
+    along: float = 0.5
+
+
+class AnswerDraft(abc.ABC):
+    """An answer that is not given yet.
+
+    Its state is numbers, texts, and lists, sets and dicts of them, so that a browser's session can be copied.
+
+    Args:
+        question: what is asked.
+        settings: the item's ``settings`` as the kind's own type; None if the kind has none.
+        rtl: whether text runs from right to left.
+        language: how numbers are written; None reads them by the first rules, as old logs do.
+    """
+
+    def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
+        self.question = question
+        self.settings = settings
+        self.rtl = rtl
+        self.language = language
+
+    @abc.abstractmethod
+    def key(self, press: KeyDown) -> bool:
+        """Take a key; return whether it means anything here."""
+
+    def type_text(self, text: str) -> None:  # noqa: B027 - most kinds take no text
+        """Take text."""
+
+    def point_at(self, target: str, along: float, *, down: bool) -> None:  # noqa: B027 - a text field needs no click
+        """Take a pointer that went down on a target (``down``), or moved after that."""
+
+    @property
+    @abc.abstractmethod
+    def value(self) -> AnswerValue:
+        """The answer as it is now; None if there is none."""
+
+    @property
+    @abc.abstractmethod
+    def display_text(self) -> str:
+        """The answer as the participant sees it."""
+
+    @abc.abstractmethod
+    def widget(self) -> AnswerWidget:
+        """What windows and the page draw."""
+
+    @abc.abstractmethod
+    def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | str | None:
+        """The next input of a simulated participant: a click, text to type, or None when the answer can be given.
+
+        Args:
+            choose: draws a number below its argument.
+            attends: draws whether the participant gives the right answer, where there is one.
+        """
+
+    @property
+    def error(self) -> tuple[str, dict[str, Any]] | None:
+        """Why the answer cannot be given: the key of an interface word and its fields."""
+        return ("note.required", {}) if self.question.required and self.value is None else None
+
+
+ItemErrors = Iterator[tuple[str, str]]  # a field of the item, and what is wrong with it
+
+
+def _no_errors(item: QuestionItemSpec) -> ItemErrors:
+    yield from ()
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionKind:
+    """A kind of question, as it is registered.
+
+    Attributes:
+        name: the protocol's word for it.
+        draft: the answer while it is given.
+        answer_type: an option's code, several codes, a code that has a mean, a number, or text.
+        check: yields what is wrong with an item of a protocol.
+        settings: the type of the item's ``settings``; None if the kind has none.
+        prompt: says how to answer, where the interface's words have no ``prompt.NAME``.
+        takes_text: whether keys that the draft does not take are typed text.
+    """
+
+    name: str
+    draft: type[AnswerDraft]
+    answer_type: AnswerType
+    check: Callable[[QuestionItemSpec], ItemErrors] = _no_errors
+    settings: type[msgspec.Struct] | None = None
+    prompt: str = ""
+    takes_text: bool = False
+
+
+@cache
+def find_question_kind(name: str) -> QuestionKind:
+    """The kind of question of that name.
+
+    Raises:
+        ProtocolError: if none is installed.
+    """
+    kind = load_plugin(QUESTION_GROUP, name, ProtocolError, what="question kind")
+    if not isinstance(kind, QuestionKind):
+        raise ProtocolError(f"question kind {name!r} is a {type(kind).__name__}; register a minihuman.ext.QuestionKind")
+    return kind
+
+
+def build_draft(question: QuestionItemSpec, *, rtl: bool, language: str | None = None) -> AnswerDraft:
+    """An empty answer to a question; ``language`` as in `AnswerDraft`."""
+    kind = find_question_kind(question.kind)
+    settings = None if kind.settings is None else msgspec.convert(question.settings or {}, kind.settings)
+    return kind.draft(question, settings, rtl=rtl, language=language)
+
+
+def check_item(item: QuestionItemSpec) -> ItemErrors:
+    """Yield what is wrong with a question of a protocol."""
+    try:
+        kind = find_question_kind(item.kind)
+    except ProtocolError as error:
+        yield "kind", f"is {item.kind!r}: {error}"
+        return
+    if kind.settings is not None:
+        try:
+            msgspec.convert(item.settings or {}, kind.settings)
+        except msgspec.ValidationError as error:
+            yield "settings", f"of kind {item.kind!r}: {error}"
+            return
+    elif item.settings:
+        yield "settings", f"is given, but a {item.kind} has none"
+    has_codes = kind.answer_type in ("code", "codes", "rating")
+    if item.options and not has_codes:
+        yield "options", f"is given, but a {item.kind} has none"
+    if item.codes and len(item.codes) != (n_options := len(item.options) or item.points):
+        yield "codes", f"has {len(item.codes)} for {n_options} options; give one an option"
+    yield from kind.check(item)
+    for right in item.right_answers if has_codes else ():
+        if right not in item.all_codes:
+            yield "right", f"is {right!r}, which is not an option's code; codes: {', '.join(map(str, item.all_codes))}"
+
+
+def check_range(item: QuestionItemSpec) -> ItemErrors:
+    """Yield what is wrong with an item's range of numbers."""
+    if item.minimum >= item.maximum or item.step <= 0:
+        yield "minimum", f"to maximum is {item.minimum:g} to {item.maximum:g} in steps of {item.step:g}, which is none"
+
+
+def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
+    """Whether an answer is the right one; None where there is none."""
+    if question.right is None:
+        return None
+    if isinstance(value, list):
+        return set(value) == set(question.right_answers)
+    if isinstance(question.right, tuple):
+        return value in question.right
+    if isinstance(value, str) and isinstance(question.right, str):
+        return value.strip().casefold() == question.right.strip().casefold()
+    return value == question.right
+
+
+def parse_digit(key: str) -> int:
+    """The number on a digit key, of the keypad too; 0 for any other key."""
+    plain = key.removeprefix("kp_")
+    return int(plain) if plain.isdecimal() and len(plain) == 1 else 0
+
+
+def parse_option(target: str) -> int | None:
+    """The number of the option that a target names; None if it names none."""
+    kind, _, number = target.partition(":")
+    return int(number) if kind == "option" and number.isdecimal() else None
+
+
+def horizontal_step(key: str, *, rtl: bool) -> int:
+    """How far an arrow key moves in reading order: 1, -1, or 0 for any other key."""
+    by = {"left": -1, "right": 1}.get(key, 0)
+    return -by if rtl else by

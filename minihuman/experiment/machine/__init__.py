@@ -1,0 +1,1 @@
+"""The session machine: inputs in, events out. No clock, files or windows."""

@@ -1,0 +1,494 @@
+"""Events: everything a session reports, and the rules that every stream of events obeys. The recorder writes each
+event.
+
+Times are integer ns on the monotonic clock since the session (segment) started.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from minihuman.experiment.plan.session_plan import EpisodePlan, KeyMap, SessionPlan
+from minihuman.worlds.hashing import hash64
+from minihuman.worlds.pose import Map, Pose
+
+Outcome = Literal["goal", "timeout", "failure", "abandoned"]
+KeyVerdict = Literal[
+    "accepted",  # it stepped the world, or moved the session on
+    "unmapped",  # no meaning here
+    "spare",  # in the pool, without an action, ignored
+    "repeat",  # the system's auto-repeat, not asked for
+    "queued",  # real_time: replaces or waits for the tick's action
+    "not_playing",  # the session was not taking actions (paused, feedback, ...)
+    "release",  # a key came up
+    "typing",  # it types into a text; what it typed is TextTyped
+]
+EndCause = Literal["", "max_s", "block_max_s"]  # what else than a step ended an episode
+SkipReason = Literal["criterion", "time", "given_up"]
+PartEnd = Literal["done", "failed", "again", "over"]
+PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question", "experimenter"]
+EndReason = Literal[
+    "complete",
+    "screened_out",
+    "declined",  # did not agree: nothing of it is on the disk, unless the consent came after play
+    "aborted",
+    "quit",
+    "window_closed",
+    "signal",
+    "timed_out",  # no input for as long as the study waits
+    "connection_lost",
+    "disk_full",
+    "world_error",
+    "internal_error",
+]
+
+FINAL_END_REASONS: frozenset[str] = frozenset(
+    {"complete", "screened_out", "declined"}
+)  # ends after which nothing is left to do
+
+
+@dataclass(frozen=True, slots=True)
+class TimedEvent:
+    """Anything that a session reports, with its time."""
+
+    t_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class SessionStarted(TimedEvent):
+    """The first event: the whole plan, and the machine's facts (versions, platform, display; no names)."""
+
+    plan: SessionPlan
+    facts: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class KeyMapDrawn(TimedEvent):
+    """A key map comes into force."""
+
+    episode: int
+    key_map: KeyMap
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeStarted(TimedEvent):
+    """The world was reset. Pose and map are None where the world cannot tell."""
+
+    plan: EpisodePlan
+    action_names: tuple[str, ...]  # the world's, by action number
+    mission: str
+    map: Map | None
+    pose: Pose | None
+    state_hash: int
+    observation_hash: int
+    onset: bool = False  # the first picture shows a stimulus onset
+
+
+@dataclass(frozen=True, slots=True)
+class KeyPressed(TimedEvent):
+    """A key went down or up, mapped or not, and what came of it.
+
+    ``t_ns`` is when the session took it. A press that comes while a picture is being drawn waits for it: the press
+    itself was at ``t_ns - waited_ns``.
+    """
+
+    key: str
+    symbol: str
+    down: bool
+    action: int | None
+    verdict: KeyVerdict
+    phase: str
+    waited_ns: int = 0  # from the press to t_ns, where it had to wait
+
+
+@dataclass(frozen=True, slots=True)
+class Stepped(TimedEvent):
+    """One step of the world; the last event of its step."""
+
+    episode: int
+    step: int  # 1 for the first
+    action: int
+    key: str  # the causing key, "" for a tick's no-op
+    key_t_ns: int  # when that key arrived; t_ns of the tick where none did
+    reward: float
+    return_: float
+    terminated: bool
+    truncated: bool
+    pose: Pose | None
+    rt_ms: float | None  # causing key minus the flip of the picture it answers; None without a key or a flip
+    state_hash: int
+    observation_hash: int
+    onset: bool = False  # the picture after it shows a stimulus onset
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObservationStored(TimedEvent):
+    """What the world gave to observe, where the protocol asks for it: after an episode's start, or before its step."""
+
+    episode: int
+    step: int  # that it follows, 0 for the reset
+    observation: Any  # the world's own: an array, a text, a number, or a dict or tuple of them
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the same was observed; arrays have no plain answer to that."""
+        return isinstance(other, ObservationStored) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[int, int, int, int]:
+        return (self.t_ns, self.episode, self.step, hash64(self.observation))
+
+
+@dataclass(frozen=True, slots=True)
+class FrameShown(TimedEvent):
+    """A picture of the world reached the display."""
+
+    episode: int
+    step: int  # the step whose result it shows, 0 for the reset
+    submit_ns: int
+    flip_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeEnded(TimedEvent):
+    """An episode ended, for the stated reason."""
+
+    episode: int
+    outcome: Outcome
+    steps: int
+    return_: float
+    state_hash: int
+    cause: EndCause = ""  # a time limit, where no step ended it
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodesSkipped(TimedEvent):
+    """Planned episodes that are not going to be played."""
+
+    first: int
+    count: int
+    reason: SkipReason
+
+
+@dataclass(frozen=True, slots=True)
+class Scored(TimedEvent):
+    """Points for an episode, and the session's total so far."""
+
+    episode: int
+    points: float
+    total: float
+
+
+@dataclass(frozen=True, slots=True)
+class ClauseDone(TimedEvent):
+    """A step has done one clause of the episode's instruction; before the event of its step."""
+
+    episode: int
+    step: int
+    clause: int  # of the instruction as it is read, from 0
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PartStarted(TimedEvent):
+    """A part of the session begins."""
+
+    part: int  # index into the plan's parts
+    kind: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class PartEnded(TimedEvent):
+    """A part of the session is over, and which part is next."""
+
+    part: int
+    end: PartEnd
+    next: int  # index of the part that follows; one past the last where none does
+
+
+@dataclass(frozen=True, slots=True)
+class PageShown(TimedEvent):
+    """A page of a text reached the display."""
+
+    part: int
+    page: int  # 1 for the first
+    pages: int
+    submit_ns: int
+    flip_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class TextTyped(TimedEvent):
+    """Text came from the input method or the keyboard's layout."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PointerUsed(TimedEvent):
+    """A pointer went down, moved while down, or came up; x and y are 0..1 of the drawn picture."""
+
+    what: Literal["pressed", "moved", "released"]
+    x: float
+    y: float
+    target: str
+    along: float
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerChanged(TimedEvent):
+    """An answer is another now, not given yet."""
+
+    part: int
+    item: str
+    value: str  # JSON
+
+
+@dataclass(frozen=True, slots=True)
+class Answered(TimedEvent):
+    """An answer was given."""
+
+    part: int
+    part_name: str
+    item: str  # the item's name
+    kind: str
+    attempt: int  # 1, or more where the questions were asked again
+    value: str  # JSON: a code, a list of codes, a number, a text, or null where it was left out
+    words: str  # what the participant saw of it: the option's words, the number
+    shown_ns: int  # when the question reached the display; 0 if unknown
+    first_ns: int  # its first change; 0 if there was none
+    changes: int
+    right: bool | None  # None where there is no right answer
+
+
+@dataclass(frozen=True, slots=True)
+class Paused(TimedEvent):
+    """Play stopped; time in a pause is not playing time."""
+
+    reason: PauseReason
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed(TimedEvent):
+    """Play goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noted(TimedEvent):
+    """A fact worth a readable line: consent given, keyboard check, focus, phase change, abort reason, error."""
+
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled(TimedEvent):
+    """A device of the protocol gave a sample: a gaze, a pulse, a trigger."""
+
+    t_ns: int  # when it was taken, which is before it arrived: samples may be older than the event before them
+    device: str  # its name in the protocol
+    values: tuple[float, ...]  # one a channel, in the protocol's order; NaN where it has none
+    text: str = ""  # what it says in words, a trigger box's code say
+
+
+@dataclass(frozen=True, slots=True)
+class Linked(TimedEvent):
+    """The offset of a browser's clock from its server's, from the quickest of the latest round trips."""
+
+    offset_ns: int  # the server's time minus the session's, both since the segment began
+    error_ns: int  # the offset is right to so much, either way
+    rtt_ns: int  # there and back, the last time
+    least_rtt_ns: int  # the quickest of the latest
+    drift_ppm: float | None  # how much faster the server's clock runs; None until it can be told
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEnded(TimedEvent):
+    """The last event."""
+
+    reason: EndReason
+    detail: str
+    episodes_completed: int
+
+
+@dataclass(frozen=True, slots=True)
+class ActivityEvent(TimedEvent):
+    """An event of one kind of activity; the kind adds its fields.
+
+    A field whose name ends in ``_ns`` is a time of the session; 0 if unknown.
+    """
+
+
+Event = (
+    SessionStarted
+    | KeyMapDrawn
+    | EpisodeStarted
+    | KeyPressed
+    | Stepped
+    | ObservationStored
+    | FrameShown
+    | EpisodeEnded
+    | EpisodesSkipped
+    | Scored
+    | ClauseDone
+    | PartStarted
+    | PartEnded
+    | PageShown
+    | TextTyped
+    | PointerUsed
+    | AnswerChanged
+    | Answered
+    | Paused
+    | Resumed
+    | Noted
+    | Sampled
+    | Linked
+    | SessionEnded
+    | ActivityEvent
+)
+
+
+def find_violations(events: Iterable[Event]) -> list[str]:
+    """Every rule that a stream breaks; empty for a well-formed one. A stream that is cut short breaks none."""
+    reader = _StreamChecker()
+    for number, event in enumerate(events):
+        reader.read(number, event)
+    return reader.found
+
+
+class _StreamChecker:
+    """Reads a stream once and remembers what the rules need."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+        self._where = ""
+        self._t_ns = 0
+        self._sampled_ns: dict[str, int] = {}  # of each device's last sample
+        self._first = 0
+        self._next = 0
+        self._playing: EpisodeStarted | None = None
+        self._last_step: Stepped | None = None
+        self._steps = 0
+        self._observations = 0  # stored of the episode
+        self._return = 0.0
+        self._paused = False
+        self._ended = False
+        self._skipped = 0
+        self._part: int | None = None
+        self._shown = -1  # the episode that runs, or ended last
+        self._key_map: KeyMap | None = None
+
+    def read(self, number: int, event: Event) -> None:
+        """Hold one event against what came before."""
+        self._where = f"event {number}, {type(event).__name__}"
+        self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
+        self._rule(not self._ended, "nothing follows SessionEnded")
+        last_ns = self._sampled_ns.get(event.device, 0) if isinstance(event, Sampled) else self._t_ns
+        self._rule(event.t_ns >= last_ns, f"time goes back from {last_ns} to {event.t_ns} ns")
+        match event:
+            case Sampled():
+                self._sampled_ns[event.device] = event.t_ns
+                return
+            case SessionStarted():
+                self._first = self._next = event.plan.first_episode
+            case KeyMapDrawn():
+                self._rule(self._playing is None, "key maps change between episodes")
+                self._key_map = event.key_map
+            case EpisodeStarted():
+                self._episode_started(event)
+            case Stepped():
+                self._stepped(event)
+            case ObservationStored():
+                self._observed(event)
+            case FrameShown():
+                inside = event.episode == self._shown and event.step <= self._steps
+                self._rule(inside, "a frame shows a step of the running episode, or of the one that has just ended")
+                self._rule(event.submit_ns <= event.flip_ns, "a frame is submitted before it is flipped")
+            case EpisodeEnded():
+                self._episode_ended(event)
+            case EpisodesSkipped():
+                self._rule(self._playing is None, "episodes are skipped between episodes")
+                self._rule(event.first == self._next and event.count > 0, f"episode {self._next} is next to be skipped")
+                self._next += event.count
+                self._skipped += event.count
+            case PartStarted():
+                self._rule(self._part is None, "one part at a time")
+                self._part = event.part
+            case PartEnded():
+                self._rule(event.part == self._part, "a part that began ends")
+                self._part = None
+            case Answered():
+                self._rule(event.part == self._part, "an answer belongs to the part that runs")
+            case Paused():
+                self._rule(self._playing is not None and not self._paused, "only play can be paused, once")
+                self._paused = True
+            case Resumed():
+                self._rule(self._paused, "only a pause can be resumed")
+                self._paused = False
+            case SessionEnded():
+                self._ended = True
+                self._rule(self._playing is None, "an episode ends before its session")
+                self._rule(
+                    event.episodes_completed == self._next - self._skipped - self._first,
+                    "completed episodes are counted",
+                )
+            case Noted():
+                self._rule(bool(event.kind), "a note says of what kind it is")
+        self._t_ns = event.t_ns
+
+    def _episode_started(self, event: EpisodeStarted) -> None:
+        self._rule(self._playing is None, "one episode at a time")
+        self._rule(event.plan.episode == self._next, f"episode {self._next} is next, not {event.plan.episode}")
+        self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
+        self._playing, self._last_step, self._steps, self._return, self._paused = event, None, 0, 0.0, False
+        self._observations, self._shown = 0, event.plan.episode
+
+    def _observed(self, event: ObservationStored) -> None:
+        asked = self._playing is not None and self._playing.plan.record_observations
+        self._rule(asked and event.episode == self._next, "observations are stored where the plan asks for them")
+        self._rule(event.step == self._observations, f"the observation of step {self._observations} is next")
+        self._observations += 1
+
+    def _stepped(self, event: Stepped) -> None:
+        playing = self._playing
+        if playing is None or event.episode != playing.plan.episode:
+            self._rule(False, "steps belong to the running episode")
+            return
+        self._steps += 1
+        self._return += event.reward
+        self._rule(not self._paused, "nothing steps in a pause")
+        self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
+        asked = playing.plan.record_observations
+        self._rule(self._observations == asked * (self._steps + 1), "a step's observation comes before it")
+        self._rule(event.return_ == self._return, f"rewards sum to {self._return}, not {event.return_}")
+        self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
+        self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")
+        self._rule(event.rt_ms is None or event.rt_ms >= 0, "a reaction follows what it answers")
+        spent = event.step >= playing.plan.max_steps
+        self._rule(event.terminated or event.truncated or not spent, "the plan's step limit ends an episode")
+        last = self._last_step
+        self._rule(last is None or not (last.terminated or last.truncated), "nothing steps after the end")
+        self._last_step = event
+
+    def _episode_ended(self, event: EpisodeEnded) -> None:
+        playing, last = self._playing, self._last_step
+        if playing is None or event.episode != playing.plan.episode:
+            self._rule(False, "only the running episode ends")
+            return
+        self._rule((event.steps, event.return_) == (self._steps, self._return), "an end counts the episode's steps")
+        final = playing.state_hash if last is None else last.state_hash
+        self._rule(event.state_hash == final, "an episode ends in the state of its last step")
+        expected = "abandoned"
+        if last is not None and last.terminated:
+            expected = "goal" if last.reward > 0 else "failure"
+        elif (last is not None and last.truncated) or event.cause:
+            expected = "timeout"
+        self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
+        self._playing, self._paused = None, False
+        self._next += event.outcome != "abandoned"
+
+    def _rule(self, holds: bool, rule: str) -> None:
+        if not holds:
+            self.found.append(f"{self._where}: {rule}")

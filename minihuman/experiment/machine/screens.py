@@ -1,0 +1,255 @@
+"""Screens: what a participant should see now, as values. Windows and pages draw them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+OutcomeMark = Literal["", "good", "bad", "neutral"]
+ControlIndicator = Literal["", "person", "agent"]
+
+
+@dataclass(frozen=True, slots=True)
+class TextLocale:
+    """How a screen's words are written."""
+
+    language: str = "en"
+    rtl: bool = False  # from right to left
+    fonts: tuple[str, ...] = ()  # files of faces that are asked first
+
+
+@dataclass(frozen=True, slots=True)
+class Button:
+    """A spot to click; ``name`` is the target of the pointer's inputs."""
+
+    name: str
+    label: str
+    enabled: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class PictureLabel:
+    """A label in a picture: at (x, y), 0..1 of the picture from its top left corner."""
+
+    x: float
+    y: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class TextScreen:
+    """A few words to read: ready, feedback, rest, pause, questions about the session, the end."""
+
+    accepts_text: ClassVar[bool] = False
+    accepts_pointer: ClassVar[bool] = False
+    title: str
+    body: str
+    prompt: str  # what to press to go on, "" when nothing does
+    progress: str = ""  # "episode 3 of 10"
+    keys: tuple[tuple[str, bool], ...] = ()  # keyboard check: key name, already pressed
+    locale: TextLocale = TextLocale()
+    labels: tuple[tuple[str, str, str], ...] = ()  # key name, what its cap says, what stands above it
+
+
+@dataclass(frozen=True, slots=True)
+class BlankScreen:
+    """Nothing, or a cross to look at."""
+
+    accepts_text: ClassVar[bool] = False
+    accepts_pointer: ClassVar[bool] = False
+    cross: bool = False
+    locale: TextLocale = TextLocale()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayScreen:
+    """The world's picture, with the mission above and the progress line below."""
+
+    accepts_text: ClassVar[bool] = False
+    accepts_pointer: ClassVar[bool] = False
+    picture: NDArray[np.uint8]  # uint8[H, W, 3]
+    mission: str
+    progress: str
+    legend: tuple[tuple[str, str], ...] = ()  # key, action name; empty unless keys are shown
+    episode: int = 0
+    step: int = 0
+    locale: TextLocale = TextLocale()
+    mark: OutcomeMark = ""  # the last picture, held: how the episode ended
+    score_text: str = ""  # beside the mark: what it was worth
+    labels: tuple[tuple[str, str, str], ...] = ()  # key name, what its cap says, what stands above it
+    controller: ControlIndicator = ""  # a frame in their colour says who does; "" where an agent never does
+    controller_text: str = ""  # the same in words
+    flash: OutcomeMark = ""  # the frame for a moment: a press was taken
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PageScreen:
+    """A page of a text, with a picture above it where it has one."""
+
+    accepts_text: ClassVar[bool] = False
+    accepts_pointer: ClassVar[bool] = True
+    title: str
+    body: str  # this page's part of the text
+    page: int  # 1 for the first
+    pages: int
+    prompt: str
+    buttons: tuple[Button, ...] = ()
+    progress: str = ""  # "Page 1 of 3", "" where there is one
+    picture: NDArray[np.uint8] | None = None  # uint8[H, W, 3]
+    marks: tuple[PictureLabel, ...] = ()  # in the picture
+    locale: TextLocale = TextLocale()
+
+
+@dataclass(frozen=True, slots=True)
+class OptionList:
+    """Options of which one or several are chosen; targets "option:0", "option:1", ..."""
+
+    options: tuple[str, ...]
+    chosen: tuple[int, ...]
+    cursor: int  # the option that the keyboard is at
+    many: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class RatingScale:
+    """Points in a row with words at the ends, or at each; targets "option:0", ..."""
+
+    points: tuple[str, ...]  # what each point says
+    low: str
+    high: str
+    chosen: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Slider:
+    """A line with a thumb that can be moved; target "slider"."""
+
+    low: str
+    high: str
+    position: float | None  # 0..1; None: not set yet
+    value: str  # "" where it is not to be shown
+    ticks: int  # intervals drawn
+
+
+@dataclass(frozen=True, slots=True)
+class TextField:
+    """A field to type in; target "field"."""
+
+    text: str
+    caret: int  # characters before it
+    long: bool
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CanvasShape:
+    """A box or an ellipse of a `ShapeCanvas`: lengths are 0..1 of the canvas, from its top left corner."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    label: str = ""
+    target: str = ""  # "": it cannot be clicked
+    chosen: bool = False
+    is_round: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeCanvas:
+    """Shapes on a canvas, later ones in front: what a question of a plug-in's kind shows, if no other widget does."""
+
+    shapes: tuple[CanvasShape, ...]
+    aspect: float = 1.0  # width by height
+
+
+AnswerWidget = OptionList | RatingScale | Slider | TextField | ShapeCanvas
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionScreen:
+    """One question and its answer so far."""
+
+    accepts_pointer: ClassVar[bool] = True
+    title: str
+    question: str
+    item: AnswerWidget
+    prompt: str
+    buttons: tuple[Button, ...] = ()
+    progress: str = ""  # "Question 2 of 6"
+    note: str = ""  # why it cannot be gone on with
+    locale: TextLocale = TextLocale()
+
+    @property
+    def accepts_text(self) -> bool:
+        """Whether text is to come from the input method."""
+        return isinstance(self.item, TextField)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ActivityScreen:
+    """A screen of one kind of activity, which adds what is to be seen.
+
+    Its ``drawing``, "module:function", takes the screen and a size in pixels, and returns a
+    `minihuman.display.drawing.sheet.Sheet`.
+    """
+
+    drawing: ClassVar[str]
+    accepts_text: ClassVar[bool] = False
+    accepts_pointer: ClassVar[bool] = False
+    locale: TextLocale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairScreen(ActivityScreen):
+    """Two films side by side, of which one is to be preferred: at one step of both."""
+
+    drawing: ClassVar[str] = "minihuman.display.drawing.play_screens:draw_pair"
+    lefts: Sequence[NDArray[np.uint8]]  # uint8[H, W, 3] each; the last stands while the other side goes on
+    rights: Sequence[NDArray[np.uint8]]  # drawn when they are asked for
+    step: int  # 0 for the first picture of both; one more than the last while that stands at the end
+    title: str
+    prompt: str  # the keys and what they say
+    progress: str
+    period_ns: int = 0  # from a step's pictures on the display to the next step
+    replay_key: str = ""
+    pair: tuple[int, int] = (0, 0)  # which one it is
+
+    @property
+    def length(self) -> int:
+        """How many steps the longer film has."""
+        return max(len(self.lefts), len(self.rights))
+
+    @property
+    def left(self) -> NDArray[np.uint8]:
+        """What is on the left now."""
+        return self.lefts[min(self.step, len(self.lefts) - 1)]
+
+    @property
+    def right(self) -> NDArray[np.uint8]:
+        """What is on the right now."""
+        return self.rights[min(self.step, len(self.rights) - 1)]
+
+    @property
+    def along(self) -> float:
+        """How far the films have come, 0..1."""
+        return min(1.0, self.step / max(1, self.length - 1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilmScreen(ActivityScreen):
+    """One picture of an episode that is gone through step by step."""
+
+    drawing: ClassVar[str] = "minihuman.display.drawing.play_screens:draw_film"
+    pictures: Sequence[NDArray[np.uint8]]  # uint8[H, W, 3] each, drawn when it is asked for
+    step: int
+    prompt: str  # the keys and what they do
+    progress: str
+    back: str  # the keys to the step before and the next one
+    forward: str
+    film: tuple[int, int]  # which one it is
+
+
+Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen

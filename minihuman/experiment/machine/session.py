@@ -1,0 +1,453 @@
+"""The session machine: inputs in, events out. No clock, files or windows.
+
+    session = SessionMachine(plan, World, facts)
+    events = session.receive(Tick(t_ns=0))    # write these
+    screen = session.screen                   # then show this, and return the window's ScreenShown
+
+Write the events before showing the new screen. The same inputs give the same events. The session owns pauses,
+questions about itself and its end; `PartSequence` owns the order of parts, and each activity its own content.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from functools import partial
+
+from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityRequest, SessionContext, WorldFactory
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.events import (
+    EndReason,
+    Event,
+    Noted,
+    PauseReason,
+    PointerUsed,
+    SessionEnded,
+    SessionStarted,
+    TextTyped,
+)
+from minihuman.experiment.machine.inputs import (
+    ActivityInput,
+    ExperimenterCommand,
+    FocusChanged,
+    Input,
+    KeyDown,
+    KeyUp,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    ScreenShown,
+    Stop,
+    TextInput,
+    Tick,
+)
+from minihuman.experiment.machine.part_sequence import PartSequence
+from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError
+from minihuman.experiment.machine.screens import Screen, TextScreen
+from minihuman.experiment.machine.transitions import SESSION_TRANSITIONS, Phase, TransitionCause
+from minihuman.experiment.plan.session_plan import SessionPlan
+
+ABORT_CHORD = frozenset({"f9", "f12"})
+CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
+HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
+
+
+class KeyState:
+    """The keys that are down, as far as the focused window knows."""
+
+    def __init__(self) -> None:
+        self._down: set[str] = set()
+        self._escape_since_ns: int | None = None  # held over the question
+
+    def down(self, key: str) -> None:
+        """A key went down."""
+        self._down.add(key)
+
+    def up(self, key: str) -> None:
+        """A key came up."""
+        self._down.discard(key)
+
+    def forget(self) -> None:
+        """The keyboard is another window's: releases go there."""
+        self._down.clear()
+        self._escape_since_ns = None
+
+    def completes_chord(self, key: str) -> bool:
+        """Whether a key that has just gone down completes the experimenter's chord."""
+        return key in ABORT_CHORD and self._down >= ABORT_CHORD
+
+    def hold_escape(self, since_ns: int) -> None:
+        """Escape went down over the question."""
+        self._escape_since_ns = since_ns
+
+    def release_escape(self) -> bool:
+        """Escape came up, or the question is gone; whether it was held over the question."""
+        held, self._escape_since_ns = self._escape_since_ns is not None, None
+        return held
+
+    @property
+    def end_ns(self) -> int | None:
+        """When Escape has been held long enough to end the session; None while it is not held over the question."""
+        return None if self._escape_since_ns is None else self._escape_since_ns + HOLD_TO_END_NS
+
+
+PAUSE_KEY = "f8"
+
+_PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
+    TransitionCause.PAUSE: "participant",
+    TransitionCause.FOCUS_LOST: "focus_lost",
+    TransitionCause.ASK_QUIT: "quit_question",
+    TransitionCause.ASK_ABORT: "abort_question",
+}
+
+
+class SessionMachine:
+    """One segment of one participant's session.
+
+    Args:
+        plan: the whole session.
+        make_world: gives a world for an id and its options; ``World`` itself will do.
+        facts: versions, platform and display; logged with the plan.
+        picture_px: the largest picture wanted, width and height; None draws none.
+        renders_steps: whether play screens have pictures; a page that draws them itself needs only the last one, held.
+
+    Raises:
+        AllocationError: if the plan has no part left.
+    """
+
+    def __init__(
+        self,
+        plan: SessionPlan,
+        make_world: WorldFactory,
+        facts: Mapping[str, str],
+        *,
+        picture_px: tuple[int, int] | None = (640, 480),
+        renders_steps: bool = True,
+    ) -> None:
+        self._facts = dict(facts)
+        self._staged = partial(
+            SessionContext,
+            make_world=make_world,
+            picture_px=picture_px,
+            renders_steps=renders_steps,
+            facts=self._facts,
+        )
+        self._set_out(plan)
+
+    def _set_out(self, plan: SessionPlan) -> None:
+        """Go back to before the first input."""
+        self.plan = plan
+        self.failure: BaseException | None = None  # what a broken world raised
+        self._phase = Phase.START
+        self._context = self._staged(plan)
+        self._course = PartSequence(self._context)
+        self._screen: Screen = TextScreen("", "", "")
+        self._came_from: list[Phase] = []
+        self._held = KeyState()
+        self._focused = True
+        self._end_reason: EndReason = "complete"
+        self._end_detail = ""
+
+    # What the outside looks at
+
+    @property
+    def phase(self) -> StrEnum:
+        """Where it is: in a part, the part's own phase."""
+        return self.part.phase if self._phase is Phase.PART else self._phase
+
+    @property
+    def now_ns(self) -> int:
+        """The time of the latest input."""
+        return self._context.now_ns
+
+    @property
+    def next_episode(self) -> int:
+        """Index of the episode that is played or comes next."""
+        return self._context.next_episode
+
+    @property
+    def over(self) -> bool:
+        """Whether the last event has been given."""
+        return self._phase is Phase.OVER
+
+    @property
+    def screen(self) -> Screen:
+        """What should be seen now; a new object whenever it has changed."""
+        return self._screen
+
+    @property
+    def end_reason(self) -> EndReason:
+        """Why it ended; "complete" as long as it has not."""
+        return self._end_reason
+
+    @property
+    def next_tick_ns(self) -> int | None:
+        """When the session wants a Tick, if nothing else comes before; None: never."""
+        if self._phase is Phase.PART:
+            return self.part.next_tick_ns
+        return self._held.end_ns if self._phase is Phase.QUIT_QUESTION else None
+
+    @property
+    def play(self) -> RunningEpisode | None:
+        """The running episode, for simulated participants that look at its world; None between episodes."""
+        return self.part.play if self._phase is Phase.PART and self.part.playing else None
+
+    @property
+    def part(self) -> Activity:
+        """The part that runs."""
+        return self._course.part
+
+    @property
+    def next_part(self) -> int | None:
+        """Index of the part that follows the one that has ended; None where none does."""
+        return self._course.next_part
+
+    @property
+    def request(self) -> ActivityRequest | None:
+        """What the running part needs from the session host; None for nothing."""
+        return self.part.request if self._phase is Phase.PART else None
+
+    def close(self) -> None:
+        """Let go of the world."""
+        self._context.close()
+
+    # Inputs
+
+    def receive(self, happened: Input, *, at_ns: int = 0) -> list[Event]:
+        """Take one input and return its events, in order. Nothing follows SessionEnded.
+
+        An input stamped before the one it follows counts as coming with it: event times never go back.
+
+        Args:
+            happened: the input, with its own time.
+            at_ns: when it came in, where that was later: its events have this time.
+        """
+        if self.over:
+            return []
+        self._context.now_ns = max(self._now_ns, happened.t_ns, at_ns)
+        try:
+            if self._phase is Phase.START:
+                self._context.emit(SessionStarted(self._now_ns, self.plan, self._facts))
+                self._move(TransitionCause.BEGAN)
+            self._handle(happened)
+        except WorldFailedError as broke:
+            self.failure = broke.__cause__
+            self._end("world_error", str(broke))
+        self._draw()
+        return self._context.pop_events()
+
+    def _handle(self, happened: Input) -> None:
+        match happened:
+            case Stop():
+                finished = self.phase is Phase.CLOSING and happened.reason in ("window_closed", "signal")
+                self._end("complete" if finished else happened.reason, happened.detail)
+            case ScreenShown():
+                self._to_part(happened)
+            case FocusChanged():
+                self._let_time_pass(happened.t_ns)
+                self._focus_changed(happened.focused)
+            case KeyDown():
+                self._let_time_pass(happened.t_ns)
+                self._key_down(happened)
+            case KeyUp():
+                self._let_time_pass(happened.t_ns)
+                self._key_up(happened)
+            case TextInput():
+                self._context.emit(TextTyped(self._now_ns, happened.text))
+                self._to_part(happened)
+            case PointerPressed():
+                self._pointer("pressed", happened)
+            case PointerMoved():
+                self._pointer("moved", happened)
+            case PointerReleased():
+                self._pointer("released", happened)
+            case ExperimenterCommand():
+                self._let_time_pass(happened.t_ns)
+                self._asked(happened)
+            case ActivityInput():
+                self._let_time_pass(happened.t_ns)
+                self._to_part(happened)
+            case Tick():
+                self._let_time_pass(happened.t_ns)
+
+    def _to_part(self, happened: Input) -> None:
+        if self._phase is Phase.PART:
+            self.part.receive(happened)
+            self._follow_part()
+
+    def _let_time_pass(self, t_ns: int) -> None:
+        """Do what was due by now, before any later input.
+
+        How long Escape is held follows from its own times: a machine that stalled over a tap must not end the session.
+        """
+        due_ns = self.next_tick_ns
+        if self._phase is Phase.PART:
+            self._to_part(Tick(self._now_ns))
+        elif self._phase is Phase.QUIT_QUESTION and due_ns is not None and t_ns >= due_ns:
+            if self._declining:
+                self._end("declined", "the participant did not agree")
+            else:
+                self._end("quit", "the participant ended the session")
+
+    @property
+    def _declining(self) -> bool:
+        """Whether leaving now refuses consent; under the first consent rules it quit."""
+        known = self._facts.get("consent_rules", "1") == CONSENT_RULES
+        return known and self._course.begun and self.part.phase is Phase.CONSENT
+
+    def _pointer(self, what: str, used: PointerPressed | PointerMoved | PointerReleased) -> None:
+        assert what in ("pressed", "moved", "released")
+        self._context.emit(PointerUsed(self._now_ns, what, used.x, used.y, used.target, used.along))  # type: ignore[arg-type]
+        self._to_part(used)
+
+    def _focus_changed(self, focused: bool) -> None:
+        if self.over:
+            return
+        self._context.emit(Noted(self._now_ns, "focus", "found" if focused else "lost"))
+        self._focused = focused
+        if focused:
+            self._move(TransitionCause.FOCUS_FOUND)
+            return
+        self._held.forget()
+        self._move(TransitionCause.FOCUS_LOST)
+
+    def _asked(self, asked: ExperimenterCommand) -> None:
+        """Log the experimenter's command, and carry it out if possible."""
+        if self.over:
+            return
+        self._context.emit(Noted(self._now_ns, "experimenter", f"{asked.what}: {asked.text}"))
+        match asked.what:
+            case "pause":
+                self._move(TransitionCause.PAUSE, "experimenter")
+            case "go_on":
+                self._move(TransitionCause.RESUME)
+            case "abort":
+                self._end("aborted", asked.text)
+
+    # Keys
+
+    def _key_down(self, press: KeyDown) -> None:
+        if self.over:
+            return
+        self._held.down(press.key)
+        chord = self._held.completes_chord(press.key) and not press.repeat
+        if chord and SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self):
+            self._say_key(press)
+            self._move(TransitionCause.ASK_ABORT)
+        elif press.key == "escape" and not press.repeat:
+            self._escape(press)
+        elif press.key == PAUSE_KEY and not press.repeat and self._pausable:
+            self._say_key(press)
+            self._move(TransitionCause.RESUME if self._phase is Phase.PAUSED else TransitionCause.PAUSE)
+        elif self._phase is Phase.PART:
+            self._to_part(press)
+        elif press.repeat:
+            self._context.emit_key(press, "repeat", self.phase)
+        else:
+            self._key_over_part(press)
+
+    @property
+    def _pausable(self) -> bool:
+        return self._phase is Phase.PAUSED or (self._phase is Phase.PART and self.part.playing)
+
+    def _escape(self, press: KeyDown) -> None:
+        """Ask whether to end the session; over that question, a tap goes back and holding ends it."""
+        self._say_key(press)
+        if self._phase is Phase.QUIT_QUESTION:
+            self._held.hold_escape(press.t_ns)
+        elif self._phase is Phase.ABORT_QUESTION:
+            self._move(TransitionCause.STAY)
+        else:
+            self._move(TransitionCause.ASK_QUIT)
+
+    def _key_up(self, release: KeyUp) -> None:
+        if self.over:
+            return
+        self._held.up(release.key)
+        self._context.emit_key(release, "release", self.phase)
+        if release.key == "escape" and self._held.release_escape():
+            self._move(TransitionCause.STAY)
+
+    def _key_over_part(self, press: KeyDown) -> None:
+        match self._phase, press.key:
+            case Phase.PAUSED, key if key in ENTER_KEYS:
+                self._say_key(press)
+                self._move(TransitionCause.RESUME)
+            case Phase.UNFOCUSED, key if key in ENTER_KEYS:  # a key that arrives is proof of the focus
+                self._say_key(press)
+                self._move(TransitionCause.FOCUS_FOUND)
+            case Phase.QUIT_QUESTION, key if key in ENTER_KEYS:
+                self._say_key(press)
+                self._move(TransitionCause.STAY)
+            case Phase.ABORT_QUESTION, key if (reason := screen_texts.find_abort_reason(key)) is not None:
+                self._say_key(press)
+                self._end("aborted", reason)
+            case _, key:
+                meant = key in ENTER_KEYS or (self.part.play is not None and self.part.play.action_of(key) is not None)
+                self._context.emit_key(press, "not_playing" if meant else "unmapped", self.phase)
+
+    def _say_key(self, press: KeyDown) -> None:
+        self._context.emit_key(press, "accepted", self.phase)
+
+    # Moving on
+
+    def _move(self, cause: TransitionCause, why: PauseReason | None = None) -> bool:
+        """Follow the table; False, and nothing changed, where no row allows it."""
+        move = SESSION_TRANSITIONS.find(self._phase, cause, self)
+        if move is None:
+            return False
+        before = self._phase
+        if move.end is None:
+            self._phase = self._came_from.pop()
+        else:
+            assert isinstance(move.end, Phase)
+            self._phase = move.end
+        self._held.release_escape()
+        if self._phase is Phase.OVER:
+            self._finish()
+        elif cause is TransitionCause.BEGAN or cause is TransitionCause.DONE:
+            self._course.begin()
+            self._follow_part()
+        elif self._phase is Phase.PART:
+            self.part.resume()
+            self._follow_part()
+        else:
+            if before is Phase.PART:
+                self.part.suspend(why or _PAUSE_REASONS[cause])
+            if cause in (TransitionCause.ASK_QUIT, TransitionCause.ASK_ABORT):
+                self._came_from.append(before)
+            self._context.emit(Noted(self._now_ns, "phase", self._phase))
+            if self._phase is Phase.UNFOCUSED and self._focused:  # found while a question was in front
+                self._move(TransitionCause.FOCUS_FOUND)
+        return True
+
+    def _follow_part(self) -> None:
+        """If the part is over, go on with the next, or end the session."""
+        ended = self._course.finish_part()
+        if ended is None:
+            return
+        if ended.reason is not None:
+            self._end(ended.reason, ended.detail)
+        else:
+            self._move(TransitionCause.DONE)
+
+    def _end(self, reason: EndReason, detail: str) -> None:
+        self._end_reason, self._end_detail = reason, detail
+        self._move(TransitionCause.END)
+
+    def _finish(self) -> None:
+        self._course.stop()
+        reason, detail = self._end_reason, self._end_detail
+        self._context.emit(SessionEnded(self._now_ns, reason, detail, self._context.completed))
+
+    # Screens
+
+    def _draw(self) -> None:
+        over_part = screen_texts.build_overlay_screen(
+            self._context.words, self._phase, self._end_reason, self._end_detail, declining=self._declining
+        )
+        screen = over_part or self.part.screen()
+        if screen != self._screen:
+            self._screen = screen
+
+    @property
+    def _now_ns(self) -> int:
+        return self._context.now_ns

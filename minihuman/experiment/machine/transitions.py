@@ -1,0 +1,123 @@
+"""Transition tables of phases: which cause leads from which phase to which, and under what condition.
+
+Holds the phases of the session and of the built-in activities, and the session's own table.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from minihuman.experiment.machine.session import SessionMachine
+
+Subject = TypeVar("Subject")
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseTransition(Generic[Subject]):
+    """A row: from ``start``, for a ``cause``, to ``end`` (None: back to where the cause before came from)."""
+
+    start: StrEnum
+    cause: StrEnum
+    end: StrEnum | None
+    when: Callable[[Subject], bool] | None = None  # None: always; its name labels the row in diagrams
+
+
+class TransitionTable(Generic[Subject]):
+    """Rows, of which the first whose condition holds counts."""
+
+    def __init__(self, rows: Sequence[PhaseTransition[Subject]]) -> None:
+        self.rows = tuple(rows)
+
+    def find(self, start: StrEnum, cause: StrEnum, subject: Subject) -> PhaseTransition[Subject] | None:
+        """The move to make; None where there is none: then nothing changes."""
+        for row in self.rows:
+            if row.start is start and row.cause is cause and (row.when is None or row.when(subject)):
+                return row
+        return None
+
+
+class Phase(StrEnum):
+    """Where a session is. While a part runs, the session's phase is the part's own."""
+
+    START = "start"
+    PART = "part"  # never seen from outside: the part's phase is
+    CONSENT = "consent"
+    PAGE = "page"
+    KEYBOARD_CHECK = "keyboard_check"
+    QUESTIONS = "questions"
+    INSTRUCTIONS = "instructions"
+    LEARNING = "learning"
+    PREPARING = "preparing"
+    READY = "ready"
+    INTERVAL = "interval"
+    FIXATION = "fixation"
+    PLAYING = "playing"
+    HOLD = "hold"
+    FEEDBACK = "feedback"
+    REST = "rest"
+    COMPARING = "comparing"
+    LOOKING = "looking"
+    SHOWING = "showing"
+    CLOSING = "closing"
+    PAUSED = "paused"
+    UNFOCUSED = "unfocused"
+    QUIT_QUESTION = "quit_question"
+    ABORT_QUESTION = "abort_question"
+    OVER = "over"
+
+
+class TransitionCause(StrEnum):
+    """Why a session, or a part of it, moves on."""
+
+    BEGAN = "began"
+    DONE = "done"
+    EPISODE_ENDED = "episode_ended"
+    PAUSE = "pause"
+    RESUME = "resume"
+    FOCUS_LOST = "focus_lost"
+    FOCUS_FOUND = "focus_found"
+    ASK_QUIT = "ask_quit"
+    ASK_ABORT = "ask_abort"
+    STAY = "stay"
+    END = "end"
+
+
+def _it_is_being_played(session: "SessionMachine") -> bool:
+    return session.part.playing
+
+
+def _time_makes_its_steps(session: "SessionMachine") -> bool:
+    return session.part.playing and session.part.real_time
+
+
+def _another_part_follows(session: "SessionMachine") -> bool:
+    return session.next_part is not None
+
+
+_INTERRUPTIBLE_PHASES = (Phase.PART, Phase.PAUSED, Phase.UNFOCUSED)
+
+SESSION_TRANSITIONS: "TransitionTable[SessionMachine]" = TransitionTable(
+    [
+        PhaseTransition(Phase.START, TransitionCause.BEGAN, Phase.PART),
+        PhaseTransition(Phase.PART, TransitionCause.DONE, Phase.PART, _another_part_follows),
+        PhaseTransition(Phase.PART, TransitionCause.DONE, Phase.OVER),
+        PhaseTransition(Phase.PART, TransitionCause.PAUSE, Phase.PAUSED, _it_is_being_played),
+        PhaseTransition(Phase.PAUSED, TransitionCause.RESUME, Phase.PART),
+        PhaseTransition(Phase.PART, TransitionCause.FOCUS_LOST, Phase.PAUSED, _time_makes_its_steps),
+        PhaseTransition(Phase.PART, TransitionCause.FOCUS_LOST, Phase.UNFOCUSED),
+        PhaseTransition(Phase.UNFOCUSED, TransitionCause.FOCUS_FOUND, Phase.PART),
+        *(PhaseTransition(phase, TransitionCause.ASK_QUIT, Phase.QUIT_QUESTION) for phase in _INTERRUPTIBLE_PHASES),
+        *(
+            PhaseTransition(phase, TransitionCause.ASK_ABORT, Phase.ABORT_QUESTION)
+            for phase in (*_INTERRUPTIBLE_PHASES, Phase.QUIT_QUESTION)
+        ),
+        PhaseTransition(Phase.QUIT_QUESTION, TransitionCause.STAY, None),
+        PhaseTransition(Phase.ABORT_QUESTION, TransitionCause.STAY, None),
+        *(
+            PhaseTransition(phase, TransitionCause.END, Phase.OVER)
+            for phase in (Phase.START, *_INTERRUPTIBLE_PHASES, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
+        ),
+    ]
+)

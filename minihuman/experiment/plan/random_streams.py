@@ -1,0 +1,28 @@
+"""Random streams of a study: every random choice derives from the study seed, one stream per purpose.
+
+An additional draw for one purpose changes nothing elsewhere. Only `SeedSequence` is used, because NumPy guarantees
+that its output never changes, so a protocol gives the same plan on every machine and in ten years.
+"""
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def draw_words(count: int, *, seed: int, purpose: str, index: int = 0) -> NDArray[np.uint64]:
+    """``count`` random uint64 of the stream (seed, purpose, index)."""
+    name = int.from_bytes(hashlib.blake2b(purpose.encode(), digest_size=4).digest(), "little")
+    return np.random.SeedSequence(seed, spawn_key=(name, index)).generate_state(count, np.uint64).astype(np.uint64)
+
+
+def draw_seeds(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
+    """Seeds of 31 bits, which every environment's ``reset`` takes."""
+    return tuple(int(word) >> 33 for word in draw_words(count, seed=seed, purpose=purpose, index=index))
+
+
+def draw_permutation(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
+    """A random order of 0 .. count - 1."""
+    return tuple(
+        int(place) for place in np.argsort(draw_words(count, seed=seed, purpose=purpose, index=index), kind="stable")
+    )

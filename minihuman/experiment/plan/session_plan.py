@@ -1,0 +1,124 @@
+"""The plan of a session: participant, key maps, episodes and parts, resolved before the first key press."""
+
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.worlds.contract import Palette, View
+
+SpareKeyPolicy = Literal["ignore", "distractor"]
+KeyMapPolicy = Literal["new", "carry_over", "shown", "constant", "fixed"]
+PacePolicy = Literal["on_key", "real_time"]
+
+
+class Participant(msgspec.Struct, frozen=True):
+    """Who plays: a code, never a name."""
+
+    id: str  # "sub-07"
+    index: int  # order of enrolment, 0 for the first
+    group: str  # "" as long as it is not drawn
+    stratum: str = ""  # of the answer that the group was drawn after; "" where it is drawn among all
+    slot: int | None = None  # the place in the allocation list; None: the index
+
+    @property
+    def place(self) -> int:
+        """Where in the allocation list they are."""
+        return self.index if self.slot is None else self.slot
+
+
+class KeyMap(msgspec.Struct, frozen=True):
+    """Physical key to action name, the keys left over, and the seed that drew it."""
+
+    keys: dict[str, str]  # physical key name (study/keys.py) -> action name, distractors included
+    spare_keys: tuple[str, ...]  # the pool's other keys, which do nothing
+    spare: SpareKeyPolicy  # how spare keys were dealt with: left without an action, or given the block's distractors
+    seed: int
+
+
+class EpisodePlan(msgspec.Struct, frozen=True):
+    """One episode with no randomness left in it."""
+
+    episode: int  # 0 for the session's first
+    block: int  # index into the group's blocks
+    block_name: str
+    episode_in_block: int
+    episodes_in_block: int
+    world: str  # a Gymnasium id, "module:Id-v0" included
+    options: dict[str, Any]  # keyword arguments of gymnasium.make
+    seed: int  # the world's reset seed
+    actions: tuple[str, ...]  # the action names that have a key
+    key_map: KeyMap
+    show_keys: bool  # the legend is on the screen
+    pace: PacePolicy
+    step_period_ms: float  # real_time only: one step a period
+    noop: str | None  # action applied at a tick without a key; None repeats nothing
+    auto_repeat: bool  # on_key only: a held key steps again
+    max_steps: int
+    view: View
+    palette: Palette
+    record_observations: bool = False  # the log holds what was observed, beside its hash
+    onset_at_reset: bool = False  # real_time only: the first picture shows the stimulus
+
+
+class BlockText(msgspec.Struct, frozen=True):
+    """What a participant reads around a block; empty text shows no screen."""
+
+    instruction: str
+    feedback: str  # after each episode; may hold {outcome} {reward} {steps} {episode} {episodes}
+    rest: str  # after the block
+    rest_s: float  # the shortest rest, seconds
+
+
+class PlannedPart(msgspec.Struct, frozen=True):
+    """One part of a session: what kind of activity, and that kind's own plan with no chance left in it."""
+
+    kind: str  # "play", "page", "questions", "keyboard_check", or another that is registered
+    name: str  # in the protocol
+    plan: Any  # the kind's frozen msgspec struct
+
+
+class ResumeState(msgspec.Struct, frozen=True):
+    """What a resumed session goes on from, beside the next episode."""
+
+    part: int = 0  # the part to begin with
+    points: float = 0.0
+    outcomes: tuple[str, ...] = ()  # of that part's episodes so far
+    tries: dict[str, int] = {}  # of questions, by the part's name
+
+
+class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What points are worth."""
+
+    per_point: float
+    currency: str = ""
+    base: float = 0.0
+    most: float | None = None  # the bonus never exceeds it
+
+
+class SessionPlan(msgspec.Struct, frozen=True):
+    """The whole session: what ``expand()`` yields, and the first thing logged."""
+
+    study: str
+    study_version: str
+    protocol_toml: bytes  # the protocol file, byte for byte
+    protocol_sha256: str
+    participant: Participant
+    session: int  # 1 for the first
+    study_seed: int
+    allocation_sha256: str | None  # hash of the up-front allocation list; None when overridden
+    overridden: bool  # --participant or --group by hand
+    consent_text: str  # empty: no consent screen
+    consent_sha256: str
+    key_pool: tuple[str, ...]
+    keyboard_check: bool
+    texts: tuple[BlockText, ...]  # one a block
+    closing_text: str
+    episodes: tuple[EpisodePlan, ...]
+    first_episode: int  # 0, or where a resumed session goes on
+    segment: int  # 1 for the first, one more after each resume
+    parts: tuple[PlannedPart, ...] = ()  # in order; empty in logs from before there were parts
+    words: dict[str, str] = {}  # the interface's words that differ from English's
+    language: str = "en"
+    standing: ResumeState = ResumeState()
+    bonus: BonusSpec | None = None
+    fonts: tuple[str, ...] = ()  # files of faces that are asked first

@@ -1,0 +1,136 @@
+"""Names that protocols of earlier versions use: one table of fields and values, read as their present names."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from minihuman.experiment.protocol.validation_errors import LAST_STEP
+
+_PART = {"for_group": "group_overrides"}
+_KEY_MAPS = {"fresh": "new", "carry": "carry_over", "kept": "constant"}
+_COLUMN_TYPES = {"whole": "integer", "yes_no": "boolean"}
+_MEASURES = {"in_vain_share": "ineffective_share", "found_all_s": "all_keys_discovered_s"}
+
+FIELD_ALIASES: dict[str, dict[str, str]] = {  # table -> old name of a field -> its name now
+    "study": {"break_s": "min_rest_s"},
+    "keys": {"spare": "spare_keys", "check": "keyboard_check"},
+    "groups": {"ratio": "allocation_ratio", "instead": "replace_parts"},
+    "blocks": {
+        **_PART,
+        "noop": "noop_action",
+        "instruction": "instructions",
+        "rest": "rest_text",
+        "fixed": "fixed_keys",
+        "until": "stop_criterion",
+        "max_s": "max_episode_s",
+        "block_max_s": "max_block_s",
+        "interval_ms": "inter_trial_interval_ms",
+        "hold_ms": "final_frame_ms",
+        "marks": "show_outcome",
+    },
+    "pages": {**_PART, "agree": "asks_consent", "pictures": "images"},
+    "questions": {
+        **_PART,
+        "tries": "max_attempts",
+        "wrong": "wrong_answer_text",
+        "back_to": "return_to",
+        "failed": "on_failure",
+    },
+    "activities": {"plan": "settings"},
+    "sessions": {"days_after": "days_after_previous"},
+    "about": {
+        "ethics": "ethics_approvals",
+        "acknowledge": "how_to_acknowledge",
+        "task": "task_description",
+        "participants": "participant_columns",
+    },
+    "about.participant_columns": {"meaning": "description", "kind": "type"},
+    "analysis": {
+        "primary": "primary_measure",
+        "secondary": "secondary_measures",
+        "equivalence": "equivalence_margin",
+    },
+    "allocation": {"stratify": "stratify_by", "cuts": "cut_points"},
+    "devices": {"source": "plugin"},
+    "web": {
+        "picture_px": "image_size_px",
+        "encoding": "image_encoding",
+        "grace_s": "reconnect_timeout_s",
+        "idle_s": "idle_timeout_s",
+        "browsers": "allowed_browsers",
+        "min_window_px": "min_window_size_px",
+        "keyboard": "require_keyboard",
+        "anyone": "open_access",
+        "platforms": "recruitment_platforms",
+        "most_at_once": "max_concurrent_sessions",
+        "codes": "completion_codes",
+    },
+}
+VALUE_ALIASES: dict[str, dict[str, str]] = {  # field -> old value -> its name now
+    "blocks.key_map": _KEY_MAPS,
+    "about.participant_columns.type": _COLUMN_TYPES,
+    "analysis.primary_measure": _MEASURES,
+    "analysis.secondary_measures": _MEASURES,
+    "exclusions.measure": {
+        **_MEASURES,
+        "in_vain": "ineffective_steps",
+        "keys_found": "keys_discovered",
+        "keys_to_find": "keys_total",
+    },
+}
+
+
+@dataclass
+class CurrentNames:
+    """A protocol's tree in present names, and what the file itself says.
+
+    Attributes:
+        tree: the decoded TOML with present names.
+        written: a path in present names -> the same path as the file has it, where they differ.
+        renamed: (path as written, note) of each old name.
+        conflicts: (path as written, complaint) of each field that is there under both names.
+    """
+
+    tree: dict[str, Any] = field(default_factory=dict)
+    written: dict[str, str] = field(default_factory=dict)
+    renamed: list[tuple[str, str]] = field(default_factory=list)
+    conflicts: list[tuple[str, str]] = field(default_factory=list)
+
+    def written_path(self, path: str) -> str:
+        """A path in present names as the file has it."""
+        rest = ""
+        while path not in self.written and (step := LAST_STEP.search(path)):
+            path, rest = path[: step.start()], step[0] + rest
+        return self.written.get(path, path) + rest
+
+
+def use_current_names(tree: dict[str, Any]) -> CurrentNames:
+    """Replace old names of fields and values in the tree of a protocol file; the tree itself stays as it is."""
+    names = CurrentNames()
+    names.tree = _rename(tree, "", "$", "$", names)
+    return names
+
+
+def _rename(value: Any, table: str, path: str, written: str, names: CurrentNames) -> Any:
+    if path != written:
+        names.written[path] = written
+    if isinstance(value, list):
+        return [_rename(one, table, f"{path}[{n}]", f"{written}[{n}]", names) for n, one in enumerate(value)]
+    if isinstance(value, str) and (now := VALUE_ALIASES.get(table, {}).get(value)):
+        names.renamed.append((written, f"is {value!r}, which is now called {now!r}"))
+        return now
+    if not isinstance(value, dict):
+        return value
+    if table.endswith(".group_overrides"):  # group -> fields of the table itself
+        table = table.removesuffix(".group_overrides")
+        return {name: _rename(own, table, f"{path}.{name}", f"{written}.{name}", names) for name, own in value.items()}
+    aliases = FIELD_ALIASES.get(table, {})
+    renamed = {}
+    for name, inner in value.items():
+        now = aliases.get(name, name)
+        if now != name and now in value:
+            names.conflicts.append((f"{written}.{name}", f"is the old name of {now!r}, which is given too; remove it"))
+            continue
+        if now != name:
+            names.renamed.append((f"{written}.{name}", f"is now called {now!r}"))
+        renamed[now] = _rename(inner, f"{table}.{now}".lstrip("."), f"{path}.{now}", f"{written}.{name}", names)
+    return renamed

@@ -1,0 +1,332 @@
+"""Consistency rules of a protocol: names, parts, orders, questions, overrides per group, carried key maps."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise, permutations, product
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+from minihuman.experiment.activities.block_plans import AgentPlan, AgentPlayPlan, PlayPlan
+from minihuman.experiment.activities.block_plans import check_agent as agent_complaints
+from minihuman.experiment.activities.questions.question import check_item, find_question_kind
+from minihuman.experiment.activities.registry import find_kind
+from minihuman.experiment.protocol.specs import (
+    SHIPPED_FORMS,
+    QuestionnaireSpec,
+    apply_overrides,
+    check_each,
+    check_each_override,
+)
+from minihuman.experiment.protocol.validation_errors import FieldError
+from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
+
+if TYPE_CHECKING:
+    from minihuman.experiment.protocol.protocol import BlockSpec, GroupSpec, Protocol
+
+
+def check_carried_key_maps(protocol: "Protocol") -> Iterator[FieldError]:
+    """Every (path, complaint) about a carried key map that is for another number of actions than the one before it.
+
+    A session's first block draws its own, so one block can serve the group that carries into it and the group that
+    starts with it.
+    """
+    carried = {name for group in protocol.groups for name in group.blocks[1:]}
+    for number, group in enumerate(protocol.groups):
+        if group.blocks and group.blocks[0] not in carried:
+            first = _find_group_block(protocol, group.blocks[0], group)
+            if first is not None and first.key_map == "carry_over":
+                what = f"is {first.name!r}, which carries a key map, but no group plays a block before it"
+                yield f"$.groups[{number}].blocks[0]", what
+        for place, pair in enumerate(pairwise(group.blocks), 1):
+            yield from _check_pair(protocol, f"$.groups[{number}].blocks[{place}]", group, *pair)
+        for place, listed in enumerate(day.parts for day in protocol.sessions):
+            for pair in _list_block_pairs(protocol, group, listed):
+                yield from _check_pair(protocol, f"$.sessions[{place}].parts", group, *pair)
+        for pair in _list_block_pairs(protocol, group, group.parts):
+            yield from _check_pair(protocol, f"$.groups[{number}].parts", group, *pair)
+
+
+def _check_pair(protocol: "Protocol", path: str, group: "GroupSpec", first: str, second: str) -> Iterator[FieldError]:
+    before, block = _find_group_block(protocol, first, group), _find_group_block(protocol, second, group)
+    if before is None or block is None or block.key_map != "carry_over" or len(before.actions) == len(block.actions):
+        return
+    counts = f"{len(block.actions)} actions carried from {len(before.actions)}"
+    what = f"is {second!r}" if path.endswith("]") else f"has {second!r} after {first!r} in group {group.name!r}"
+    yield path, f"{what} with {counts}; give both blocks as many, or use key_map = 'new'"
+
+
+def _list_block_pairs(protocol: "Protocol", group: "GroupSpec", listed: Sequence[str]) -> list[tuple[str, str]]:
+    """The blocks that may be played one right after the other, whatever a participant's order is."""
+    known = {block.name for block in protocol.blocks}
+    orders = {order.name: order for order in protocol.orders}
+    pairs: list[tuple[str, str]] = []
+    before: Sequence[str] = ()  # any of these may have been the last
+    for name in listed:
+        chosen = group.replace_parts.get(name, name)
+        order = orders.get(chosen)
+        parts = [chosen] if order is None else [group.replace_parts.get(part, part) for part in order.parts]
+        blocks = [part for part in parts if part in known]
+        if not blocks:
+            continue
+        varies = order is not None and order.order != "fixed"
+        pairs += product(before, blocks if varies else blocks[:1])
+        pairs += permutations(blocks, 2) if varies else pairwise(blocks)
+        before = blocks if varies else blocks[-1:]
+    return list(dict.fromkeys(pairs))
+
+
+def _find_group_block(protocol: "Protocol", name: str, group: "GroupSpec") -> "BlockSpec | None":
+    """The block of a name as a group has it; None where there is none, which is a complaint of its own."""
+    try:
+        return next((protocol.block_for(name, group.name) for block in protocol.blocks if block.name == name), None)
+    except msgspec.ValidationError:
+        return None
+
+
+_PARTS = ("blocks", "pages", "questions", "activities")
+_NAMED = (*_PARTS, "orders")
+
+
+def check_design(protocol: "Protocol") -> list[FieldError]:
+    """Every (path, complaint) about pages, questions, orders, sessions and words."""
+    return [
+        *_check_words(protocol),
+        *_check_names(protocol),
+        *_check_part_lists(protocol),
+        *_check_activities(protocol),
+        *check_each("questions", protocol.questions, lambda asked: _check_questionnaire(asked, protocol)),
+        *_check_groups(protocol),
+        *_check_overrides(protocol),
+        *check_each("blocks", protocol.blocks, lambda block: _check_block(block, protocol)),
+        *_check_unused_fields(protocol),
+    ]
+
+
+def check_newer_design_rules(protocol: "Protocol") -> list[FieldError]:
+    """The same, by rules without which studies were run before there were any."""
+    return [
+        *_check_reserved_names(protocol),
+        *check_each("questions", protocol.questions, _check_correct_answers),
+        *check_each_override(
+            "questions",
+            protocol.questions,
+            lambda asked: (*_check_questionnaire(asked, protocol), *_check_correct_answers(asked)),
+        ),
+        *check_each_override("blocks", protocol.blocks, lambda block: _check_block(block, protocol)),
+    ]
+
+
+def _check_words(protocol: "Protocol") -> Iterator[FieldError]:
+    language, own = protocol.study.language, flatten_words(protocol.words)
+    known = load_words("en")
+    for key, value in own.items():
+        if key not in known and not key.startswith(("action.", "mission.", "prompt.")):
+            yield f"$.words.{key}", "is not a word of the interface; minihuman/experiment/words/en.toml has them all"
+        elif not isinstance(value, str):
+            yield f"$.words.{key}", f"is {value!r}; a word is a text in quotes"
+    if language not in LANGUAGES:
+        missing = [key for key in known if key not in own and not key.startswith(("action.", "mission.", "key."))]
+        if missing:
+            what = f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
+            yield "$.study.language", f"{what}{len(missing)} are missing, the first is {missing[0]}"
+
+
+def _check_names(protocol: "Protocol") -> Iterator[FieldError]:
+    seen: dict[str, str] = {}
+    for field in _NAMED:
+        for number, part in enumerate(getattr(protocol, field)):
+            if part.name in seen and field != "blocks":
+                yield f"$.{field}[{number}].name", f"is {part.name!r} again ({seen[part.name]}); give each its own name"
+            seen.setdefault(part.name, f"$.{field}[{number}]")
+
+
+def _check_reserved_names(protocol: "Protocol") -> Iterator[FieldError]:
+    """A part of such a name would be shown where one that comes by itself is."""
+    by_itself = {
+        "consent": ("asks_consent", "$.study.consent", bool(protocol.study.consent)),
+        "closing": ("closing", "$.study.closing", protocol.study.closing != ""),
+        "keyboard_check": ("", "$.keys.keyboard_check", protocol.keys.keyboard_check),
+    }
+    for field in _NAMED:
+        for number, part in enumerate(getattr(protocol, field)):
+            instead, whose, comes = by_itself.get(part.name, ("", "", False))
+            if comes and not getattr(part, instead, False):
+                way = f", or set {instead} = true" if instead and field == "pages" else ""
+                yield f"$.{field}[{number}].name", f"is {part.name!r}, as {whose} is called; call it otherwise{way}"
+
+
+def _check_activities(protocol: "Protocol") -> Iterator[FieldError]:
+    blocks = list(dict.fromkeys(block.name for block in protocol.blocks))
+    for number, other in enumerate(protocol.activities):
+        try:
+            kind = find_kind(other.kind)
+            plan = kind.read(other.settings)
+        except (ProtocolError, msgspec.ValidationError) as error:
+            yield f"$.activities[{number}]", f"of kind {other.kind!r}: {error}"
+            continue
+        if kind.block_field and (named := getattr(plan, kind.block_field)) not in blocks:
+            what = f"is {named!r}, which is not a block; blocks: {', '.join(blocks) or 'none'}"
+            yield f"$.activities[{number}].settings.{kind.block_field}", what
+
+
+def _check_part_lists(protocol: "Protocol") -> Iterator[FieldError]:
+    known = {part.name for field in _PARTS for part in getattr(protocol, field)}
+    with_orders = known | {order.name for order in protocol.orders}
+    lists = [
+        *((f"$.sessions[{n}].parts", day.parts, with_orders) for n, day in enumerate(protocol.sessions)),
+        *((f"$.groups[{n}].parts", group.parts, with_orders) for n, group in enumerate(protocol.groups)),
+        *((f"$.orders[{n}].parts", order.parts, known) for n, order in enumerate(protocol.orders)),
+    ]
+    for path, names, allowed in lists:
+        for place, name in enumerate(names):
+            if name not in allowed:
+                yield (
+                    f"{path}[{place}]",
+                    f"is {name!r}, which is not a part; parts: {', '.join(sorted(allowed)) or 'none'}",
+                )
+    for number, group in enumerate(protocol.groups):
+        for part, other in group.replace_parts.items():
+            for name in (part, other):
+                if name and name not in with_orders:
+                    yield f"$.groups[{number}].replace_parts", f"names {name!r}, which is not a part"
+    for number, day in enumerate(protocol.sessions):
+        if not day.parts:
+            yield f"$.sessions[{number}].parts", "is empty; a session has one part or more"
+        if day.days_after_previous and not 0 <= day.days_after_previous[0] <= day.days_after_previous[1]:
+            yield (
+                f"$.sessions[{number}].days_after_previous",
+                f"is {list(day.days_after_previous)}; give the earliest day, then the latest",
+            )
+        if day.days_after_previous and not number:
+            yield (
+                f"$.sessions[{number}].days_after_previous",
+                "is given for the first session; days count from the one before",
+            )
+    for number, order in enumerate(protocol.orders):
+        if len(order.parts) < 2:
+            yield f"$.orders[{number}].parts", "has no two parts; an order is of two or more"
+        if len(set(order.parts)) < len(order.parts):
+            yield f"$.orders[{number}].parts", "names a part twice; name each once"
+
+
+def _check_questionnaire(asked: QuestionnaireSpec, protocol: "Protocol") -> Iterator[FieldError]:
+    parts = {part.name for field in _PARTS for part in getattr(protocol, field)}
+    if not asked.items and not asked.form:
+        yield "items", "is empty; the part needs items, or the name of a form"
+    if asked.form and asked.form not in SHIPPED_FORMS:
+        yield "form", f"is {asked.form!r}; forms: {', '.join(SHIPPED_FORMS)}"
+    if asked.return_to and asked.return_to not in parts:
+        yield "return_to", f"is {asked.return_to!r}, which is not a part"
+    if not 1 <= asked.max_attempts <= 100:
+        yield "max_attempts", f"is {asked.max_attempts}; use 1 to 100"
+    names = [item.name for item in asked.items]
+    for place, item in enumerate(asked.items):
+        if item.name in names[:place]:
+            yield f"items[{place}].name", f"is {item.name!r} again; give each its own name"
+        yield from ((f"items[{place}].{field}", what) for field, what in check_item(item))
+
+
+def _check_correct_answers(asked: QuestionnaireSpec) -> Iterator[FieldError]:
+    """A right answer is one that can be given."""
+    for place, item in enumerate(asked.items):
+        try:
+            answer_type = find_question_kind(item.kind).answer_type
+        except ProtocolError:
+            continue  # an error of its own
+        for right in item.right_answers:
+            if answer_type == "number" and isinstance(right, str):
+                what = f"is {right!r}, a text, but a {item.kind} is answered with a number; write it without quotes"
+                yield f"items[{place}].right", what
+            elif answer_type == "text" and not isinstance(right, str):
+                what = f"is {right!r}, a number, but a {item.kind} is answered with text; write it in quotes"
+                yield f"items[{place}].right", what
+
+
+def _check_groups(protocol: "Protocol") -> Iterator[FieldError]:
+    for number, group in enumerate(protocol.groups):
+        if not 1 <= group.allocation_ratio <= 100:
+            yield f"$.groups[{number}].allocation_ratio", f"is {group.allocation_ratio}; use 1 to 100"
+        if protocol.sessions and (group.parts or group.blocks):
+            field = "parts" if group.parts else "blocks"
+            yield (
+                f"$.groups[{number}].{field}",
+                "is given beside [[sessions]], which say it; use replace_parts = { ... }",
+            )
+        elif protocol.lists_parts and not protocol.sessions and not group.parts:
+            yield f"$.groups[{number}].parts", "is missing, as another group has parts; give this one its own"
+
+
+def _check_overrides(protocol: "Protocol") -> Iterator[FieldError]:
+    groups = {group.name for group in protocol.groups}
+    for field in ("blocks", "pages", "questions"):
+        for number, part in enumerate(getattr(protocol, field)):
+            for group, own in part.group_overrides.items():
+                path = f"$.{field}[{number}].group_overrides.{group}"
+                if group not in groups:
+                    yield path, f"is for no group; groups: {', '.join(sorted(groups))}"
+                    continue
+                if {"name", "group_overrides"} & own.keys():
+                    yield path, "changes the name; give the group another part with replace_parts = { ... }"
+                    continue
+                try:
+                    apply_overrides(part, group)
+                except msgspec.ValidationError as error:
+                    yield path, str(error)
+
+
+def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldError]:
+    pool = protocol.keys.pool
+    yield from _check_block_kind(block, pool)
+    if block.key_map == "fixed" and set(block.fixed_keys.values()) != set(block.actions):
+        yield (
+            "fixed_keys",
+            "gives keys to other actions than those of the block; give each a key: fixed_keys = { 1 = 'left' }",
+        )
+    for key in block.fixed_keys:
+        if key not in pool:
+            yield "fixed_keys", f"has the key {key!r}, which is not in $.keys.pool"
+    if block.stop_criterion and not 1 <= block.stop_criterion.successes <= block.stop_criterion.of <= block.episodes:
+        what = f"asks for {block.stop_criterion.successes} of {block.stop_criterion.of} in {block.episodes} episodes"
+        yield "stop_criterion", f"{what}; use successes <= of <= episodes"
+    for field in ("max_episode_s", "max_block_s", "inter_trial_interval_ms", "fixation_ms", "final_frame_ms"):
+        if not 0 <= getattr(block, field) <= 86_400_000:
+            yield field, f"is {getattr(block, field):g}; use 0 or more"
+
+
+def _check_block_kind(block: "BlockSpec", pool: tuple[str, ...]) -> Iterator[FieldError]:
+    """A block's kind is one of blocks, and has an agent where it needs one."""
+    try:
+        plan = find_kind(block.kind).plan
+    except ProtocolError as error:
+        yield "kind", f"is {block.kind!r}: {error}"
+        return
+    if not issubclass(plan, PlayPlan):
+        yield "kind", f"is {block.kind!r}, which is not a kind of block; list it in [[activities]]"
+    elif issubclass(plan, AgentPlayPlan):
+        if block.pace != "on_key":
+            yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
+        agent = block.agent or AgentPlan()
+        yield from ((f"agent.{field}", what) for field, what in agent_complaints(agent, pool))
+
+
+def _check_unused_fields(protocol: "Protocol") -> Iterator[FieldError]:
+    """What is given and does nothing, for no group."""
+    for number, asked in enumerate(protocol.questions):
+        if asked.items and asked.form:
+            yield f"$.questions[{number}]", "needs items, or the name of a form, and not both"
+    for number, block in enumerate(protocol.blocks):
+        path, own = f"$.blocks[{number}]", ({}, *block.group_overrides.values())
+        if block.fixed_keys and not any(its.get("key_map", block.key_map) == "fixed" for its in own):
+            yield f"{path}.fixed_keys", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
+        if block.agent is not None and not any(_has_agent(its.get("kind", block.kind)) for its in own):
+            yield f"{path}.agent", f"is given, but a {block.kind} block has none; use kind = 'takeover' or 'rating'"
+
+
+def _has_agent(kind: str) -> bool:
+    """Whether a kind of block has one; what is no kind of block is a complaint of its own."""
+    try:
+        plan = find_kind(kind).plan
+    except ProtocolError:
+        return True
+    return not issubclass(plan, PlayPlan) or issubclass(plan, AgentPlayPlan)

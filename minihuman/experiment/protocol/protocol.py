@@ -1,0 +1,415 @@
+"""Decode a protocol file strictly into a `Protocol`, and build its JSON schema. Knows no participants and no file
+system.
+"""
+
+import difflib
+import hashlib
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from string import Formatter
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+from minihuman.experiment.activities.block_plans import AgentPlan, CriterionSpec, PointsSpec
+from minihuman.experiment.keys import KEY_NAMES, KEY_NAMES_TEXT, RESERVED_KEYS
+from minihuman.experiment.plan.session_plan import BonusSpec, KeyMapPolicy, PacePolicy, SpareKeyPolicy
+from minihuman.experiment.protocol import specs, strata
+from minihuman.experiment.protocol.aliases import use_current_names
+from minihuman.experiment.protocol.consistency import check_carried_key_maps, check_design, check_newer_design_rules
+from minihuman.experiment.protocol.specs import (
+    ActivitySpec,
+    GroupOverrides,
+    OrderSpec,
+    PageSpec,
+    QuestionnaireSpec,
+    SessionSpec,
+    apply_overrides,
+    check_each,
+    check_each_override,
+)
+from minihuman.experiment.protocol.validation_errors import (
+    INTERNAL_FIELDS,
+    FieldError,
+    build_protocol_error,
+    find_structural_errors,
+    format_field_errors,
+)
+from minihuman.worlds.contract import Palette, View
+
+MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
+
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+_FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
+
+
+class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The study as a whole."""
+
+    name: str  # lower-case letters, digits, "-" and "_": it names a folder
+    version: str
+    seed: int  # every random choice of the study derives from it
+    participants: int = 100  # length of the allocation list made up front
+    consent: str = ""  # shown first; agreement is logged with this text's SHA-256; "" shows nothing
+    closing: str | None = None  # the last screen; absent: thanks in the study's language
+    min_rest_s: float = 0.0  # the shortest break between blocks, seconds
+    language: str = "en"  # of the interface's words: en de fr es zh ja ar, or another with all its [words]
+    fonts: tuple[str, ...] = ()  # files of faces installed where the study runs, asked for a character before ours
+
+
+class KeysSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The keys that participants may find their actions on."""
+
+    pool: tuple[str, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")  # physical keys, study/keys.py
+    spare_keys: SpareKeyPolicy = "ignore"  # pool keys left over: nothing happens, or a block's distractors
+    keyboard_check: bool = True  # each pool key is pressed once before data are taken
+
+
+class GroupSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A condition: what its participants do, in order."""
+
+    name: str
+    blocks: tuple[str, ...] = ()  # names of blocks; consent, keyboard check and closing come by themselves
+    parts: tuple[str, ...] = ()  # or names of pages, questions, blocks and orders, where there are no [[sessions]]
+    allocation_ratio: int = 1  # how many participants for one of a group with ratio 1
+    replace_parts: dict[str, str] = {}  # part -> the part this group has in its place; "" leaves it out
+
+
+class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Episodes played in one world under one rule."""
+
+    name: str
+    world: str  # "minihuman/MiniGrid-FourRooms-v0", "module:Id-v0"
+    episodes: int
+    actions: tuple[str, ...]  # the world's actions that get a key; carried maps go by position in this list
+    max_steps: int  # an episode is a timeout after so many
+    options: dict[str, Any] = {}  # keyword arguments of gymnasium.make
+    seeds: Literal["new", "same"] | tuple[int, ...] = "new"
+    key_map: KeyMapPolicy = "new"
+    distractors: tuple[str, ...] = ()  # actions dealt to spare keys when keys.spare_keys = "distractor"
+    pace: PacePolicy = "on_key"
+    step_period_ms: float = 0.0  # real_time: the time between steps
+    noop_action: str | None = None  # real_time: the action of a tick without a key; absent: such a tick is no step
+    stimulus_onset: Literal["world", "reset"] = "world"  # real_time: a step's info["onset"], or the first picture
+    auto_repeat: bool = False  # on_key: holding a key steps again
+    view: View = "partial"
+    palette: Palette = "classic"
+    record_observations: bool = False  # the log holds what was observed, beside its hash
+    instructions: str = ""
+    feedback: str | dict[Literal["goal", "timeout", "failure"], str] = ""  # after each episode, or by its outcome
+    rest_text: str = ""  # after the block, when another follows
+    fixed_keys: dict[str, str] = {}  # key_map = "fixed": physical key -> action
+    show_keys: bool = False  # the keys are on the screen, as with key_map = "shown"
+    title: str = ""  # above the instruction; absent: "Part 1 of 2"
+    mission: str = ""  # what is to be done, instead of the world's words
+    stop_criterion: CriterionSpec | None = None  # the block is over as soon as it is met
+    max_episode_s: float = 0.0  # an episode's longest playing time, seconds; 0: none
+    max_block_s: float = 0.0  # the block's
+    inter_trial_interval_ms: float = 0.0  # an empty screen before each episode
+    fixation_ms: float = 0.0  # then a cross
+    final_frame_ms: float = 500.0  # the last picture stays
+    show_outcome: bool = False  # and carries a mark and a colour for the outcome
+    points: PointsSpec | None = None
+    show_points: bool = False  # the running total is on the screen
+    analysed: bool = True  # false for practice, which no comparison and no participant's value includes
+    kind: str = "play"  # or another kind of block: "takeover", "rating", ...
+    agent: AgentPlan | None = None  # that plays, where the kind has one
+    group_overrides: GroupOverrides = {}
+
+
+class ExclusionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A rule, fixed before the data are seen, for what the report leaves out."""
+
+    reason: str
+    level: Literal["episode", "participant"]
+    measure: str  # a column of the report's episode or participant table
+    below: float | None = None  # leaves out values less than this
+    above: float | None = None  # leaves out values greater than this
+
+
+class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A study's protocol. ``decode`` is the only way to make one from a file."""
+
+    study: StudySpec
+    groups: tuple[GroupSpec, ...]
+    blocks: tuple[BlockSpec, ...] = ()
+    keys: KeysSpec = KeysSpec()
+    exclusions: tuple[ExclusionSpec, ...] = ()
+    pages: tuple[PageSpec, ...] = ()
+    questions: tuple[QuestionnaireSpec, ...] = ()
+    activities: tuple[ActivitySpec, ...] = ()
+    orders: tuple[OrderSpec, ...] = ()
+    sessions: tuple[SessionSpec, ...] = ()
+    words: dict[str, Any] = {}  # the interface's words in other words, by table as in minihuman/experiment/words
+    bonus: BonusSpec | None = None
+    files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
+    about: specs.AboutSpec = specs.AboutSpec()
+    analysis: specs.AnalysisSpec = specs.AnalysisSpec()
+    allocation: strata.AllocationSpec = strata.AllocationSpec()
+    devices: tuple[specs.DeviceSpec, ...] = ()
+    web: specs.WebSpec = specs.WebSpec()
+    toml: bytes = b""  # the file itself, byte for byte; not a field of the file
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the file, hexadecimal."""
+        return hashlib.sha256(self.toml).hexdigest()
+
+    def block(self, name: str) -> BlockSpec:
+        """The block of that name."""
+        return next(block for block in self.blocks if block.name == name)
+
+    def block_for(self, name: str, group: str) -> BlockSpec:
+        """The block of that name as a group has it."""
+        return apply_overrides(self.block(name), group)
+
+    def page_for(self, name: str, group: str) -> PageSpec | None:
+        """The page of that name as a group has it; None if there is none."""
+        return next((apply_overrides(page, group) for page in self.pages if page.name == name), None)
+
+    def questions_for(self, name: str, group: str) -> QuestionnaireSpec | None:
+        """The questions of that name as a group has them; None if there are none."""
+        return next((apply_overrides(asked, group) for asked in self.questions if asked.name == name), None)
+
+    @property
+    def lists_parts(self) -> bool:
+        """Whether the file lists parts itself, in sessions or in groups."""
+        return bool(self.sessions) or any(group.parts for group in self.groups)
+
+    def group(self, name: str) -> GroupSpec:
+        """The group of that name.
+
+        Raises:
+            ProtocolError: if there is none.
+        """
+        for group in self.groups:
+            if group.name == name:
+                return group
+        names = ", ".join(group.name for group in self.groups)
+        raise ProtocolError(f"no group {name!r} in study {self.study.name!r}; it has {names}")
+
+
+_Rules = Callable[[Protocol], Iterable[FieldError]]
+
+
+def decode_protocol(toml: bytes, source: str = "protocol", files: Mapping[str, bytes] | None = None) -> Protocol:
+    """Read a protocol file's bytes; ``source`` names the file in errors, ``files`` are those it names beside itself.
+
+    Raises:
+        ProtocolError: of every mistake, a line each with file, line, path, value and the way out.
+    """
+    return _decode(toml, source, files or {}, (_check_values, _check_newer_rules))
+
+
+def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -> Protocol:
+    """Read the protocol that a session was played by; it need not keep rules that came after it.
+
+    Raises:
+        ProtocolError: as ``decode``.
+    """
+    return _decode(toml, source, {}, (_check_values,))
+
+
+def _decode(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
+    try:
+        return _decoded(toml, source, files, rules)
+    except ProtocolError:
+        raise
+    except Exception as error:  # a file can be written to make a parser raise anything: nesting, huge numbers
+        said = str(error).splitlines()[0] if str(error) else ""
+        raise ProtocolError(f"{source}: cannot be read: {type(error).__name__}: {said[:200]}") from error
+
+
+def _decoded(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
+    try:
+        text = toml.decode("utf-8-sig")  # an editor may begin the file with a byte-order mark
+        tree = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise ProtocolError(f"{source}: byte {error.start} is not UTF-8; save the file as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ProtocolError(f"{source}: not TOML: {error}") from None
+    names = use_current_names(tree)
+    wrong = [*names.conflicts, *find_structural_errors(names.tree, Protocol)]
+    if not wrong:
+        protocol = msgspec.convert(names.tree, Protocol)
+        wrong = [complaint for rule in rules for complaint in rule(protocol)]
+    written = [(names.written_path(path), what) for path, what in wrong]
+    if mistakes := build_protocol_error(written, source=source, text=text, tree=tree):
+        raise mistakes
+    return msgspec.structs.replace(protocol, toml=toml, files=dict(files))
+
+
+def _check_values(protocol: Protocol) -> list[FieldError]:
+    """Every (path, complaint) about values that have the right type but make no study."""
+    return [
+        *_check_study(protocol.study),
+        *_check_keys(protocol.keys),
+        *_check_groups(protocol),
+        *check_each("blocks", protocol.blocks, lambda block: _check_block(block, protocol)),
+        *(
+            (f"$.blocks[{number}].{field}", complaint)
+            for number, block in enumerate(protocol.blocks)
+            for field, complaint in _check_unused_block_fields(block, protocol.keys)
+        ),
+        *check_design(protocol),
+        *specs.check_about(protocol.about),
+        *specs.check_analysis(
+            protocol.analysis,
+            tuple(block.name for block in protocol.blocks),
+            practice=tuple(block.name for block in protocol.blocks if not block.analysed),
+        ),
+        *strata.check_allocation(protocol),
+        *specs.check_devices(protocol.devices),
+        *specs.check_web(protocol.web),
+        *(
+            (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
+            for number, rule in enumerate(protocol.exclusions)
+            if rule.below is None and rule.above is None
+        ),
+    ]
+
+
+def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
+    """The same, by rules without which studies were run before there were any."""
+    return [
+        *check_each_override("blocks", protocol.blocks, lambda block: _check_block(block, protocol)),
+        *check_carried_key_maps(protocol),
+        *check_newer_design_rules(protocol),
+    ]
+
+
+def _check_study(study: StudySpec) -> list[FieldError]:
+    found = []
+    if not _NAME.fullmatch(study.name):
+        found.append(("$.study.name", f"is {study.name!r}; use lower-case letters, digits, '-' and '_'"))
+    if not 0 <= study.seed <= MAX_SEED:
+        found.append(("$.study.seed", f"is {study.seed}; a seed is 0 or more"))
+    if not 1 <= study.participants <= 100_000:
+        found.append(("$.study.participants", f"is {study.participants}; use 1 to 100000"))
+    if not 0 <= study.min_rest_s <= 86_400:
+        found.append(("$.study.min_rest_s", f"is {study.min_rest_s}; a rest is 0 to 86400 s"))
+    return found
+
+
+def _check_keys(keys: KeysSpec) -> list[FieldError]:
+    found = []
+    for number, key in enumerate(keys.pool):
+        if key not in KEY_NAMES:
+            close = difflib.get_close_matches(key, KEY_NAMES, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"keys are called {KEY_NAMES_TEXT}"
+            found.append((f"$.keys.pool[{number}]", f"is {key!r}, which is not a key; {hint}"))
+        elif key in RESERVED_KEYS:
+            found.append((f"$.keys.pool[{number}]", f"is {key!r}, which the session itself uses; choose another"))
+        elif key in keys.pool[:number]:
+            found.append((f"$.keys.pool[{number}]", f"is {key!r} again; name each key once"))
+    return found
+
+
+def _check_groups(protocol: Protocol) -> list[FieldError]:
+    if not protocol.groups:
+        return [("$.groups", "is empty; a study has one group or more")]
+    if not protocol.blocks and not protocol.lists_parts:
+        return [("$.blocks", "is empty; a study has one block or more, or parts that are not played")]
+    found = [*_check_names("groups", protocol.groups), *_check_names("blocks", protocol.blocks)]
+    names = [block.name for block in protocol.blocks]
+    for number, group in enumerate(protocol.groups):
+        if not group.blocks and not protocol.lists_parts:
+            found.append((f"$.groups[{number}].blocks", "is empty; a group plays one block or more"))
+        for place, name in enumerate(group.blocks):
+            if name not in names:
+                path = f"$.groups[{number}].blocks[{place}]"
+                found.append((path, f"is {name!r}, which is not a block; blocks: {', '.join(names)}"))
+    return found
+
+
+def _check_names(field: str, named: tuple[GroupSpec, ...] | tuple[BlockSpec, ...]) -> list[FieldError]:
+    found = []
+    names = [item.name for item in named]
+    for number, name in enumerate(names):
+        path = f"$.{field}[{number}].name"
+        if not _NAME.fullmatch(name):
+            found.append((path, f"is {name!r}; use lower-case letters, digits, '-' and '_'"))
+        if name in names[:number]:
+            found.append((path, f"is {name!r} again; give each its own name"))
+    return found
+
+
+def _check_block(block: BlockSpec, protocol: Protocol) -> list[FieldError]:
+    found = []
+    pool = len(protocol.keys.pool)
+    if not block.world:
+        found.append(("world", "is empty; `minihuman worlds` lists ours"))
+    if not 1 <= block.episodes <= 10_000:
+        found.append(("episodes", f"is {block.episodes}; an episode count is 1 to 10000"))
+    if not 1 <= block.max_steps <= 1_000_000:
+        found.append(("max_steps", f"is {block.max_steps}; use 1 to 1000000"))
+    if not block.actions:
+        found.append(("actions", "is empty; name the actions that get a key"))
+    twice = [name for name, count in Counter(block.actions + block.distractors).items() if count > 1]
+    if twice:
+        found.append(("actions", f"and distractors name {', '.join(map(repr, twice))} twice; name each once"))
+    if len(block.actions) > pool:
+        found.append(("actions", f"has {len(block.actions)} for {pool} keys in $.keys.pool; add keys"))
+    if protocol.keys.spare_keys == "distractor" and not block.distractors:
+        found.append(("distractors", "is empty, but $.keys.spare_keys is 'distractor'; name the actions to deal out"))
+    if isinstance(block.seeds, tuple):
+        if len(block.seeds) != block.episodes:
+            found.append(("seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one an episode"))
+        if any(not 0 <= seed <= MAX_SEED for seed in block.seeds):
+            found.append(("seeds", "has a negative seed; a seed is 0 or more"))
+    if block.pace == "real_time" and not 5 <= block.step_period_ms <= 60_000:
+        found.append(("step_period_ms", f"is {block.step_period_ms}; real_time needs 5 to 60000 ms"))
+    for text in [block.feedback] if isinstance(block.feedback, str) else block.feedback.values():
+        try:
+            _check_placeholders(text)
+            text.format(outcome="", reward=0.0, steps=0, episode=0, episodes=0, points=0.0, total=0.0)
+        except (KeyError, IndexError, ValueError, AttributeError) as error:
+            fields = "outcome, reward, steps, episode, episodes, points, total"
+            found.append(("feedback", f"has a bad placeholder ({error}); use {fields}"))
+    return found
+
+
+def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldError]:
+    """What is given and does nothing."""
+    found = []
+    if keys.spare_keys == "ignore" and block.distractors:
+        found.append(("distractors", "has actions, but $.keys.spare_keys is 'ignore'; set it to 'distractor'"))
+    if block.pace == "on_key" and (block.step_period_ms or block.noop_action is not None):
+        found.append(
+            ("pace", "is 'on_key', which has no step_period_ms and no noop_action; remove them or use 'real_time'")
+        )
+    if block.pace == "on_key" and block.stimulus_onset != "world":
+        found.append(("stimulus_onset", "is for 'real_time'; in 'on_key' every picture is an onset; remove it"))
+    if block.pace == "real_time" and block.auto_repeat:
+        found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
+    return found
+
+
+def _check_placeholders(text: str) -> None:
+    """Refuse placeholders that are more than a field and a short format: they could ask for a text of any size.
+
+    Raises:
+        ValueError: if there is one.
+    """
+    for _, field, format_spec, conversion in Formatter().parse(text):
+        if field is not None and (not field.isidentifier() or conversion or not _FORMAT.fullmatch(format_spec or "")):
+            raise ValueError(f"{{{field}{':' if format_spec else ''}{format_spec}}}")
+
+
+def list_old_names(protocol: Protocol, source: str) -> list[str]:
+    """A line per old name of a field or value that a protocol's file uses, with its name now; none in a new file."""
+    text = protocol.toml.decode("utf-8-sig")
+    tree = tomllib.loads(text)
+    return format_field_errors(use_current_names(tree).renamed, source=source, text=text, tree=tree)
+
+
+def build_json_schema() -> dict[str, Any]:
+    """The schema (draft 2020-12) of what ``decode`` takes."""
+    schema = msgspec.json.schema(Protocol)
+    definition = schema["$defs"]["Protocol"]
+    for name in INTERNAL_FIELDS:
+        definition["properties"].pop(name, None)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "minihuman protocol", **schema}

@@ -1,0 +1,407 @@
+"""Tables of a protocol file: pages, questions, activities, orders, sessions, about, analysis, devices and web.
+
+Each table is a frozen struct; `check_*` returns the values that have the right type but cannot be right. Includes
+the questionnaires shipped with the package (NASA-TLX, demographics).
+"""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+from minihuman.experiment.activities.pages import ExampleSpec
+from minihuman.experiment.activities.questions.question import QuestionItemSpec
+from minihuman.experiment.protocol.validation_errors import FieldError
+
+if TYPE_CHECKING:
+    from minihuman.experiment.protocol.protocol import BlockSpec
+
+GroupOverrides = dict[str, dict[str, Any]]  # group -> fields that are others for it
+
+
+class PageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A part that is read: a consent, instructions, the last words."""
+
+    name: str
+    text: str = ""
+    title: str = ""
+    asks_consent: bool = False  # the last page asks for agreement, which is logged with the text's SHA-256
+    closing: bool = False  # the session's last words: closing the window over them leaves the session complete
+    images: tuple[str, ...] = ()  # PNG files beside the protocol, one a page from the first
+    example: ExampleSpec | None = None  # a world's picture on the first page
+    group_overrides: GroupOverrides = {}
+
+
+class QuestionnaireSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A part that is answered."""
+
+    name: str
+    title: str = ""
+    items: tuple[QuestionItemSpec, ...] = ()
+    form: str = ""  # a shipped form instead of items: "nasa-tlx", "demographics"
+    shuffle: bool = False  # the items come in an order of the participant's own
+    max_attempts: int = 1  # where items have right answers
+    wrong_answer_text: str = ""  # said after wrong answers, while tries are left
+    return_to: str = ""  # the part to which wrong answers lead back; "" asks again at once
+    on_failure: Literal["go_on", "end"] = "go_on"  # after the last try
+    group_overrides: GroupOverrides = {}
+
+
+class ActivitySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A part of a kind that a plug-in brings; its own fields are in ``plan``."""
+
+    name: str
+    kind: str  # registered in the entry-point group minihuman.activities
+    settings: dict[str, Any] = {}
+
+
+class OrderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Some parts in an order that depends on the participant. Its name stands for them in a list of parts."""
+
+    name: str
+    parts: tuple[str, ...]
+    order: Literal["fixed", "shuffled", "latin-square"] = "latin-square"
+
+
+class SessionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A session: its parts, and how many days after the one before it may be."""
+
+    name: str
+    parts: tuple[str, ...]
+    days_after_previous: tuple[int, int] | None = None  # earliest and latest
+
+
+Overridable = TypeVar("Overridable", "BlockSpec", PageSpec, QuestionnaireSpec)
+
+
+def apply_overrides(part: Overridable, group: str) -> Overridable:
+    """A part with the fields that are others for a group.
+
+    Raises:
+        msgspec.ValidationError: if one of them holds what it cannot.
+    """
+    own = part.group_overrides.get(group)
+    if not own:
+        return part
+    fields = {name: getattr(part, name) for name in part.__struct_fields__ if name != "group_overrides"}
+    return msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
+
+
+def check_each(
+    field: str, parts: Sequence[Overridable], complaints: Callable[[Overridable], Iterable[FieldError]]
+) -> Iterator[FieldError]:
+    """Every (path, complaint) about parts, as they are for all.
+
+    Args:
+        field: of the protocol, which has the parts.
+        parts: what it has.
+        complaints: about one part, with the field of it that each is about.
+    """
+    for number, part in enumerate(parts):
+        yield from ((f"$.{field}[{number}].{name}", what) for name, what in complaints(part))
+
+
+def check_each_override(
+    field: str, parts: Sequence[Overridable], complaints: Callable[[Overridable], Iterable[FieldError]]
+) -> Iterator[FieldError]:
+    """Every (path, complaint) about parts with the fields that are others for a group, but for those about all."""
+    for number, part in enumerate(parts):
+        for_all = list(complaints(part))
+        for group, own in part.group_overrides.items():
+            if {"name", "group_overrides"} & own.keys():
+                continue
+            try:
+                its = apply_overrides(part, group)
+            except msgspec.ValidationError:  # which is a complaint of its own
+                continue
+            for name, what in complaints(its):
+                if (name, what) not in for_all:
+                    yield f"$.{field}[{number}].group_overrides.{group}.{name}", what
+
+
+ColumnType = Literal["text", "integer", "number", "boolean"]
+
+_ORCID = re.compile(r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]")
+_DOI = re.compile(r"10\.\d{4,9}/\S+")
+_LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*|https?://\S+")
+_COLUMN = re.compile(r"[a-z][a-z0-9_]*")
+
+
+class AuthorSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An author of the study; never a participant."""
+
+    name: str  # as in print: "Ada Lovelace"
+    orcid: str = ""  # "0000-0002-1825-0097"
+    email: str = ""
+    affiliation: str = ""
+
+
+class ParticipantColumnSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A column of ``participants.csv`` in the study's folder: what the laboratory knows of people beside their play."""
+
+    name: str  # "age", "handedness"
+    description: str
+    type: ColumnType = "text"
+    unit: str = ""  # "year"
+    levels: dict[str, str] = {}  # each word that may stand there, and what it means; empty: anything
+
+
+class AboutSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The study as a publication. Every field may be left out; an export says which ones a standard misses."""
+
+    title: str = ""
+    description: str = ""
+    authors: tuple[AuthorSpec, ...] = ()
+    licence: str = ""  # an SPDX identifier ("CC-BY-4.0") or the licence's address
+    funding: tuple[str, ...] = ()
+    ethics_approvals: tuple[str, ...] = ()  # approvals: board and number
+    institution: str = ""
+    department: str = ""
+    address: str = ""  # of the institution
+    keywords: tuple[str, ...] = ()
+    doi: str = ""  # of the data, "10.1234/abcd"
+    references: tuple[str, ...] = ()  # works to read or cite
+    how_to_acknowledge: str = ""  # how users of the data should acknowledge it
+    task_description: str = ""  # what participants did, in one sentence
+    participant_columns: tuple[ParticipantColumnSpec, ...] = ()
+
+
+def check_about(about: AboutSpec) -> list[tuple[str, str]]:
+    """Every (path, complaint) about values that have the right type but cannot be."""
+    found = []
+    for number, author in enumerate(about.authors):
+        path = f"$.about.authors[{number}]"
+        if not author.name.strip():
+            found.append((f"{path}.name", "is empty; write it as in print"))
+        if author.orcid and not is_orcid(author.orcid):
+            found.append(
+                (
+                    f"{path}.orcid",
+                    f"is {author.orcid!r}, which is not an ORCID; an ORCID looks like 0000-0002-1825-0097",
+                )
+            )
+        if author.email and "@" not in author.email:
+            found.append((f"{path}.email", f"is {author.email!r}, which is not an e-mail address"))
+    if about.licence and not _LICENCE.fullmatch(about.licence):
+        found.append(
+            ("$.about.licence", f"is {about.licence!r}; use an SPDX identifier such as 'CC-BY-4.0', or an address")
+        )
+    if about.doi and not _DOI.fullmatch(about.doi):
+        found.append(("$.about.doi", f"is {about.doi!r}; write it as 10.1234/abcd, without https://doi.org/"))
+    for field in ("funding", "ethics_approvals", "keywords", "references"):
+        for number, text in enumerate(getattr(about, field)):
+            if not text.strip():
+                found.append((f"$.about.{field}[{number}]", "is empty; remove it"))
+    names = [column.name for column in about.participant_columns]
+    for number, column in enumerate(about.participant_columns):
+        path = f"$.about.participant_columns[{number}]"
+        if not _COLUMN.fullmatch(column.name) or column.name in ("participant", "participant_id"):
+            found.append((f"{path}.name", f"is {column.name!r}; use lower-case letters, digits and '_'"))
+        if column.name in names[:number]:
+            found.append((f"{path}.name", f"is {column.name!r} again; give each its own name"))
+        if not column.description.strip():
+            found.append((f"{path}.description", "is empty; say what the column holds"))
+    return found
+
+
+def is_orcid(text: str) -> bool:
+    """Whether it is written as an ORCID and its check digit (ISO 7064, mod 11-2) is right."""
+    if not _ORCID.fullmatch(text):
+        return False
+    digits = text.replace("-", "")
+    total = 0
+    for digit in digits[:-1]:
+        total = (total + int(digit)) * 2
+    check = (12 - total % 11) % 11
+    return digits[-1] == ("X" if check == 10 else str(check))
+
+
+# What groups can be compared on: columns of the table "blocks", one value a participant.
+COMPARABLE_MEASURES = (
+    *("log_excess_steps_mean", "spl_mean", "success", "reward_mean", "steps_at_limit_mean", "excess_steps_mean"),
+    *("reward_first", "reward_slope", "playing_s_mean", "response_median_ms", "path_efficiency_mean"),
+    *("ineffective_share", "all_keys_discovered_s", "log_steps_ratio_mean", "reaction_median_ms"),
+)
+
+
+class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The measures that count, and how near two groups have to be to count as alike."""
+
+    primary_measure: str = ""  # one measure, judged by itself; "": all are corrected together
+    secondary_measures: tuple[str, ...] = ()  # corrected together, for how many there are
+    equivalence_margin: float | None = None  # groups whose primary measures differ by less than this are alike
+    block: str = ""  # that groups are compared on; "": the last that all of them play
+
+
+def check_analysis(
+    analysis: AnalysisSpec, blocks: tuple[str, ...], *, practice: tuple[str, ...] = ()
+) -> list[tuple[str, str]]:
+    """Every (path, complaint) about an analysis that cannot be made."""
+    found = [
+        (f"$.analysis.{field}", f"is {name!r}, which is not a measure; there are {', '.join(COMPARABLE_MEASURES)}")
+        for field, names in (
+            ("primary_measure", (analysis.primary_measure,)),
+            ("secondary_measures", analysis.secondary_measures),
+        )
+        for name in names
+        if name and name not in COMPARABLE_MEASURES
+    ]
+    if analysis.primary_measure in analysis.secondary_measures and analysis.primary_measure:
+        found.append(
+            (
+                "$.analysis.secondary_measures",
+                f"names {analysis.primary_measure!r}, which is the primary measure already",
+            )
+        )
+    if analysis.equivalence_margin is not None and not analysis.equivalence_margin > 0:
+        found.append(
+            ("$.analysis.equivalence_margin", f"is {analysis.equivalence_margin}; groups are alike within more than 0")
+        )
+    if analysis.equivalence_margin is not None and not analysis.primary_measure:
+        found.append(("$.analysis.equivalence_margin", "is of the primary measure; name one"))
+    if analysis.block and analysis.block not in blocks:
+        found.append(("$.analysis.block", f"is {analysis.block!r}, which is not a block; blocks: {', '.join(blocks)}"))
+    if analysis.block in practice:
+        found.append(("$.analysis.block", f"is {analysis.block!r}, which has analysed = false; name another block"))
+    return found
+
+
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+
+
+class DeviceSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A device whose samples go into the session's log, stamped on the session's clock."""
+
+    name: str  # of its samples in the log: lower-case letters, digits, "-" and "_"
+    plugin: str  # the plug-in that brings it; what follows a ":" is its own ("lsl:EyeTracker")
+    channels: tuple[str, ...] = ()  # what each of a sample's numbers is
+    units: tuple[str, ...] = ()  # of each, "" for none; none at all where no channel has one
+    required: bool = True  # without it the session does not begin; else the facts in the log say that it is missing
+
+
+def check_devices(devices: tuple[DeviceSpec, ...]) -> list[tuple[str, str]]:
+    """Every (path, complaint) about values that have the right type but cannot be."""
+    found = []
+    names = [device.name for device in devices]
+    for number, device in enumerate(devices):
+        path = f"$.devices[{number}]"
+        if not _NAME.fullmatch(device.name):
+            found.append((f"{path}.name", f"is {device.name!r}; use lower-case letters, digits, '-' and '_'"))
+        if device.name in names[:number]:
+            found.append((f"{path}.name", f"is {device.name!r} again; give each its own name"))
+        if not device.plugin:
+            found.append((f"{path}.plugin", "is empty; name a plug-in, such as lsl:NAME"))
+        if device.units and len(device.units) != len(device.channels):
+            found.append((f"{path}.units", f"has {len(device.units)} for {len(device.channels)} channels"))
+        if len(set(device.channels)) < len(device.channels):
+            found.append((f"{path}.channels", "names one twice"))
+    return found
+
+
+Browser = Literal["chrome", "edge", "firefox", "safari"]
+RecruitmentPlatform = Literal["prolific", "sona", "mturk"]
+ImageEncoding = Literal["auto", "lossless", "jpeg"]
+_CODE = re.compile(r"[A-Za-z0-9_-]{0,64}")
+
+
+class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a participant takes back to where they were recruited, by how their session ended; "" shows no code."""
+
+    complete: str = ""
+    declined: str = ""  # did not agree
+    screened_out: str = ""  # browser, window, line or keyboard, or a criterion not reached
+    failed_check: str = ""  # wrong answers, where the questions say failed = "end"
+    timed_out: str = ""  # the participant was away for as long as the study waits
+    quit: str = ""  # ended it themselves
+
+
+class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the study runs in a browser; without this table it runs there all the same."""
+
+    image_size_px: tuple[int, int] = (
+        640,
+        480,
+    )  # of the world's picture, width and height; shown enlarged, never stretched
+    image_encoding: ImageEncoding = "auto"  # auto: grid worlds lossless, first-person ones as JPEG
+    reconnect_timeout_s: float = 600.0  # so long a lost line may take to come back before the session ends
+    idle_timeout_s: float = 1800.0  # so long nothing may be pressed; 0: for ever
+    allowed_browsers: tuple[Browser, ...] = ()  # that may take part; (): any
+    max_rtt_ms: float = 0.0  # the slowest line that may, there and back; 0: any
+    min_window_size_px: tuple[int, int] = (0, 0)  # the smallest window that may, width and height
+    require_keyboard: bool = True  # devices with only a touch screen may not take part
+    open_access: bool = False  # who comes without a link and from no platform gets a slot, too
+    recruitment_platforms: tuple[RecruitmentPlatform, ...] = ()  # that people may come from; () asks for links
+    max_concurrent_sessions: int = 200  # seats
+    completion_codes: CompletionCodesSpec = CompletionCodesSpec()
+    redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
+
+
+def check_web(online: WebSpec) -> list[tuple[str, str]]:
+    """Every (path, complaint) about values that have the right type but cannot be."""
+    found = []
+    for field, least, most in (("image_size_px", 16, 4096), ("min_window_size_px", 0, 8192)):
+        if not all(least <= side <= most for side in getattr(online, field)):
+            found.append((f"$.web.{field}", f"is {list(getattr(online, field))}; use {least} to {most} px a side"))
+    for field, least, most in (
+        ("reconnect_timeout_s", 0, 86_400),
+        ("idle_timeout_s", 0, 86_400),
+        ("max_rtt_ms", 0, 60_000),
+    ):
+        if not least <= getattr(online, field) <= most:
+            found.append((f"$.web.{field}", f"is {getattr(online, field):g}; use {least} to {most}"))
+    if not 1 <= online.max_concurrent_sessions <= 10_000:
+        found.append(("$.web.max_concurrent_sessions", f"is {online.max_concurrent_sessions}; use 1 to 10000"))
+    for name in online.completion_codes.__struct_fields__:
+        code = getattr(online.completion_codes, name)
+        if not _CODE.fullmatch(code):
+            found.append(
+                (f"$.web.completion_codes.{name}", f"is {code!r}; use letters, digits, '-' and '_', at most 64")
+            )
+    codes = [
+        code for name in online.completion_codes.__struct_fields__ if (code := getattr(online.completion_codes, name))
+    ]
+    if codes.count(online.completion_codes.complete) > 1 and online.completion_codes.complete:
+        found.append(("$.web.completion_codes.complete", "is another end's code, too; give completion one of its own"))
+    if online.redirect and not online.redirect.startswith("https://"):
+        found.append(("$.web.redirect", f"is {online.redirect!r}; it starts with https://"))
+    if set(re.findall(r"\{([^}]*)\}", online.redirect)) - {"code", "id"}:
+        found.append(("$.web.redirect", "has a bad placeholder; use {code} and {id}"))
+    return found
+
+
+SHIPPED_FORMS = ("nasa-tlx", "demographics")
+
+
+class ShippedForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A title and questions."""
+
+    title: str
+    items: tuple[QuestionItemSpec, ...]
+
+
+def load_form(name: str, language: str) -> ShippedForm:
+    """A form in a language.
+
+    Raises:
+        ProtocolError: if there is none in it.
+    """
+    tree = _tree(name)
+    if language not in tree["words"]:
+        languages = ", ".join(tree["words"])
+        raise ProtocolError(
+            f"the form {name!r} is not there in {language!r} but in {languages}; give its items yourself"
+        )
+    words = tree["words"][language]
+    items = [{**item, **words["items"][item["name"]]} for item in tree["items"]]
+    return msgspec.convert({"title": words["title"], "items": items}, ShippedForm)
+
+
+@cache
+def _tree(name: str) -> dict[str, Any]:
+    text = files("minihuman.experiment").joinpath("protocol", "forms", f"{name}.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)

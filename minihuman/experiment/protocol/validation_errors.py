@@ -1,0 +1,242 @@
+"""Validation errors of a protocol file: each with its line, table, value and correction.
+
+Python's TOML parser does not report lines of values, so they are found in the text; an approximate line is enough.
+"""
+
+import difflib
+import re
+import types
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+
+_HEADER = re.compile(r"\s*(\[\[?)\s*([^\]]+?)\s*\]\]?\s*(#.*)?$")
+_KEY = re.compile(r"\s*((?:[A-Za-z0-9_-]+|\"[^\"]*\"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|\"[^\"]*\"|'[^']*'))*)\s*=")
+_TOKEN = re.compile(
+    r'"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'|#[^\n]*|[\[\]{}\n]', re.DOTALL
+)
+LAST_STEP = re.compile(r"(\.[^.\[\]]+|\[\d+\])$")
+
+
+class TomlLines:
+    """The lines of a file's tables and keys, by path: "$.blocks[1].episodes" is on line 23."""
+
+    def __init__(self, text: str) -> None:
+        self._at = {"$": 1}
+        table = "$"
+        counts: Counter[str] = Counter()
+        for number, line in _statements(text):
+            if header := _HEADER.match(line):
+                table = _table(header[2], counts, array=header[1] == "[[")
+                self._at.setdefault(table, number)
+                self._at.setdefault(LAST_STEP.sub("", table) if table.endswith("]") else table, number)
+            elif key := _KEY.match(line):
+                self._at.setdefault(f"{table}.{_plain(key[1])}", number)
+
+    def of(self, path: str) -> int:
+        """The line of a path, or of the nearest thing around it."""
+        while path not in self._at and LAST_STEP.search(path):
+            path = LAST_STEP.sub("", path)
+        return self._at.get(path, 1)
+
+
+def _statements(text: str) -> list[tuple[int, str]]:
+    """The first line of every statement, with its number: what goes on inside strings and brackets is passed over."""
+    lines = text.split("\n")
+    starts: list[tuple[int, str]] = [(1, lines[0])]
+    number, depth = 1, 0
+    for token in _TOKEN.finditer(text):
+        word = token[0]
+        if word == "\n":
+            number += 1
+            if depth == 0:
+                starts.append((number, lines[number - 1]))
+        elif word in "[{":
+            depth += 1
+        elif word in "]}":
+            depth = max(0, depth - 1)
+        else:
+            number += word.count("\n")
+    return starts
+
+
+def _table(name: str, counts: "Counter[str]", *, array: bool) -> str:
+    """The path of a header; tables inside arrays belong to the last one."""
+    path = "$"
+    parts = [part.strip().strip("\"'") for part in name.split(".")]
+    for place, part in enumerate(parts):
+        path = f"{path}.{part}"
+        if place == len(parts) - 1 and array:
+            counts[path] += 1
+        if counts[path]:
+            path = f"{path}[{counts[path] - 1}]"
+    return path
+
+
+def _plain(key: str) -> str:
+    return ".".join(part.strip().strip("\"'") for part in key.split("."))
+
+
+FieldError = tuple[str, str]  # path, what is wrong there and the way out
+INTERNAL_FIELDS = frozenset({"toml", "files"})  # of Protocol, which the file itself does not have
+_SHOWN = 60  # characters of a value
+_NAMED = {"blocks": "block", "groups": "group", "pages": "page", "questions": "questions", "sessions": "session"}
+
+
+def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str = "$") -> Iterator[FieldError]:
+    """Fields that there are not, that are missing, or that hold something else than they can."""
+    if not isinstance(tree, dict):
+        yield path, f"is {format_value(tree)}; it is a table: {_as_table(path, kind)}"
+        return
+    hints = get_type_hints(kind)
+    fields = {field.encode_name: field for field in msgspec.structs.fields(kind) if field.name not in INTERNAL_FIELDS}
+    meant = set()  # fields that are there under another name
+    for name in tree:
+        if name not in fields:
+            meant.update(difflib.get_close_matches(name, fields, n=1))
+            yield f"{path}.{name}", f"is not a field; {suggest_names(name, fields)}"
+    for name, field in fields.items():
+        if name in tree:
+            yield from _value(tree[name], hints[field.name], f"{path}.{name}")
+        elif field.required and name not in meant:
+            yield path, f"needs the field `{name}`: {_example(hints[field.name], name)}"
+
+
+def suggest_names(wrong: str, known: Iterable[str]) -> str:
+    """What may have been meant, or all there is."""
+    names = list(known)
+    close = difflib.get_close_matches(wrong, names, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known fields: {', '.join(names)}"
+
+
+def format_value(value: object) -> str:
+    """A value as it may stand in a message."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    words = repr(value)
+    return words if len(words) <= _SHOWN else words[: _SHOWN - 3] + "..."
+
+
+def build_protocol_error(
+    errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]
+) -> ProtocolError | None:
+    """All errors as one, in order of line; None if there are none."""
+    placed = format_field_errors(errors, source=source, text=text, tree=tree)
+    return ProtocolError.of(placed, source) if placed else None
+
+
+def format_field_errors(errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]) -> list[str]:
+    """A line per error, in order of the lines of the file: "study.toml:12: $.blocks[1].episodes is 0; ..."."""
+    lines = TomlLines(text)
+    placed = sorted({(lines.of(path), path, what) for path, what in errors})
+    return [f"{source}:{line}: {path}{_name_table(path, tree)} {what}" for line, path, what in placed]
+
+
+def _name_table(path: str, tree: dict[str, Any]) -> str:
+    """The name of the block or group that a path leads into."""
+    steps = path.removeprefix("$.").split(".")
+    table, _, number = steps[0].partition("[")
+    found = tree.get(table)
+    if table not in _NAMED or not number or not isinstance(found, list):
+        return ""
+    place = int(number.rstrip("]"))
+    name = found[place].get("name") if place < len(found) and isinstance(found[place], dict) else None
+    return f" ({_NAMED[table]} {name!r})" if isinstance(name, str) else ""
+
+
+def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
+    struct, many = _structs(hint)
+    if struct is not None and many:
+        name = path.rsplit(".", 1)[-1]
+        if not isinstance(value, list):
+            yield path, f"is {_name_type(value)}; write it with two brackets, [[{name}]], once for each"
+            return
+        for number, one in enumerate(value):
+            yield from find_structural_errors(one, struct, f"{path}[{number}]")
+    elif struct is not None:
+        yield from find_structural_errors(value, struct, path)
+    else:
+        try:
+            msgspec.convert(value, hint)
+        except msgspec.ValidationError as error:
+            yield _leaf(value, hint, path, str(error))
+
+
+def _structs(hint: Any) -> tuple[type[msgspec.Struct] | None, bool]:
+    """The one struct that a hint asks for, and whether a list of it; None where it is another or several."""
+    options = [one for one in _options(hint) if one is not type(None)]
+    if len(options) != 1:
+        return None, False
+    (only,) = options
+    if isinstance(only, type) and issubclass(only, msgspec.Struct):
+        return only, False
+    if get_origin(only) is tuple:
+        inner, many = _structs(get_args(only)[0])
+        return (inner, True) if inner is not None and not many else (None, False)
+    return None, False
+
+
+def _options(hint: Any) -> tuple[Any, ...]:
+    return get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+
+
+def _leaf(value: object, hint: Any, path: str, message: str) -> FieldError:
+    where = message.partition(" - at `$")[2].rstrip("`")
+    name = path.rsplit(".", 1)[-1]
+    for step in filter(None, where.replace("]", "").split("[")):
+        if isinstance(value, list) and step.isdigit():
+            value = value[int(step)]
+    words = [word for one in _options(hint) if get_origin(one) is Literal for word in get_args(one)]
+    if words and isinstance(value, str):
+        close = difflib.get_close_matches(value, words, n=1)
+        meant = f"; did you mean {close[0]!r}?" if close else ""
+        return path + where, f"is {value!r}; it is one of {', '.join(words)}{meant}"
+    reason = message.partition(" - at ")[0]
+    known = reason.startswith(("Expected", "Invalid enum"))
+    extra = "" if known else f" ({reason[0].lower()}{reason[1:]})"
+    return path + where, f"is {format_value(value)}{extra}; {_example(hint, name)}"
+
+
+def _example(hint: Any, name: str) -> str:
+    """What to write instead."""
+    wishes = " or ".join(dict.fromkeys(_example_of_type(one, name) for one in _options(hint) if one is not type(None)))
+    return f"write {wishes}"
+
+
+def _example_of_type(one: Any, name: str) -> str:
+    match one:
+        case _ if one is bool:
+            return f"true or false, as in {name} = true"
+        case _ if one is int:
+            return f"a whole number, as in {name} = 10"
+        case _ if one is float:
+            return f"a number, as in {name} = 1.5"
+        case _ if one is str:
+            return f'a text in quotes, as in {name} = "..."'
+    origin, inner = get_origin(one), get_args(one)
+    if origin is Literal:
+        return " or ".join(f'"{word}"' for word in inner)
+    if origin is tuple:
+        sample = {int: "1, 2", float: "0.5, 1.5"}.get(inner[0], '"...", "..."')
+        struct, _ = _structs(one)
+        return f"[[{name}]]" if struct is not None else f"a list, as in {name} = [{sample}]"
+    if origin is dict:
+        return f"a table, as in {name} = {{ ... }}"
+    return f"a table [{name}]"
+
+
+def _name_type(value: object) -> str:
+    return {dict: "one table", str: "a text", int: "a number", float: "a number", bool: "true or false"}.get(
+        type(value), format_value(value)
+    )
+
+
+def _as_table(path: str, kind: type[msgspec.Struct]) -> str:
+    name = path.rsplit(".", 1)[-1].split("[")[0]
+    first = next(iter(msgspec.structs.fields(kind))).encode_name
+    brackets = f"[[{name}]]" if "[" in path.rsplit(".", 1)[-1] else f"[{name}]"
+    return f"{brackets} and below it {first} = ..."

@@ -1,0 +1,353 @@
+"""Replay a session from its recorded events, or copy a running session to try an input. No I/O.
+
+The session machine has no clock and no randomness, so the same inputs give the same events, and any other event in a
+log is a difference. What a person or device did (which key, when, when an image was displayed) is an input: it
+cannot be recomputed, only protected by a manifest. A copied session shares the world of the original and must not
+reset or step it; it may be lent a world of its own.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import fields, replace
+from itertools import islice
+from typing import Any, get_args, get_type_hints
+
+from minihuman.errors import LogError, MinihumanError, WorldError
+from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, SessionContext, WorldFactory
+from minihuman.experiment.activities.questions.question import AnswerDraft
+from minihuman.experiment.machine.events import (
+    ActivityEvent,
+    Answered,
+    ClauseDone,
+    EpisodeEnded,
+    EpisodeStarted,
+    Event,
+    FrameShown,
+    KeyPressed,
+    Linked,
+    Noted,
+    PageShown,
+    PointerUsed,
+    Sampled,
+    SessionEnded,
+    SessionStarted,
+    Stepped,
+    TextTyped,
+)
+from minihuman.experiment.machine.inputs import (
+    ExperimenterCommand,
+    FocusChanged,
+    Input,
+    KeyDown,
+    KeyUp,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    ScreenShown,
+    Stop,
+    TextInput,
+    Tick,
+)
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.words import InterfaceWords
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
+
+MACHINE_VERSION = 1  # goes up when the same inputs give other events; logs record it
+_STOP_REASONS: tuple[Any, ...] = get_args(get_type_hints(Stop)["reason"])
+_EXTERNAL_STOP_REASONS = (  # only the session host gives these
+    "window_closed",
+    "signal",
+    "timed_out",
+    "connection_lost",
+    "disk_full",
+    "internal_error",
+)
+_COMMANDS: tuple[Any, ...] = get_args(get_type_hints(ExperimenterCommand)["what"])
+_POINTER_INPUTS: dict[str, type[PointerPressed | PointerMoved | PointerReleased]] = {
+    "pressed": PointerPressed,
+    "moved": PointerMoved,
+    "released": PointerReleased,
+}
+_OVER_PARTS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
+_TIMED_PHASES = (Phase.INTERVAL, Phase.FIXATION, Phase.LEARNING)  # for some time from when they are seen
+_MAX_LOOK_AHEAD = 2_000  # events that are looked through for an answer
+_LAST_EVENTS = 8  # at most, that an end has
+BROWSER_NOTE = "page"  # notes of this kind are a browser's page's own
+
+
+def renders_same_images(facts: Mapping[str, str]) -> bool:
+    """Whether this version draws first-person worlds as a log with these facts recorded them."""
+    return facts.get("pictures", "1") == str(PICTURES_VERSION)
+
+
+def compare_replay(events: Sequence[Event], make_world: WorldFactory) -> Iterator[str]:
+    """Yield how a replay of a segment differs from its events; nothing if it does not.
+
+    Events of devices are skipped. A segment that was cut off is compared as far as it goes. First-person
+    observations that an earlier renderer drew are not compared; subgoals that worlds did not report then are skipped.
+
+    Raises:
+        WorldError: if a world of the plan cannot be made here.
+    """
+    told: deque[tuple[int, Event]] = deque(
+        (number, event) for number, event in enumerate(events, 1) if not _is_external(event)
+    )
+    if not told or not isinstance(told[0][1], SessionStarted):
+        yield "event 1: a segment starts with its plan"
+        return
+    first = told[0][1]
+    drawn: dict[str, bool] = {}  # by world
+
+    def make(world_id: str, options: dict[str, Any]) -> World:
+        world = make_world(world_id, options)
+        drawn[world_id] = world.drawn
+        return world
+
+    same, otherwise = renders_same_images(first.facts), False
+    told_less = first.facts.get("clauses", "1") != str(CLAUSES_VERSION)
+    try:
+        session = SessionMachine(first.plan, make, first.facts, picture_px=None)
+    except MinihumanError as error:
+        yield f"event 1: {error}"
+        return
+    with closing(session):
+        expected: deque[Event] = deque()
+        has_questions = any(isinstance(event, Answered) for event in events)
+        while told:
+            if not expected:
+                coming = [event for _, event in islice(told, _MAX_LOOK_AHEAD if has_questions else _LAST_EVENTS)]
+                expected += _feed_next_input(session, coming)
+            number, event = told.popleft()
+            if not expected:
+                yield f"event {number}, {_event_name(event)}: nothing leads to it"
+                return
+            again = expected.popleft()
+            while told_less and isinstance(again, ClauseDone) and again != event and expected:
+                again = expected.popleft()
+            if isinstance(event, EpisodeStarted):
+                otherwise = not same and drawn.get(event.plan.world, False)
+            if otherwise and isinstance(event, EpisodeStarted | Stepped) and type(again) is type(event):
+                event = replace(event, observation_hash=again.observation_hash)
+            if again != event:
+                yield f"event {number}, {_describe_difference(event, again)}"
+                return
+        if expected and isinstance(event, SessionEnded):
+            yield f"after event {number}: {_event_name(expected[0])} is missing"
+
+
+def resume_from_events(
+    events: Sequence[Event],
+    make_world: WorldFactory,
+    *,
+    picture_px: tuple[int, int] | None,
+    renders_steps: bool = True,
+) -> tuple[SessionMachine, list[Event]]:
+    """The machine that emitted a segment's events, ready to resume, and events that a killed program did not write.
+
+    Raises:
+        LogError: if the replay differs from the events, or the session is over.
+        WorldError: if a world of the plan cannot be made here.
+    """
+    told = deque(event for event in events if not _is_external(event))
+    first = told[0] if told else None
+    if not isinstance(first, SessionStarted):
+        raise LogError("a segment must start with SessionStarted; `minihuman recover` repairs a damaged log")
+    session = SessionMachine(first.plan, make_world, first.facts, picture_px=picture_px, renders_steps=renders_steps)
+    expected: deque[Event] = deque()
+    while told:
+        if not expected:
+            expected += _feed_next_input(session, list(islice(told, _MAX_LOOK_AHEAD)))
+        event = told.popleft()
+        if not expected or expected.popleft() != event:
+            session.close()
+            raise LogError(
+                f"{_event_name(event)} at {event.t_ns} ns differs in the replay; `minihuman verify` shows how"
+            )
+    if session.over:
+        session.close()
+        raise LogError(f"session {first.plan.session} of {first.plan.participant.id} has ended; it cannot resume")
+    return session, list(expected)
+
+
+def _is_external(event: Event) -> bool:
+    """Whether an event comes from a device or a browser, not from the machine."""
+    return isinstance(event, Sampled | Linked) or (isinstance(event, Noted) and event.kind == BROWSER_NOTE)
+
+
+def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event]:
+    """The machine's events for the input that must have come next."""
+    event = coming[0]
+    _show_question(session, coming)
+    _show_screen(session, event)
+    happened = _find_input(event, session)
+    if happened is not None:
+        if happened.t_ns < event.t_ns:  # it came late, behind something that left no event
+            session.receive(ScreenShown(event.t_ns, 0, 0) if session.phase in _OVER_PARTS else Tick(event.t_ns))
+        return session.receive(happened)
+    stop = _find_stop(coming, session.phase)
+    if stop is not None and stop.reason in _EXTERNAL_STOP_REASONS:
+        return session.receive(stop)
+    return session.receive(Tick(event.t_ns)) or (session.receive(stop) if stop else [])
+
+
+def _find_input(event: Event, session: SessionMachine) -> Input | None:
+    """The input behind an event; None if there is none."""
+    match event:
+        case KeyPressed(down=True):
+            return KeyDown(event.t_ns - event.waited_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
+        case KeyPressed():
+            return KeyUp(event.t_ns - event.waited_ns, event.key, event.symbol)
+        case FrameShown():
+            return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns, event.step)
+        case PageShown():
+            return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns)
+        case TextTyped():
+            return TextInput(event.t_ns, event.text)
+        case PointerUsed():
+            return _POINTER_INPUTS[event.what](event.t_ns, event.x, event.y, event.target, event.along)
+        case Noted(kind="focus"):
+            return FocusChanged(event.t_ns, event.text == "found")
+        case Noted(kind="experimenter"):
+            what, _, text = event.text.partition(": ")
+            return next((ExperimenterCommand(event.t_ns, known, text) for known in _COMMANDS if known == what), None)
+        case ActivityEvent():
+            return session.part.input_of(event)
+    return None
+
+
+def _show_question(session: SessionMachine, coming: list[Event]) -> None:
+    """Show a question when its answer says it was shown: reaching the display is no event of its own."""
+    if isinstance(coming[0], SessionStarted):
+        return
+    answered = next((event for event in coming if isinstance(event, Answered)), None)
+    if answered is not None and answered.shown_ns and session.part.number == answered.part:
+        seen_ns = answered.shown_ns
+        session.receive(ScreenShown(min(seen_ns, coming[0].t_ns), seen_ns, seen_ns))
+
+
+def _show_screen(session: SessionMachine, event: Event) -> None:
+    """Let a text, a blank or a cross be seen as late as a key says that it was: that is no event of its own either.
+
+    Who presses Enter before "Ready?" is to be seen meant the screen before. A screen that stands for some time does so
+    from when it was seen, so a key that found it still there says that its time was not over.
+    """
+    if not isinstance(event, KeyPressed) or event.phase != session.phase:
+        return
+    if session.phase is Phase.READY and event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS:
+        pressed_ns = event.t_ns - event.waited_ns
+        session.receive(ScreenShown(0, 0, pressed_ns + 1))
+    elif session.phase in _TIMED_PHASES and session.next_tick_ns is not None and session.next_tick_ns <= event.t_ns:
+        session.receive(ScreenShown(0, 0, event.t_ns))
+        over_ns = session.next_tick_ns  # had it been seen just now
+        session.receive(ScreenShown(0, 0, event.t_ns + 1 - (over_ns - event.t_ns)))
+
+
+def _find_stop(coming: list[Event], phase: str) -> Stop | None:
+    """What ended the session from outside, if its end is what comes now."""
+    at_once = [event for event in coming[:_LAST_EVENTS] if event.t_ns == coming[0].t_ns]
+    ended = next((event for event in at_once if isinstance(event, SessionEnded)), None)
+    if ended is None:
+        last = coming[0]
+        cut_off = len(at_once) == len(coming) and isinstance(last, EpisodeEnded) and last.outcome == "abandoned"
+        return Stop(coming[0].t_ns, "window_closed") if cut_off else None
+    reason: Any = ended.reason if ended.reason in _STOP_REASONS else "window_closed"
+    closed = ended.reason == "complete" and phase == Phase.CLOSING  # closed during the last page
+    return Stop(ended.t_ns, reason, ended.detail) if closed or ended.reason in _STOP_REASONS else None
+
+
+def _describe_difference(event: Event, again: Event) -> str:
+    if type(event) is not type(again):
+        return f"{_event_name(event)}: the machine says {_event_name(again)}"
+    for field in fields(event):
+        logged, now = getattr(event, field.name), getattr(again, field.name)
+        if logged != now:
+            return f"{_event_name(event)}: {field.name} {_shorten(logged)} in the log, now {_shorten(now)}"
+    return f"{_event_name(event)}: what was observed differs"
+
+
+def _shorten(value: object) -> str:
+    text = repr(value)
+    return text if len(text) < 200 else f"{text[:200]}..."
+
+
+def _event_name(event: Event) -> str:
+    return type(event).__name__
+
+
+WorldLender = Callable[[str, dict[str, Any]], World | None]
+_COPIED_PACKAGE = "minihuman.experiment."
+
+
+def can_copy_session(session: SessionMachine) -> bool:
+    """Whether a session is in a part whose state is copied whole."""
+    return type(session) is SessionMachine and session.part.can_copy
+
+
+def copy_session(session: SessionMachine, lend: WorldLender) -> SessionMachine:
+    """A session in the same state, to be fed inputs and thrown away; never closed, as its world is the other's.
+
+    Args:
+        session: where to start from.
+        lend: a world that may be reset for an id and its options; None where there is none, which ends the fork.
+    """
+    copied: SessionMachine = _Copier(lend).copy(session)
+    return copied
+
+
+class _LentContext(SessionContext):
+    """A context whose worlds are lent."""
+
+    _lend: WorldLender
+
+    def world(self, world_id: str, options: dict[str, Any]) -> World:
+        """The lent world."""
+        lent = self._lend(world_id, options)
+        if lent is None:
+            raise WorldError(f"no world {world_id} was lent to the copied session")
+        return lent
+
+    def close(self) -> None:
+        """Do nothing: the world belongs to the other session."""
+
+
+class _Copier:
+    def __init__(self, lend: WorldLender) -> None:
+        self._lend = lend
+        self._made: dict[int, Any] = {}
+
+    def copy(self, value: Any) -> Any:
+        """A value as it is, or a copy of what changes."""
+        kind = type(value)
+        if id(value) in self._made:
+            return self._made[id(value)]
+        if kind is list or kind is set:
+            return self._made.setdefault(id(value), kind(map(self.copy, value)))
+        if kind is dict:
+            return self._made.setdefault(id(value), {name: self.copy(one) for name, one in value.items()})
+        if kind is tuple:
+            return tuple(map(self.copy, value))
+        return self._of_machine(value) if _is_mutable(value) else value
+
+    def _of_machine(self, value: Any) -> Any:
+        kind = _LentContext if type(value) is SessionContext else type(value)
+        made = self._made[id(value)] = object.__new__(kind)
+        made.__dict__.update((name, self.copy(one)) for name, one in vars(value).items())
+        if isinstance(made, _LentContext):
+            made._lend = self._lend
+        return made
+
+
+def _is_mutable(value: Any) -> bool:
+    """Whether it is an object of the machine that is changed while a session runs."""
+    kind = type(value)
+    frozen = getattr(kind, "__dataclass_params__", None)
+    if isinstance(value, Activity | AnswerDraft):  # a plug-in's too
+        return True
+    if not kind.__module__.startswith(_COPIED_PACKAGE) or (frozen is not None and frozen.frozen):
+        return False
+    return (
+        hasattr(value, "__dict__") and not isinstance(value, type | InterfaceWords) and not hasattr(kind, "__members__")
+    )

@@ -1,1 +1,0 @@
-"""Exporters: one file, one format, one entry point."""

@@ -1,0 +1,1 @@
+"""Exporters: one file per format, one entry point each."""

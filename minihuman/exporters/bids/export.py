@@ -1,0 +1,231 @@
+"""Export a BIDS dataset: its description, participants, the runs of every session, the source logs, and derivative
+tables and figures.
+"""
+
+import shutil
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from minihuman import __version__
+from minihuman.dataset.annotations import annotations_path
+from minihuman.dataset.episode_stream import IncludedEpisodes
+from minihuman.dataset.selection import SelectedSession
+from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.store import StudyStore
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_files import write_tables
+from minihuman.errors import ExportError
+from minihuman.experiment.protocol.specs import AboutSpec
+from minihuman.exporters.bids.files import (
+    EVENT_COLUMNS,
+    Phenotype,
+    build_events,
+    describe_event_columns,
+    make_label,
+    make_subject_label,
+    write_json,
+    write_motion,
+    write_physio,
+    write_tsv,
+)
+from minihuman.exporters.exporter import ExportResult
+from minihuman.exporters.study_metadata import get_plan_devices, get_plan_study_facts, read_participants
+from minihuman.figures.path_figures import session_paths
+from minihuman.figures.style import save_png
+from minihuman.log.model.session_log import EpisodeLog
+
+BIDS_VERSION = "1.11.0"
+HED_VERSION = "8.3.0"
+GENERATED_BY = {"Name": "minihuman", "Version": __version__}
+
+
+def write_description(out: Path, about: AboutSpec, study: str) -> Path:
+    """Write ``dataset_description.json``."""
+    return write_json(
+        out / "dataset_description.json",
+        {
+            "Name": about.title or study,
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+            "HEDVersion": HED_VERSION,
+            "License": about.licence,
+            "Authors": [author.name for author in about.authors],
+            "Keywords": list(about.keywords),
+            "HowToAcknowledge": about.how_to_acknowledge,
+            "Funding": list(about.funding),
+            "EthicsApprovals": list(about.ethics_approvals),
+            "ReferencesAndLinks": list(about.references),
+            "DatasetDOI": f"doi:{about.doi}" if about.doi else "",
+            "GeneratedBy": [GENERATED_BY],
+        },
+    )
+
+
+def write_derivatives_description(folder: Path, about: AboutSpec, study: str) -> Path:
+    """Write the description of the tables and figures that were made from the data."""
+    return write_json(
+        folder / "dataset_description.json",
+        {
+            "Name": f"{about.title or study}: tables and figures",
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "derivative",
+            "GeneratedBy": [GENERATED_BY],
+            "License": about.licence,
+        },
+    )
+
+
+def get_task_facts(about: AboutSpec, study: str) -> dict[str, Any]:
+    """What every recording's sidecar says of the task and the place."""
+    facts = {
+        "TaskName": about.title or study,
+        "TaskDescription": about.task_description or about.description,
+        "InstitutionName": about.institution,
+        "InstitutionAddress": about.address,
+        "InstitutionalDepartmentName": about.department,
+    }
+    return {name: value for name, value in facts.items() if value}
+
+
+def write_participants(out: Path, source: Path, about: AboutSpec, people: Sequence[Mapping[str, Any]]) -> Path:
+    """Write ``participants.tsv`` and what its columns mean; the laboratory's own columns behind ours.
+
+    Raises:
+        ExportError: as ``read_participants``.
+    """
+    known = read_participants(source, about)
+    own = [column.name for column in about.participant_columns]
+    rows = [{**person, **known.get(person["code"], {})} for person in people]
+    described: dict[str, Any] = {
+        "group": {"Description": "The group that the participant was allocated to."},
+        "player": {"Description": "Whoever pressed the keys: human, or a simulated player's name."},
+    }
+    for column in about.participant_columns:
+        described[column.name] = {"Description": column.description}
+        described[column.name] |= {"Units": column.unit} if column.unit else {}
+        described[column.name] |= {"Levels": column.levels} if column.levels else {}
+    write_json(out / "participants.json", described)
+    return write_tsv(out / "participants.tsv", ["participant_id", "group", "player", *own], rows)
+
+
+_DERIVATIVES = Path("derivatives/minihuman")
+
+
+def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write every session that is asked for, a run for each of its segments.
+
+    Raises:
+        ExportError: if two studies, or two participants of one label, would lie in one dataset, or what the laboratory
+            says of its participants is not what the protocol asks for.
+    """
+    dataset: _Dataset | None = None
+    for counted in chosen.counted():
+        dataset = dataset or _Dataset(out, counted)
+        dataset.add(counted)
+    if dataset is None:
+        return ExportResult((), 0, 0)
+    again = StudySessions(
+        chosen.sessions.source, chosen.sessions.selection
+    )  # the account of the first pass is the card's
+    with StudyStore(again, with_shortest=False) as store:
+        write_tables(store.tables, out / _DERIVATIVES / "tables", kinds=("csv",), without=COLUMNS_NEEDING_WORLD)
+    paths = dataset.finish(chosen.sessions.source)
+    return ExportResult((*paths, out / _DERIVATIVES), dataset.episodes, dataset.steps, sessions=dataset.sessions)
+
+
+class _Dataset:
+    """A dataset while it is written."""
+
+    def __init__(self, out: Path, first: SelectedSession) -> None:
+        plan = first.log.plan
+        self.episodes = self.steps = self.sessions = 0
+        self._out, self._study = out, plan.study
+        self._about: AboutSpec = get_plan_study_facts(plan)
+        self._task = make_label(plan.study)
+        self._task_facts = get_task_facts(self._about, plan.study)
+        self._labels: dict[str, str] = {}
+        self._people: dict[str, dict[str, Any]] = {}
+        self._sessions: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
+        self._phenotype = Phenotype()
+        self._station = first.log.facts
+
+    def add(self, counted: SelectedSession) -> None:
+        """Write one session."""
+        log, out = counted.log, self._out
+        if log.plan.study != self._study:
+            raise ExportError(
+                f"{log.path} is of study {log.plan.study!r}, the others are of {self._study!r}; export one study"
+            )
+        who = make_subject_label(log.plan.participant.id, self._labels)
+        session = f"ses-{log.plan.session:02d}"
+        stem, folder = f"{who}_{session}_task-{self._task}", out / who / session
+        counting = frozenset((episode.number, episode.attempt) for episode in counted.episodes)
+        asked = [episode for episode, is_asked in zip(log.episodes, counted.asked, strict=True) if is_asked]
+        devices = get_plan_devices(log.plan)
+        scans: list[dict[str, str]] = []
+        for segment in log.segments:
+            theirs = [episode for episode in asked if episode.segment == segment.number]
+            rows = build_events(segment, theirs, counting)
+            events = folder / "beh" / f"{stem}_run-{segment.number}_events.tsv"
+            written = [write_tsv(events, list(EVENT_COLUMNS), rows)]
+            written += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, theirs)
+            written += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
+            at = segment.started_at.removesuffix("Z")[:26]  # microseconds are the finest that BIDS has
+            scans += [{"filename": str(path.relative_to(folder)), "acq_time": at} for path in written]
+        write_tsv(folder / f"{who}_{session}_scans.tsv", ["filename", "acq_time"], scans)
+        self._keep_log(counted, Path("sourcedata") / who / session)
+        self._draw(counted, f"{who}_{session}")
+        self._phenotype.add(log, who, session)
+        self._sessions[who].append({"session_id": session, "acq_time": log.started_at.removesuffix("Z")[:26]})
+        self._people.setdefault(
+            who,
+            {
+                "participant_id": who,
+                "code": log.plan.participant.id,
+                "group": log.plan.participant.group,
+                "player": log.player,
+            },
+        )
+        self._count(counted.episodes)
+
+    def finish(self, source: Path) -> tuple[Path, ...]:
+        """Write what describes them all."""
+        out = self._out
+        stimuli = {
+            "SoftwareName": "minihuman",
+            "SoftwareVersion": self._station.get("version_minihuman", __version__),
+            "OperatingSystem": self._station.get("system", ""),
+        }
+        presented = {"StimulusPresentation": {name: said for name, said in stimuli.items() if said}}
+        write_json(out / f"task-{self._task}_events.json", self._task_facts | presented | describe_event_columns())
+        for who, sessions in self._sessions.items():
+            write_tsv(out / who / f"{who}_sessions.tsv", ["session_id", "acq_time"], sessions)
+        meaning = {"Description": "When the session began, UTC."}
+        write_json(out / "sessions.json", {"acq_time": meaning})
+        write_json(out / "scans.json", {"acq_time": {"Description": "When the run began, UTC."}})
+        people = write_participants(out, source, self._about, list(self._people.values()))
+        described = write_description(out, self._about, self._study)
+        write_derivatives_description(out / _DERIVATIVES, self._about, self._study)
+        answered = self._phenotype.write(out)
+        return (described, people, *answered, *(out / who for who in self._people), out / "sourcedata")
+
+    def _keep_log(self, counted: SelectedSession, folder: Path) -> None:
+        """Copy the log itself, and the marks beside it, as they are."""
+        target = self._out / folder
+        target.mkdir(parents=True, exist_ok=True)
+        path = counted.log.path
+        logs = sorted(path.glob("*.mcap*")) if path.is_dir() else [path]
+        for file in (*logs, annotations_path(path)):
+            if file.is_file():
+                shutil.copyfile(file, target / file.name)
+
+    def _draw(self, counted: SelectedSession, name: str) -> None:
+        if any(episode.start.map for episode in counted.episodes):
+            save_png(session_paths(counted.session), self._out / _DERIVATIVES / "figures" / f"{name}_paths.png")
+
+    def _count(self, episodes: tuple[EpisodeLog, ...]) -> None:
+        self.sessions += 1
+        self.episodes += len(episodes)
+        self.steps += sum(len(episode.actions) for episode in episodes)

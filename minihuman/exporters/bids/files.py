@@ -1,0 +1,416 @@
+"""The files of a BIDS dataset for one session: events, motion, physio and phenotype, each a TSV table with a JSON
+sidecar.
+
+Event onsets and durations are in seconds from the start of the run; `trial_type` is `episode`, `step`, `key`,
+`flip` or `pause`, the words that also go out as LSL markers. Motion is one recording per unit of length. A
+phenotype row is known by participant and session alone, so an item asked twice in a session has a column for each
+time: `mental` and `mental_2`.
+"""
+
+import gzip
+import json
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minihuman import __version__
+from minihuman.dataset.measures import response_ms
+from minihuman.dataset.rows import table_key_name
+from minihuman.errors import ExportError
+from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
+from minihuman.experiment.machine.events import Answered, Paused, Sampled
+from minihuman.experiment.protocol.specs import DeviceSpec
+from minihuman.log.model.session_log import EpisodeLog, Segment, SessionLog
+
+MISSING = "n/a"
+
+
+def make_label(text: str) -> str:
+    """A label: letters and digits only, as BIDS has them."""
+    return re.sub(r"[^A-Za-z0-9]", "", text)
+
+
+def make_subject_label(participant: str, known: dict[str, str]) -> str:
+    """A participant's label, "sub-07"; ``known`` keeps whose each is.
+
+    Raises:
+        ExportError: if another participant's code makes the same label.
+    """
+    name = "sub-" + make_label(participant.removeprefix("sub-"))
+    if known.setdefault(name, participant) != participant:
+        raise ExportError(f"participants {known[name]!r} and {participant!r} are both {name} in BIDS; rename one")
+    return name
+
+
+def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], *, header: bool = True) -> Path:
+    """Write a table; what is missing is "n/a"."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = ["\t".join(columns)] if header else []
+    lines += ["\t".join(_cell(row.get(column)) for column in columns) for row in rows]
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    return path
+
+
+def write_json(path: Path, value: Mapping[str, Any]) -> Path:
+    """Write what has a value; None, "" and empty lists are excluded."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    said = {name: part for name, part in value.items() if part not in (None, "", [], {})}
+    path.write_text(json.dumps(said, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return path
+
+
+def _cell(value: Any) -> str:
+    if value is None or value == "" or value != value:
+        return MISSING
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return f"{value:.9f}".rstrip("0").rstrip(".") if abs(value) < 1e9 else repr(value)
+    return re.sub(r"[\t\r\n]+", " ", str(value)) or MISSING
+
+
+_S = 1e-9
+EVENT_COLUMNS = {
+    "onset": ("s", "When it happened, since the run's first moment."),
+    "duration": ("s", "How long it lasted: an episode to its last step, a key until it came up, a pause."),
+    "trial_type": ("", "What happened."),
+    "block": ("", "The block's name in the protocol."),
+    "episode": ("", "The session's episode, 1 for the first."),
+    "attempt": ("", "1, or more where an interrupted episode was begun again."),
+    "step": ("", "The episode's step, 1 for the first; of a flip the step that the picture shows, 0 for the reset."),
+    "key": ("", "The physical key."),
+    "action": ("", "The action's name."),
+    "verdict": ("", "What became of a key press."),
+    "reward": ("", "The step's reward."),
+    "response_time": (
+        "s",
+        "Key press minus stimulus onset, as response_ms in the tables: in real time n/a where no onset is named.",
+    ),
+    "outcome": ("", "How the episode ended: goal, timeout, failure, abandoned or cut_off."),
+    "counts": ("", "Whether the episode counts: it was finished, not tagged and passes the protocol's exclusions."),
+    "detail": ("", "Of an episode the world; of a pause its reason."),
+}
+HED = {
+    "episode": ("An episode, from its reset to its last step.", "(Experiment-structure, Label/Episode)"),
+    "step": ("A step of the world.", "(Agent-action, Move, Label/Step)"),
+    "key": ("A key that went down.", "(Agent-action, Press, Label/Key)"),
+    "flip": ("A picture that came to the display.", "(Sensory-event, Visual-presentation, Label/Flip)"),
+    "pause": ("Play stopped, and went on.", "(Experiment-structure, Label/Pause)"),
+}
+_ORDER = ("key", "step", "episode", "flip", "pause")  # of what shares a moment: the cause first
+_Row = dict[str, Any]
+
+
+def describe_event_columns() -> dict[str, Any]:
+    """What every column of the events means."""
+    described: dict[str, Any] = {
+        name: {"Description": meaning} | ({"Units": unit} if unit else {})
+        for name, (unit, meaning) in EVENT_COLUMNS.items()
+    }
+    described["trial_type"] |= {
+        "Levels": {word: meaning for word, (meaning, _) in HED.items()},
+        "HED": {word: tags for word, (_, tags) in HED.items()},
+    }
+    return described
+
+
+def build_events(segment: Segment, episodes: Sequence[EpisodeLog], counting: frozenset[tuple[int, int]]) -> list[_Row]:
+    """A segment's rows in order of time; ``counting`` are the (number, attempt) of the episodes that count."""
+    rows = [
+        *_pauses(segment),
+        *(row for episode in episodes for row in _episode(episode, segment, counting)),
+        *_keys(segment, episodes),
+    ]
+    return sorted(rows, key=lambda row: (row["onset"], _ORDER.index(row["trial_type"])))
+
+
+def _pauses(segment: Segment) -> Iterator[_Row]:
+    reasons = {note.t_ns: note.reason for note in segment.notes if isinstance(note, Paused)}
+    for begin_ns, end_ns in segment.pauses:
+        yield _row("pause", begin_ns, segment, duration=(end_ns - begin_ns) * _S, detail=reasons.get(begin_ns, ""))
+
+
+def _episode(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
+    place = _place(episode)
+    yield _row(
+        "episode",
+        int(episode.t_ns[0]),
+        segment,
+        duration=int(episode.t_ns[-1] - episode.t_ns[0]) * _S,
+        outcome=episode.outcome_word,
+        counts=(episode.number, episode.attempt) in counting,
+        detail=episode.plan.world,
+        **place,
+    )
+    names = episode.start.action_names
+    for step, (t_ns, action, key, reward, time_ms) in enumerate(
+        zip(
+            episode.t_ns[1:].tolist(),
+            episode.actions.tolist(),
+            episode.step_keys,
+            episode.rewards.tolist(),
+            response_ms(episode).tolist(),
+            strict=True,
+        ),
+        1,
+    ):
+        yield _row(
+            "step",
+            t_ns,
+            segment,
+            step=step,
+            action=names[action],
+            key=table_key_name(key),
+            reward=reward,
+            response_time=time_ms / 1e3,
+            **place,
+        )
+    flips = zip(episode.frames.column("flip_ns").tolist(), episode.frames.column("step").tolist(), strict=True)
+    for flip_ns, step in flips:
+        yield _row("flip", flip_ns, segment, step=step, **place)
+
+
+def _keys(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
+    """Every press of the segment, with how long it was held and the episode that it came in."""
+    begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
+    held: dict[str, _Row] = {}
+    for press in segment.keys:
+        if not press.down:
+            if press.key in held:
+                row = held.pop(press.key)
+                row["duration"] = (press.t_ns - segment.start_ns) * _S - row["onset"]
+                yield row
+            continue
+        if press.key in held:
+            yield held.pop(press.key)  # it came up elsewhere
+        place, action = {}, ""
+        at = int(np.searchsorted(begins, press.t_ns, side="left")) - 1  # what begins an episode is no key of it
+        if at >= 0 and press.t_ns <= episodes[at].t_ns[-1]:
+            place = _place(episodes[at])
+            action = "" if press.action is None else episodes[at].start.action_names[press.action]
+        held[press.key] = _row(
+            "key", press.t_ns, segment, key=table_key_name(press.key), action=action, verdict=press.verdict, **place
+        )
+    yield from held.values()
+
+
+def _place(episode: EpisodeLog) -> _Row:
+    return {"block": episode.plan.block_name, "episode": episode.number, "attempt": episode.attempt}
+
+
+def _row(kind: str, t_ns: int, segment: Segment, *, duration: float | None = None, **more: Any) -> _Row:
+    lasted = duration if duration is not None else None if kind == "key" else 0.0
+    return {"onset": (t_ns - segment.start_ns) * _S, "duration": lasted, "trial_type": kind, **more}
+
+
+_SYSTEMS = {"cell": "grid", "m": "room"}  # a map's unit: the tracking system's label
+_CHANNELS = (
+    ("x", "x", "POS", "agent", "To the right."),
+    ("z", "z", "POS", "agent", "Down the page."),
+    ("yaw", "y", "ORNT", "agent", "Heading about the upward axis, 0 along +x, counter-clockwise from above."),
+    ("latency", "n/a", "LATENCY", "n/a", "When it stood there, since the run's first moment."),
+)
+_FRAME = {
+    "Description": "The world's own: x to the right, y up, z down the page.",
+    "SpatialAxes": "RUB",
+    "RotationRule": "right-hand",
+    "RotationOrder": "YXZ",
+}
+
+
+def write_motion(
+    stem: str, folder: Path, run: int, task: dict[str, Any], segment: Segment, episodes: Sequence[EpisodeLog]
+) -> list[Path]:
+    """Write a segment's paths; ``stem`` is subject, session and task. Gives its recordings."""
+    written = []
+    for unit, system in _SYSTEMS.items():
+        theirs = [episode for episode in episodes if episode.start.map and episode.start.map.unit == unit]
+        poses = [(t_ns, pose) for episode in theirs for t_ns, pose in zip(episode.t_ns, episode.poses, strict=True)]
+        poses = [(t_ns, pose) for t_ns, pose in poses if not np.isnan(pose).any()]
+        if not poses:
+            continue
+        name = f"{stem}_tracksys-{system}_run-{run}"
+        rows = [
+            {"x": float(x), "z": float(z), "yaw": float(yaw), "latency": int(t_ns - segment.start_ns) * 1e-9}
+            for t_ns, (x, _, z, yaw) in poses
+        ]
+        columns = [channel for channel, *_ in _CHANNELS]
+        written.append(write_tsv(folder / f"{name}_motion.tsv", columns, rows, header=False))
+        lasted_s = rows[-1]["latency"] - rows[0]["latency"]
+        effective = (len(rows) - 1) / lasted_s if lasted_s > 0 else 1.0
+        write_json(folder / f"{name}_motion.json", task | _facts(system, effective, lasted_s))
+        units = {"POS": unit, "ORNT": "rad", "LATENCY": "s"}
+        write_tsv(
+            folder / f"{name}_channels.tsv",
+            ["name", "component", "type", "tracked_point", "units", "reference_frame", "description"],
+            [
+                {
+                    "name": channel,
+                    "component": component,
+                    "type": kind,
+                    "tracked_point": point,
+                    "units": units[kind],
+                    "reference_frame": "" if kind == "LATENCY" else "world",
+                    "description": meaning,
+                }
+                for channel, component, kind, point, meaning in _CHANNELS
+            ],
+        )
+        frame = {"Description": "What positions and headings are told in.", "Levels": {"world": _FRAME}}
+        write_json(folder / f"{name}_channels.json", {"reference_frame": frame})
+    return written
+
+
+def _facts(system: str, effective: float, lasted_s: float) -> dict[str, Any]:
+    return {
+        "SamplingFrequency": effective,
+        "SamplingFrequencyEffective": effective,
+        "TrackingSystemName": system,
+        "SoftwareVersions": f"minihuman {__version__}",
+        "Manufacturer": "minihuman",
+        "RecordingType": "discontinuous",
+        "RecordingDuration": lasted_s,
+        "MotionChannelCount": 3,
+        "TrackedPointsCount": 1,
+        "POSChannelCount": 2,
+        "ORNTChannelCount": 1,
+        "LATENCYChannelCount": 1,
+    }
+
+
+_SAID = "said"
+
+
+def write_physio(
+    stem: str, folder: Path, run: int, task: Mapping[str, Any], segment: Segment, devices: Mapping[str, DeviceSpec]
+) -> list[Path]:
+    """Write a segment's samples; ``stem`` is subject, session and task. Gives its recordings."""
+    of_device: defaultdict[str, list[Sampled]] = defaultdict(list)
+    for sampled in segment.samples:
+        of_device[sampled.device].append(sampled)
+    return [
+        _write(
+            folder / f"{stem}_run-{run}_recording-{make_label(name)}_physio", task, segment, samples, devices.get(name)
+        )
+        for name, samples in of_device.items()
+    ]
+
+
+def _write(
+    path: Path, task: Mapping[str, Any], segment: Segment, samples: Sequence[Sampled], device: DeviceSpec | None
+) -> Path:
+    names = _channels(samples, device)
+    said = [_SAID] if any(sampled.text for sampled in samples) else []
+    rows: list[dict[str, Any]] = [
+        {"timestamp": (sampled.t_ns - segment.start_ns) * 1e-9, _SAID: sampled.text}
+        | dict(zip(names, sampled.values, strict=False))
+        for sampled in samples
+    ]
+    columns = ["timestamp", *names, *said]
+    plain = write_tsv(path.with_name(f"{path.name}.tsv"), columns, rows, header=False)
+    packed = plain.with_name(f"{plain.name}.gz")
+    packed.write_bytes(gzip.compress(plain.read_bytes(), mtime=0))  # the same samples are the same file
+    plain.unlink()
+    lasted_s = rows[-1]["timestamp"] - rows[0]["timestamp"]
+    units = dict(zip(names, device.units if device is not None else (), strict=False))
+    described: dict[str, Any] = {
+        "timestamp": {"Description": "When the sample was taken, since the run's first moment.", "Units": "s"}
+    }
+    for name in names:
+        described[name] = {"Description": name} | ({"Units": units[name]} if units.get(name) else {})
+    if said:
+        described[_SAID] = {"Description": "What the device said in words."}
+    facts = {
+        "SamplingFrequency": (len(rows) - 1) / lasted_s if lasted_s > 0 else 1.0,  # the mean; timestamps are exact
+        "StartTime": rows[0]["timestamp"],
+        "Columns": columns,
+        "Manufacturer": "" if device is None else device.plugin,
+    }
+    write_json(path.with_name(f"{path.name}.json"), dict(task) | facts | described)
+    return packed
+
+
+def _channels(samples: Sequence[Sampled], device: DeviceSpec | None) -> list[str]:
+    """What each of a sample's numbers is called; a number that the protocol does not name has its place as name."""
+    most = max(len(sampled.values) for sampled in samples)
+    named = () if device is None else device.channels
+    return [named[place] if place < len(named) else f"channel_{place + 1}" for place in range(most)]
+
+
+_IDS = ("participant_id", "session_id")
+
+
+class Phenotype:
+    """The answers of a dataset's sessions, by questionnaire; the same name in several parts is one questionnaire."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, list[dict[str, Any]]] = {}
+        self._meaning: dict[str, dict[str, Any]] = {}  # of each questionnaire's columns
+        self._names: dict[str, str] = {}  # what each label stands for
+
+    def add(self, log: SessionLog, who: str, session: str) -> None:
+        """Take a session's answers: of what was asked again, the last."""
+        given = {(event.part, event.item): event for event in _answers(log)}
+        asked = Counter[str]()
+        rows: dict[str, dict[str, Any]] = {}
+        for number, part in enumerate(log.plan.parts):
+            if not isinstance(part.plan, QuestionsPlan):
+                continue
+            asked[part.name] += 1
+            self._describe(part.name, part.plan, asked[part.name])
+            answers = {item: _value(event) for (of_part, item), event in given.items() if of_part == number}
+            if answers:
+                row = rows.setdefault(part.name, dict(zip(_IDS, (who, session), strict=True)))
+                row |= {_column(item, asked[part.name]): value for item, value in answers.items()}
+        for name, row in rows.items():
+            self._rows.setdefault(name, []).append(row)
+
+    def write(self, out: Path) -> tuple[Path, ...]:
+        """Write every questionnaire that somebody answered, and what its columns mean."""
+        folder = out / "phenotype"
+        for name, rows in self._rows.items():
+            meaning = self._meaning[name]
+            columns = [*_IDS, *(column for column in meaning if column != "MeasurementToolMetadata")]
+            write_tsv(folder / f"{make_label(name)}.tsv", columns, rows)
+            write_json(folder / f"{make_label(name)}.json", meaning)
+        return (folder,) if self._rows else ()
+
+    def _describe(self, name: str, plan: QuestionsPlan, time: int) -> None:
+        """Say what a questionnaire's columns mean; of groups that are asked in other words, the first's words.
+
+        Raises:
+            ExportError: if another questionnaire's name makes the same label.
+        """
+        if self._names.setdefault(make_label(name), name) != name:
+            raise ExportError(
+                f"questions {self._names[make_label(name)]!r} and {name!r} share a file name in BIDS; rename one"
+            )
+        meaning = self._meaning.setdefault(name, {"MeasurementToolMetadata": {"Description": plan.title or name}})
+        for item in plan.items:
+            again = "" if time == 1 else f" (time {time} in the session)"
+            described: dict[str, Any] = {"Description": f"{item.ask}{again}"}
+            if item.options:
+                described["Levels"] = dict(zip(map(str, item.all_codes), item.options, strict=False))
+            if item.unit:
+                described["Units"] = item.unit
+            meaning.setdefault(_column(item.name, time), described)
+
+
+def _answers(log: SessionLog) -> list[Answered]:
+    return [event for segment in log.segments for event in segment.part_events if isinstance(event, Answered)]
+
+
+def _column(item: str, time: int) -> str:
+    """An item's column: none that BIDS needs for its own."""
+    name = f"item_{item}" if item in _IDS else item
+    return name if time == 1 else f"{name}_{time}"
+
+
+def _value(event: Answered) -> Any:
+    """The option's code, the number or the text; several codes as a JSON list."""
+    value: Any = json.loads(event.value)
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, list | Mapping) else value

@@ -1,0 +1,150 @@
+"""The exporter port, and an export from start to end.
+
+An exporter is one function in one file, found through the entry-point group `minihuman.exporters`. An export is
+written to a new folder that appears only when it is complete, with a card: a README that says what the export
+holds, where it came from and what was excluded.
+"""
+
+import shutil
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from minihuman import __version__
+from minihuman.dataset.episode_stream import IncludedEpisodes
+from minihuman.dataset.selection import Selection, SelectionSummary
+from minihuman.dataset.sessions import StudySessions
+from minihuman.errors import ExportError
+from minihuman.plugins import list_plugin_names, load_plugin
+
+GROUP = "minihuman.exporters"
+
+
+@dataclass(frozen=True, slots=True)
+class ExportResult:
+    """What an exporter wrote: its data files and folders, and how much is in them."""
+
+    paths: tuple[Path, ...]
+    episodes: int  # that count
+    steps: int  # of those
+    left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; in the card
+    marked: int = 0  # further episodes, that do not count and are there all the same, with the reason
+    sessions: int = 0  # of tables: those that have a row, with an episode or without
+
+
+Exporter = Callable[[IncludedEpisodes, Path], ExportResult]
+
+
+def list_exporters() -> tuple[str, ...]:
+    """The names of the exporters that are installed."""
+    return list_plugin_names(GROUP)
+
+
+def find_exporter(name: str) -> Exporter:
+    """The exporter of that name.
+
+    Raises:
+        ExportError: if there is none, or what it needs is not installed.
+    """
+    exporter: Exporter = load_plugin(GROUP, name, ExportError, what="export format")
+    return exporter
+
+
+@dataclass(slots=True)
+class ExportCard:
+    """Counts what passes on its way to an exporter."""
+
+    format: str
+    account: SelectionSummary
+    stored_frames: bool = False  # observations were taken from the logs
+    counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+
+    def count(self, facts: Mapping[str, Any]) -> None:
+        """Take an episode into the counts."""
+        for name in ("study", "participant", "group", "player", "block", "world", "outcome", "protocol_sha256"):
+            self.counts[name][str(facts[name])] += 1
+
+    def write(self, out: Path, written: ExportResult) -> Path:
+        """Write the card into the export's folder."""
+        path = out / "README.md"
+        path.write_text(self._text(out, written))
+        return path
+
+    def _text(self, out: Path, written: ExportResult) -> str:
+        source = "stored in the logs" if self.stored_frames else "played again from seed and actions"
+        lines = [
+            f"# {self.format} export",
+            "",
+            f"{written.episodes} episodes, {written.steps} steps, written by minihuman {__version__}.",
+            f"Observations, where the format holds them, were {source}, and each has the hash",
+            "that was taken when it was made.",
+            "",
+            "What it is made of:",
+            "",
+            *(f"- {line}" for line in (*self.account.lines(), *written.left_out)),
+            "",
+            "| file or folder |",
+            "|---|",
+            *(f"| `{path.relative_to(out)}` |" for path in written.paths),
+        ]
+        for name, counter in self.counts.items():
+            lines += ["", f"| {name} | episodes |", "|---|---|"]
+            lines += [f"| {value} | {count} |" for value, count in sorted(counter.items())]
+        return "\n".join(lines) + "\n"
+
+
+def export_study(
+    format_name: str,
+    source: Path,
+    out: Path,
+    selection: Selection,
+    *,
+    stored_frames: bool = False,
+    progress: Callable[[Path], None] = lambda _: None,
+) -> tuple[ExportResult, ExportCard]:
+    """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each log once.
+
+    Observations are played again, or with ``stored_frames`` those that the logs hold; each is checked against its hash.
+
+    Raises:
+        ExportError: if the format is unknown, ``out`` has something in it, no episode counts,
+            or an episode does not replay or holds no observations.
+        LogError: if the source cannot be read.
+    """
+    exporter = find_exporter(format_name)
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise ExportError(f"{out} already exists; choose another folder or move it")
+    if out.resolve().samefile(".") if out.exists() else not out.name:
+        raise ExportError(f"{out} is the current folder; name a new folder")
+    sessions = StudySessions(source, selection)
+    card = ExportCard(format_name, sessions.account, stored_frames=stored_frames)
+
+    heard: Path | None = None
+
+    def taken(log: Path, facts: Mapping[str, Any]) -> None:
+        nonlocal heard
+        card.count(facts)
+        if log != heard:  # a line on the screen for every episode of a thousand sessions takes half a second
+            progress(log)
+        heard = log
+
+    unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
+    if unfinished.exists():
+        raise ExportError(f"{unfinished} belongs to another export, running or interrupted; remove it and export again")
+    unfinished.mkdir(parents=True)
+    try:
+        written = exporter(IncludedEpisodes(sessions, taken=taken, stored_frames=stored_frames), unfinished)
+        if not written.episodes + written.marked + written.sessions:
+            why = "; ".join((*written.left_out, *sessions.account.lines()))
+            raise ExportError(f"{source}: nothing to export: {why}")
+        card.write(unfinished, written)
+        if out.exists():
+            out.rmdir()
+        unfinished.rename(out)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+    moved = tuple(out / path.relative_to(unfinished) for path in written.paths)
+    return replace(written, paths=moved), card

@@ -1,0 +1,277 @@
+"""Observations of episodes for datasets: replay the episode, check every hash, and reshape what was observed.
+
+Observations come from seed and actions, or from the log where it holds them. There is one dataset per world,
+because worlds with different observations cannot share one. Knows no format.
+"""
+
+import copy
+import hashlib
+import json
+import logging
+import re
+import string
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from numpy.typing import NDArray
+
+from minihuman import __version__
+from minihuman.dataset.episode_stream import IncludedEpisode
+from minihuman.errors import ExportError, LogError, WorldError
+from minihuman.experiment.replay import renders_same_images
+from minihuman.exporters.study_metadata import get_step_limit
+from minihuman.log.model.session_log import EpisodeLog
+from minihuman.log.model.teaching_events import NO_ADVICE
+from minihuman.log.observations import verify_observations
+from minihuman.worlds.adapters.world import ResetResult, StepResult, World, trusted_world_factory
+
+_CHARACTERS = frozenset(string.printable)
+
+
+def stack_observations(observations: Sequence[Any]) -> Any:
+    """A list of observations as one observation of stacked arrays: dicts stay dicts, texts become lists."""
+    first = observations[0]
+    if isinstance(first, dict):
+        return {key: stack_observations([observation[key] for observation in observations]) for key in first}
+    if isinstance(first, tuple):
+        return tuple(stack_observations(column) for column in zip(*observations, strict=True))
+    return list(observations) if isinstance(first, str) else np.stack(observations)
+
+
+def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
+    """The space with its own kinds (a world's mission space) replaced by Gymnasium's, which others can store.
+
+    Raises:
+        ExportError: if a part is of a kind that has no plain form.
+    """
+    match space:
+        case gymnasium.spaces.Dict():
+            return gymnasium.spaces.Dict({key: to_standard_space(part) for key, part in space.spaces.items()})
+        case gymnasium.spaces.Tuple():
+            return gymnasium.spaces.Tuple([to_standard_space(part) for part in space.spaces])
+        case gymnasium.spaces.Box() | gymnasium.spaces.Discrete() | gymnasium.spaces.MultiDiscrete():
+            return space
+        case gymnasium.spaces.MultiBinary() | gymnasium.spaces.Text():
+            return space
+    if isinstance(space.sample(), str):
+        return gymnasium.spaces.Text(max_length=4096, min_length=0, charset=_CHARACTERS)
+    raise ExportError(f"observation space {space} cannot be flattened; export csv or parquet instead")
+
+
+def is_picture(space: gymnasium.Space[Any]) -> bool:
+    """Whether observations are colour pictures uint8[H, W, 3], at least 32 pixels high and wide."""
+    return (
+        isinstance(space, gymnasium.spaces.Box)
+        and space.dtype == np.uint8
+        and len(space.shape) == 3
+        and space.shape[2] == 3
+        and min(space.shape[:2]) >= 32
+    )
+
+
+def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArray[Any]:
+    """All numbers of an observation in one row, dict parts by sorted key; texts are excluded (they are metadata).
+
+    The dtype is the narrowest that holds every part of the space exactly, so it is the same for all observations.
+    """
+    parts = _numbers(observation, space)
+    return np.concatenate(parts) if parts else np.zeros(0, np.uint8)
+
+
+def name_flat_observation(observation: Any, name: str = "") -> list[str]:
+    """A name for each number of ``flat``: "direction", "image_0", "image_1", ..."""
+    if isinstance(observation, dict):
+        return [
+            label for key in sorted(observation) for label in name_flat_observation(observation[key], f"{name}{key}_")
+        ]
+    if isinstance(observation, tuple):
+        return [
+            label for place, part in enumerate(observation) for label in name_flat_observation(part, f"{name}{place}_")
+        ]
+    if isinstance(observation, str):
+        return []
+    size = np.asarray(observation).size
+    return [name.rstrip("_") or "value"] if size == 1 else [f"{name}{place}" for place in range(size)]
+
+
+def _numbers(observation: Any, space: gymnasium.Space[Any]) -> list[NDArray[Any]]:
+    match space:
+        case gymnasium.spaces.Dict():
+            return [part for key in sorted(observation) for part in _numbers(observation[key], space[key])]
+        case gymnasium.spaces.Tuple():
+            pairs = zip(observation, space.spaces, strict=True)
+            return [part for item, inner in pairs for part in _numbers(item, inner)]
+        case gymnasium.spaces.Discrete():
+            last = int(space.start) + int(space.n) - 1
+            dtype = np.min_scalar_type(last) if space.start >= 0 else np.dtype(np.int64)
+            return [np.asarray([observation], dtype)]
+    return [] if isinstance(observation, str) else [np.asarray(observation).reshape(-1)]
+
+
+def build_steering_columns(episode: EpisodeLog, *, with_reset: bool = False) -> dict[str, NDArray[Any]]:
+    """A row for each step: whether the person steered, and the world's action that the policy would have done.
+
+    Empty where no agent took part in the episode; -1 where the policy advised nothing. ``with_reset`` puts a row before
+    the first, with neither.
+    """
+    taught = episode.taught
+    if taught is None:
+        return {}
+    rows = {"intervention": taught.by_person, "policy_action": taught.policy_actions}
+    if with_reset:
+        blank = {"intervention": False, "policy_action": NO_ADVICE}
+        rows = {name: np.insert(values, 0, blank[name]) for name, values in rows.items()}
+    return rows
+
+
+def get_step_steering(episode: EpisodeLog, index: int) -> dict[str, Any]:
+    """The same of one step, 0 for the first, as plain values, with the policy's probabilities by action number."""
+    taught = episode.taught
+    if taught is None:
+        return {}
+    return {
+        "intervention": bool(taught.by_person[index]),
+        "policy_action": int(taught.policy_actions[index]),
+        "policy_probabilities": np.round(taught.probabilities[index].astype(np.float64), 9).tolist(),
+        "policy": taught.policy,
+    }
+
+
+def dataset_name(chosen: IncludedEpisode) -> str:
+    """A folder name for the world an episode was played in: "minigrid-fourrooms-v0", other options another name."""
+    plan = chosen.episode.plan
+    name = re.sub(r"[^a-z0-9]+", "-", plan.world.rsplit("/", 1)[-1].rsplit(":", 1)[-1].lower()).strip("-")
+    if not plan.options:
+        return name
+    options = json.dumps(plan.options, sort_keys=True, default=str)
+    stem, _, version = name.rpartition("-v")
+    mark = hashlib.sha256(options.encode()).hexdigest()[:6]
+    return f"{stem}-{mark}-v{version}" if stem else f"{name}-{mark}"
+
+
+def env_spec(chosen: IncludedEpisode) -> EnvSpec | None:
+    """The Gymnasium spec of an episode's world, options and the protocol's step limit included, as a file can hold it.
+
+    The module that registers the world is imported by then. None where the world cannot be made by name elsewhere: its
+    class has no module of its own, or an option is no plain value.
+    """
+    spec = copy.deepcopy(gymnasium.spec(chosen.episode.plan.world.rsplit(":", 1)[-1]))
+    kwargs: dict[str, Any] = {**spec.kwargs, **chosen.episode.plan.options}
+    spec.kwargs = kwargs
+    limit = get_step_limit(chosen)
+    spec.max_episode_steps = limit if spec.max_episode_steps is None else min(limit, spec.max_episode_steps)
+    if not isinstance(spec.entry_point, str):
+        spec.entry_point = _importable(spec.entry_point)
+    try:
+        return EnvSpec.from_json(spec.to_json()) if spec.entry_point else None
+    except (TypeError, ValueError):
+        return None
+
+
+def _importable(made_by: Any) -> str | None:
+    """Where a class or function can be imported from, "module:name"; None if nowhere."""
+    module, name = getattr(made_by, "__module__", ""), getattr(made_by, "__qualname__", "")
+    found = attrgetter(name)(sys.modules[module]) if module in sys.modules and name.isidentifier() else None
+    return f"{module}:{name}" if found is made_by and module != "__main__" else None
+
+
+FROM_LOG = logging.getLogger("minihuman")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayedEpisode:
+    """An episode with what was observed: ``n + 1`` observations for ``n`` actions, each equal to the one played.
+
+    Of a first-person episode that an earlier version drew, each state is equal, and the pictures are this version's.
+    """
+
+    episode: EpisodeLog
+    observations: tuple[Any, ...]
+    observation_space: gymnasium.Space[Any]
+    action_space: gymnasium.spaces.Discrete
+
+    @property
+    def actions(self) -> NDArray[np.int64]:
+        """The ``n`` actions as the environment's ``step`` takes them: counted from where its action space starts."""
+        return self.episode.actions + int(self.action_space.start)
+
+
+class Resimulator:
+    """Gives episodes their observations, keeping the world of the last one for the next."""
+
+    def __init__(self) -> None:
+        self._world: World | None = None
+        self._made_from: tuple[str, dict[str, Any]] | None = None
+
+    def __call__(self, chosen: IncludedEpisode) -> ReplayedEpisode:
+        """Play an episode again, or take what its log holds if that was chosen. Spaces are the world's as it is here.
+
+        Raises:
+            ExportError: if the world cannot be made here or answers differently than when it was played; or if the
+                log holds no observations, or others than were made.
+        """
+        world = self._world_of(chosen.episode, chosen)
+        observations = _stored(chosen) if chosen.stored_frames else _played(chosen, world)
+        return ReplayedEpisode(chosen.episode, observations, world.observation_space, world.action_space)
+
+    def _world_of(self, episode: EpisodeLog, chosen: IncludedEpisode) -> World:
+        made_from = (episode.plan.world, episode.plan.options)
+        if self._world is None or self._made_from != made_from:
+            try:
+                self._world, self._made_from = trusted_world_factory()(*made_from), made_from
+            except WorldError as error:
+                raise ExportError(f"{chosen.log.path}: {episode.name}: {error}") from error
+        return self._world
+
+
+def _played(chosen: IncludedEpisode, world: World) -> tuple[Any, ...]:
+    episode = chosen.episode
+    drawn_anew = world.drawn and not all(renders_same_images(segment.facts) for segment in chosen.log.segments)
+    if drawn_anew:
+        FROM_LOG.warning(
+            "%s: %s: its pictures are drawn by this version; the participant saw those of an earlier one",
+            chosen.log.path,
+            episode.name,
+        )
+    _check(world, world.reset(episode.plan.seed), 0, chosen, drawn_anew=drawn_anew)
+    observations = [copy.deepcopy(world.observation)]  # as a world may use its arrays again
+    for step, action in enumerate(episode.actions, 1):
+        _check(world, world.step(int(action)), step, chosen, drawn_anew=drawn_anew)
+        observations.append(copy.deepcopy(world.observation))
+    return tuple(observations)
+
+
+def _check(
+    world: World, now: ResetResult | StepResult, step: int, chosen: IncludedEpisode, *, drawn_anew: bool
+) -> None:
+    episode = chosen.episode
+    if drawn_anew:
+        same = world.state_hash() == int(episode.state_hashes[step])
+    else:
+        same = now.observation_hash == int(episode.observation_hashes[step])
+    if not same:
+        played = chosen.log.facts.get("version_minihuman", "of an unknown version")
+        instead = "" if episode.observations is None else ", or take those in the log: --stored-frames"
+        raise ExportError(
+            f"{chosen.log.path}: {episode.name} step {step}: the observation differs from "
+            f"the one played under minihuman {played} (this is {__version__}); export with that version{instead}"
+        )
+
+
+def _stored(chosen: IncludedEpisode) -> tuple[Any, ...]:
+    episode = chosen.episode
+    if episode.observations is None:
+        raise ExportError(
+            f"{chosen.log.path}: {episode.name} has no stored observations (its block did not say "
+            "record_observations = true); export without --stored-frames"
+        )
+    try:
+        return tuple(verify_observations(episode.observations, episode.observation_hashes, episode.plan.episode))
+    except LogError as error:
+        raise ExportError(f"{chosen.log.path}: {error}") from error

@@ -1,0 +1,201 @@
+"""Export trajectories for the `imitation` library: Hugging Face `datasets` on disk, flat observations.
+
+One dataset per world, `OUT/<world>`; `imitation.data.serialize.load` and `datasets.load_from_disk` read it.
+Trajectories are written a few at a time, so that a large study takes no more memory than a small one. Compared
+fragments are another dataset, `OUT/<world>-preferences`, one row per pair, for `PreferenceDataset.push`.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import datasets
+import numpy as np
+from datasets.arrow_writer import ArrowWriter
+
+from minihuman.dataset.episode_stream import IncludedEpisode, IncludedEpisodes
+from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
+from minihuman.exporters.exporter import ExportResult
+from minihuman.exporters.flat_observations import (
+    ReplayedEpisode,
+    Resimulator,
+    dataset_name,
+    flatten_observation,
+    get_step_steering,
+)
+from minihuman.exporters.study_metadata import describe_episode
+from minihuman.log.model.session_log import SessionLog
+
+# How much the left fragment is preferred; "cannot tell" says nothing.
+PREFERENCES: dict[PairAnswer, float] = {"left": 1.0, "equal": 0.5, "right": 0.0}
+SIDES = ("left", "right")
+
+_Key = tuple[int, int, int, int]  # episode, attempt, first step and last
+
+
+class FragmentWriter:
+    """Gathers the stretches of one session after the other as its episodes come by."""
+
+    def __init__(self) -> None:
+        self._log: SessionLog | None = None
+        self._wanted: set[_Key] = set()
+        self._found: dict[_Key, dict[str, Any]] = {}
+        self._worlds: dict[_Key, str] = {}
+
+    def take(
+        self, item: IncludedEpisode, dataset: str, trajectory: dict[str, Any]
+    ) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Look at an episode's trajectory; gives the pairs of the session before, if this is of the next one."""
+        if self._log is None or self._log.path != item.log.path:
+            yield from self.close()
+            self._log = item.log
+            self._wanted = {_key(side) for each in item.log.comparisons for side in (each.left, each.right)}
+        plan = item.episode.plan
+        for key in self._wanted:
+            if key[:2] == (plan.episode, item.episode.attempt):
+                self._found[key] = _fragment(trajectory, *key[2:])
+                self._worlds[key] = dataset
+
+    def close(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        """The pairs of the last session: the dataset's name, and a row."""
+        for each in self._log.comparisons if self._log else ():
+            keys = [_key(side) for side in (each.left, each.right)]
+            if each.preference.answer in PREFERENCES and all(key in self._found for key in keys):
+                row: dict[str, Any] = {"preference": PREFERENCES[each.preference.answer], "t_ns": each.preference.t_ns}
+                for side, key in zip(SIDES, keys, strict=True):
+                    row |= {f"{side}_{name}": part for name, part in self._found[key].items()}
+                yield self._worlds[keys[0]], row
+        self._found, self._worlds = {}, {}
+
+
+def preference_features(trajectory: datasets.Features) -> datasets.Features:
+    """The columns of a pair, both of whose fragments have those of a trajectory."""
+    each = {f"{side}_{name}": kind for side in SIDES for name, kind in trajectory.items()}
+    return datasets.Features({"preference": datasets.Value("float64"), "t_ns": datasets.Value("int64")} | each)
+
+
+def _key(side: EpisodeClip) -> _Key:
+    return side.episode, side.attempt, side.first, side.last
+
+
+def _fragment(trajectory: dict[str, Any], first: int, last: int) -> dict[str, Any]:
+    """Steps of a trajectory: ``last`` is the step whose observation is the last one."""
+    steps = slice(first, last)
+    whole = last == len(trajectory["acts"])
+    return {
+        "obs": trajectory["obs"][first : last + 1],
+        "acts": trajectory["acts"][steps],
+        "infos": trajectory["infos"][steps],
+        "terminal": trajectory["terminal"] and whole,
+        "rews": trajectory["rews"][steps],
+    }
+
+
+_TOGETHER = 8  # trajectories written at once: of pictures, some tens of megabytes
+_NO_STEP = "has no step, and a trajectory needs one"
+
+
+def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write every episode that has a step as a trajectory with rewards; what else is known is in its ``infos``.
+
+    Raises:
+        ExportError: if an episode does not replay.
+    """
+    datasets.disable_progress_bars()  # our own command says how far it is
+    resimulate = Resimulator()
+    writers = _Writers(out)
+    fragments = FragmentWriter()
+    episodes = steps = 0
+    left_out: list[str] = []
+    for item in chosen:
+        if not len(item.episode.actions):
+            left_out.append(f"{describe_episode(item)} {_NO_STEP}")
+            continue
+        name = dataset_name(item)
+        trajectory = _trajectory(item, resimulate(item))
+        features = _features(str(trajectory["obs"].dtype))
+        writers.write(name, features, trajectory)
+        for world, pair in fragments.take(item, name, trajectory):
+            writers.write_pair(world, pair)
+        episodes, steps = episodes + 1, steps + len(item.episode.actions)
+    for world, pair in fragments.close():
+        writers.write_pair(world, pair)
+    return ExportResult(writers.close(), episodes, steps, tuple(left_out))
+
+
+class _Writers:
+    """A file a dataset, opened when its first row comes."""
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self._open: dict[str, tuple[ArrowWriter, datasets.Features]] = {}
+
+    def write(self, name: str, features: datasets.Features, row: dict[str, Any]) -> None:
+        if name not in self._open:
+            path = str(self._out / f"{name}.arrow")
+            self._open[name] = ArrowWriter(features=features, path=path, writer_batch_size=_TOGETHER), features
+        self._open[name][0].write(row)
+
+    def write_pair(self, name: str, row: dict[str, Any]) -> None:
+        self.write(f"{name}-preferences", preference_features(self._open[name][1]), row)
+
+    def close(self) -> tuple[Path, ...]:
+        for name, (writer, features) in self._open.items():
+            writer.finalize()
+            _settle(self._out / f"{name}.arrow", self._out / name, features)
+        return tuple(self._out / name for name in self._open)
+
+
+def _trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
+    episode = item.episode
+    infos = [
+        {**(item.facts if step == 1 else {}), "t_ns": int(episode.t_ns[step]), "key": episode.step_keys[step - 1]}
+        | get_step_steering(episode, step - 1)
+        for step in range(1, len(episode.actions) + 1)
+    ]
+    return {
+        "obs": np.stack(
+            [
+                flatten_observation(observation, demonstration.observation_space)
+                for observation in demonstration.observations
+            ]
+        ),
+        "acts": demonstration.actions,
+        "infos": [json.dumps(info) for info in infos],
+        "terminal": bool(episode.terminated[-1]),
+        "rews": episode.rewards,
+    }
+
+
+def _features(number: str) -> datasets.Features:
+    return datasets.Features(
+        {
+            "obs": datasets.List(datasets.List(datasets.Value(number))),
+            "acts": datasets.List(datasets.Value("int64")),
+            "infos": datasets.List(datasets.Value("string")),
+            "terminal": datasets.Value("bool"),
+            "rews": datasets.List(datasets.Value("float64")),
+        }
+    )
+
+
+def _settle(written: Path, path: Path, features: datasets.Features) -> None:
+    """Make a dataset's folder around the file: as ``save_to_disk`` lays it out, but for copying it through memory."""
+    path.mkdir()
+    data = path / "data-00000-of-00001.arrow"
+    written.rename(data)
+    with data.open("rb") as file:
+        fingerprint = hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    datasets.DatasetInfo(features=features).write_to_directory(str(path))
+    state: dict[str, Any] = {
+        "_data_files": [{"filename": data.name}],
+        "_fingerprint": fingerprint,
+        "_format_columns": None,
+        "_format_kwargs": {},
+        "_format_type": None,
+        "_output_all_columns": False,
+        "_split": None,
+    }
+    (path / "state.json").write_text(json.dumps(state, indent=2, sort_keys=True))

@@ -1,0 +1,174 @@
+"""Export Minari 0.5 datasets in HDF5, one per study and world, never JPEG: `OUT/minihuman/<study>/<world>/data`.
+
+With `MINARI_DATASETS_PATH=OUT`, `minari.load_dataset("minihuman/demo/minigrid-fourrooms-v0")` reads one. An
+unfinished episode ends truncated, so that no reader joins it to the next one.
+"""
+
+import json
+import os
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
+from typing import Any
+
+import minari
+from minari.data_collector import EpisodeBuffer
+from minari.dataset.minari_storage import MinariStorage
+
+from minihuman import __version__
+from minihuman.dataset.episode_stream import IncludedEpisode, IncludedEpisodes
+from minihuman.experiment.protocol.specs import AboutSpec
+from minihuman.exporters.exporter import ExportResult
+from minihuman.exporters.flat_observations import (
+    ReplayedEpisode,
+    Resimulator,
+    build_steering_columns,
+    dataset_name,
+    env_spec,
+    stack_observations,
+    to_standard_space,
+)
+from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_study_facts
+
+NAMESPACE = "minihuman"
+
+
+@contextmanager
+def _restore_system_errors() -> Iterator[None]:
+    """Raise what the operating system said: HDF5 gives it as the text of a RuntimeError when it closes a file.
+
+    Raises:
+        OSError: with the number that is in the text.
+    """
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        found = re.search(r"errno = (\d+)", str(error))
+        if found is None:
+            raise
+        raise OSError(int(found[1]), os.strerror(int(found[1]))) from error
+
+
+def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write every episode that has a step; a session's subject, group, keys and outcome are its metadata.
+
+    Raises:
+        ExportError: if an episode does not replay, or its world's observations have no plain space.
+        OSError: if the files cannot be written.
+    """
+    with _restore_system_errors():
+        return _write(chosen, out)
+
+
+def _write(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    resimulate = Resimulator()
+    datasets: dict[str, MinariStorage] = {}
+    players: defaultdict[str, set[str]] = defaultdict(set)  # of each dataset
+    episodes = steps = 0
+    left_out: list[str] = []
+    for item in chosen:
+        if not len(item.episode.actions):
+            left_out.append(f"{describe_episode(item)} has no step, and Minari keeps none without")
+            continue
+        demonstration = resimulate(item)
+        name = f"{item.log.plan.study}/{_versioned(dataset_name(item))}"
+        if name not in datasets:
+            datasets[name] = _begin(out, name, item, demonstration)
+        storage = datasets[name]
+        players[name].add(item.log.player)
+        storage.update_episodes([_buffer(demonstration)])
+        storage.update_episode_metadata([_attributes(item)], [int(storage.total_episodes) - 1])
+        episodes += 1
+        steps += len(item.episode.actions)
+    for name, storage in datasets.items():
+        storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {', '.join(sorted(players[name]))}"})
+    return ExportResult(tuple(out / NAMESPACE / name for name in datasets), episodes, steps, tuple(left_out))
+
+
+def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
+    about, study = get_study_facts(item), item.log.plan.study
+    _namespace(out / NAMESPACE, "exported by minihuman")
+    _namespace(out / NAMESPACE / study, about.title or f"the study {study}")
+    data = out / NAMESPACE / name / "data"
+    data.mkdir(parents=True)
+    spec = env_spec(item)
+    storage = MinariStorage.new(
+        data,
+        observation_space=to_standard_space(demonstration.observation_space),
+        action_space=demonstration.action_space,
+        env_spec=spec,
+        data_format="hdf5",
+        jpeg_encoding=False,
+    )
+    storage.update_metadata(
+        {
+            "dataset_id": f"{NAMESPACE}/{name}",
+            "minari_version": minari.__version__,
+            "description": _description(item, about, recoverable=spec is not None),
+            "requirements": _requirements(item),
+            "action_names": list(item.episode.start.action_names),  # of the whole action space, from its start
+            "actions_offered": list(get_action_names(item)),  # those that participants had a key for
+        }
+        | ({"author": [author.name for author in about.authors]} if about.authors else {})
+        | ({"author_email": emails} if (emails := [author.email for author in about.authors if author.email]) else {})
+        | ({"license": about.licence} if about.licence else {})
+        | ({"code_permalink": about.references[0]} if about.references else {})
+    )
+    return storage
+
+
+def _namespace(folder: Path, description: str) -> None:
+    if not folder.exists():
+        folder.mkdir(parents=True)
+        (folder / "namespace_metadata.json").write_text(json.dumps({"description": description}))
+
+
+def _description(item: IncludedEpisode, about: AboutSpec, *, recoverable: bool) -> str:
+    lines = [about.description or about.title or f"The study {item.log.plan.study}."]
+    lines.append(f"Sessions recorded with minihuman {__version__}, every observation checked against its hash.")
+    if not recoverable:
+        lines.append(f"Its environment, {item.episode.plan.world}, cannot be made by name elsewhere.")
+    return " ".join(lines)
+
+
+def _requirements(item: IncludedEpisode) -> list[str]:
+    """What to install before the environment can be made, as pip takes it."""
+    module, colon, _ = item.episode.plan.world.partition(":")
+    theirs = packages_distributions().get(module.partition(".")[0], []) if colon else []
+    return [f"minihuman>={__version__}", *(f"{package}=={version(package)}" for package in dict.fromkeys(theirs))]
+
+
+def _versioned(name: str) -> str:
+    """Minari ids end in a version."""
+    return name if name.rpartition("-v")[2].isdigit() else f"{name}-v0"
+
+
+def _buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:
+    episode = demonstration.episode
+    truncated = episode.truncated.copy()
+    truncated[-1] |= not episode.terminated[-1]
+    return EpisodeBuffer(
+        seed=episode.plan.seed,
+        observations=stack_observations(demonstration.observations),
+        actions=demonstration.actions,
+        rewards=episode.rewards,
+        terminations=episode.terminated,
+        truncations=truncated,
+        infos={
+            "t_ns": episode.t_ns,
+            "pose": episode.poses,
+            **build_steering_columns(episode, with_reset=True),
+        },
+    )
+
+
+def _attributes(item: IncludedEpisode) -> dict[str, Any]:
+    """The facts as HDF5 attributes: plain values, mappings and lists as JSON text."""
+    return {
+        name: value if isinstance(value, (str, int)) else json.dumps(value)
+        for name, value in item.facts.items()
+        if name != "seed"  # Minari has its own place for it
+    }

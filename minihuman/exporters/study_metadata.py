@@ -1,0 +1,121 @@
+"""Study metadata for exports: what the protocol in a log says about the study, its worlds and devices, and what the
+lab's `participants.csv` says about people.
+"""
+
+import csv
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+from minihuman.dataset.episode_stream import IncludedEpisode
+from minihuman.errors import ExportError, ProtocolError
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import BlockSpec, Protocol, decode_logged_protocol
+from minihuman.experiment.protocol.specs import AboutSpec, ColumnType, DeviceSpec, ParticipantColumnSpec
+
+
+def get_study_facts(item: IncludedEpisode) -> AboutSpec:
+    """The facts about the study; empty where the log's protocol says none or cannot be read here."""
+    return get_plan_study_facts(item.log.plan)
+
+
+def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
+    """The same, of a session."""
+    protocol = _protocol(plan.protocol_toml)
+    return AboutSpec() if protocol is None else protocol.about
+
+
+def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
+    """The devices of a session's protocol, by name."""
+    protocol = _protocol(plan.protocol_toml)
+    return {} if protocol is None else {device.name: device for device in protocol.devices}
+
+
+def describe_episode(item: IncludedEpisode) -> str:
+    """The episode in words: "sub-07 session 1 episode 3"."""
+    plan = item.log.plan
+    return f"{plan.participant.id} session {plan.session} {item.episode.name}"
+
+
+def get_action_names(item: IncludedEpisode) -> tuple[str, ...]:
+    """The names of the actions that participants could take in the episode's world, in the world's own order."""
+    plan = item.episode.plan
+    asked = {*plan.key_map.keys.values(), *plan.actions} | ({plan.noop} if plan.noop else set())
+    for block in _blocks(item):
+        asked |= {*block.actions, *block.distractors} | ({block.noop_action} if block.noop_action else set())
+    return tuple(name for name in item.episode.start.action_names if name in asked)
+
+
+def get_step_limit(item: IncludedEpisode) -> int:
+    """The largest step limit that the protocol gives an episode in this world."""
+    return max([item.episode.plan.max_steps, *(block.max_steps for block in _blocks(item))])
+
+
+def _blocks(item: IncludedEpisode) -> tuple[BlockSpec, ...]:
+    plan = item.episode.plan
+    protocol = _protocol(item.log.plan.protocol_toml)
+    blocks = () if protocol is None else protocol.blocks
+    return tuple(block for block in blocks if (block.world, block.options) == (plan.world, plan.options))
+
+
+@lru_cache(maxsize=8)
+def _protocol(toml: bytes) -> Protocol | None:
+    try:
+        return decode_logged_protocol(toml)
+    except ProtocolError:
+        return None
+
+
+FILE_NAME = "participants.csv"
+
+
+def read_participants(source: Path, about: AboutSpec) -> dict[str, dict[str, str]]:
+    """The columns that the protocol names, by participant; nothing where there is no such file.
+
+    Raises:
+        ExportError: if the file has no column of codes, a column that the protocol names is missing, a participant is
+            there twice or a value is not what the protocol says.
+    """
+    folder = source if source.is_dir() else source.parent
+    path = folder / FILE_NAME
+    if not path.is_file() or not about.participant_columns:
+        return {}
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.DictReader(file))
+    named = {column.name for column in about.participant_columns}
+    missing = sorted({"participant", *named} - set(rows[0] if rows else {"participant", *named}))
+    if missing:
+        raise ExportError(f"{path} has no column {missing[0]!r}; its first line names the columns")
+    found: dict[str, dict[str, str]] = {}
+    for line, row in enumerate(rows, 2):
+        code = row["participant"]
+        if code in found:
+            raise ExportError(f"{path}:{line}: {code!r} appears twice; keep one line")
+        for column in about.participant_columns:
+            _check(column, row[column.name], f"{path}:{line}")
+        found[code] = {name: row[name] for name in named}
+    return found
+
+
+def _check(column: ParticipantColumnSpec, value: str, where: str) -> None:
+    """Refuse a value that is not what the protocol says; nothing at all is always one."""
+    if not value:
+        return
+    if column.levels and value not in column.levels:
+        raise ExportError(f"{where}: {column.name} is {value!r}; use {', '.join(column.levels)}")
+    readers: dict[ColumnType, Callable[[str], object]] = {
+        "text": str,
+        "integer": int,
+        "number": float,
+        "boolean": _read_boolean,
+    }
+    try:
+        readers[column.type](value)
+    except ValueError:
+        raise ExportError(f"{where}: {column.name} is {value!r}, not of type {column.type!r}") from None
+
+
+def _read_boolean(value: str) -> bool:
+    if value.lower() not in ("true", "false"):
+        raise ValueError(value)
+    return value.lower() == "true"

@@ -1,0 +1,66 @@
+"""Every port that a plug-in implements or builds on, under one address that stays the same between versions.
+
+Each name is imported when it is asked for, so that a window needs no PyTorch and a learner no window.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from minihuman.agents.agent import BaseAgent as BaseAgent
+    from minihuman.dataset.episode_stream import IncludedEpisode as IncludedEpisode
+    from minihuman.dataset.episode_stream import IncludedEpisodes as IncludedEpisodes
+    from minihuman.display.windows.window import Clock as Clock
+    from minihuman.display.windows.window import ScriptedWindow as ScriptedWindow
+    from minihuman.display.windows.window import VirtualClock as VirtualClock
+    from minihuman.display.windows.window import Window as Window
+    from minihuman.experiment.activities.activity import Activity as Activity
+    from minihuman.experiment.activities.activity import ActivityKind as ActivityKind
+    from minihuman.experiment.activities.activity import RequestHandler as RequestHandler
+    from minihuman.experiment.activities.questions.question import AnswerDraft as AnswerDraft
+    from minihuman.experiment.activities.questions.question import QuestionKind as QuestionKind
+    from minihuman.exporters.exporter import ExportResult as ExportResult
+    from minihuman.learn.teaching.learner import Learner as Learner
+    from minihuman.learn.teaching.learner import LearningRequest as LearningRequest
+    from minihuman.learn.teaching.learner import LearningResult as LearningResult
+    from minihuman.runtime.devices.device import Device as Device
+    from minihuman.runtime.devices.device import DeviceSample as DeviceSample
+    from minihuman.simulation.participant import KeyPress as KeyPress
+    from minihuman.simulation.participant import SimulatedParticipant as SimulatedParticipant
+    from minihuman.worlds.contract import NativeWorld as NativeWorld
+
+_MODULES = {
+    "Activity": "minihuman.experiment.activities.activity",
+    "ActivityKind": "minihuman.experiment.activities.activity",
+    "AnswerDraft": "minihuman.experiment.activities.questions.question",
+    "BaseAgent": "minihuman.agents.agent",
+    "Clock": "minihuman.display.windows.window",
+    "Device": "minihuman.runtime.devices.device",
+    "DeviceSample": "minihuman.runtime.devices.device",
+    "ExportResult": "minihuman.exporters.exporter",
+    "IncludedEpisode": "minihuman.dataset.episode_stream",
+    "IncludedEpisodes": "minihuman.dataset.episode_stream",
+    "Learner": "minihuman.learn.teaching.learner",
+    "KeyPress": "minihuman.simulation.participant",
+    "LearningRequest": "minihuman.learn.teaching.learner",
+    "LearningResult": "minihuman.learn.teaching.learner",
+    "NativeWorld": "minihuman.worlds.contract",
+    "QuestionKind": "minihuman.experiment.activities.questions.question",
+    "RequestHandler": "minihuman.experiment.activities.activity",
+    "ScriptedWindow": "minihuman.display.windows.window",
+    "SimulatedParticipant": "minihuman.simulation.participant",
+    "VirtualClock": "minihuman.display.windows.window",
+    "Window": "minihuman.display.windows.window",
+}
+__all__ = list(_MODULES)
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module 'minihuman.ext' has no attribute {name!r}")
+        return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

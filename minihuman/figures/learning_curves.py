@@ -1,0 +1,100 @@
+"""Learning curves: a measure over the episodes, one line per group, with the confidence band of its mean. Loads scipy
+only when a band is computed, and no pandas: the gallery imports it.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from minihuman.figures.style import SERIES, figure_style, new_figure
+from minihuman.statistics.proportions import wilson_interval
+
+_DASHES = ("-", "--", ":", "-.")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def mean_and_band(
+    values: NDArray[np.float64], *, level: float = 0.95
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Mean over participants and Student's t interval of that mean, each (episodes,), from (participants, episodes).
+
+    NaN stands for a missing episode. With fewer than two participants in an episode the interval there is NaN.
+    """
+    from scipy.special import stdtrit  # no figure of one session needs it
+
+    there = (~np.isnan(values)).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.nansum(values, axis=0) / there
+        spread = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / (there - 1)) / np.sqrt(there)
+        half = np.where(there > 1, stdtrit(np.maximum(there - 1, 1), 0.5 + level / 2) * spread, np.nan)
+    return mean, mean - half, mean + half
+
+
+def share_and_band(
+    values: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Share of ones and its 95 % interval (Wilson), each (episodes,), from (participants, episodes) of 0, 1 and NaN."""
+    there, ones = (~np.isnan(values)).sum(axis=0), np.nansum(values, axis=0)
+    with np.errstate(invalid="ignore"):
+        share = ones / there
+    low, high = np.array([wilson_interval(int(of), int(n)) for of, n in zip(ones, there, strict=True)]).T
+    missing = np.where(there, 0.0, np.nan)
+    return share, low + missing, high + missing
+
+
+def draw_learning(
+    ax: Axes,
+    curves: Mapping[str, NDArray[np.float64]],
+    *,
+    measure: str,
+    level: float = 0.95,
+    limits: tuple[float, float] | None = None,
+    xlabel: str = "episode in the block",
+    numbers: Sequence[int] | None = None,
+) -> Axes:
+    """Draw each group's mean over its participants against the episode in the block, or against ``numbers``.
+
+    ``curves`` maps a group to (participants, episodes); episodes are counted from 1. Where every value is 0 or 1 of a
+    measure that has no others beyond, means are shares and bands Wilson's, of 95 %. Others are Student's, cut at
+    ``limits``, which the measure cannot leave.
+    """
+    shares = limits in (None, (0, 1)) and all(
+        np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values()
+    )
+    for place, (group, values) in enumerate(curves.items()):
+        colour = SERIES[place % len(SERIES)]
+        mean, low, high = share_and_band(values) if shares else mean_and_band(values, level=level)
+        if limits is not None:
+            low, high = np.clip(low, *limits), np.clip(high, *limits)
+        at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
+        ax.plot(
+            at, mean, _DASHES[place % len(_DASHES)], marker=_MARKERS[place % len(_MARKERS)], ms=3.2, color=colour,
+            label=f"{group} (n = {len(values)})",
+        )  # fmt: skip
+        ax.fill_between(at, low, high, color=colour, alpha=0.18, lw=0, gid=f"band: {group}")
+    ax.set(xlabel=xlabel, ylabel=measure)
+    if limits is not None and np.isfinite(limits).all():
+        margin = 0.03 * (limits[1] - limits[0])
+        ax.set_ylim(limits[0] - margin, limits[1] + margin)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(curves)))
+    return ax
+
+
+def learning_figure(
+    curves: Mapping[str, NDArray[np.float64]],
+    *,
+    measure: str,
+    limits: tuple[float, float] | None = None,
+    xlabel: str = "episode in the block",
+    numbers: Sequence[int] | None = None,
+) -> Figure:
+    """One measure's learning curves for one column of a page."""
+    with figure_style():
+        figure = new_figure(height_cm=6.2)
+        draw_learning(figure.subplots(), curves, measure=measure, limits=limits, xlabel=xlabel, numbers=numbers)
+    return figure

@@ -1,0 +1,268 @@
+"""Paths over the floor plan, with the objects on it: one numbered panel per episode, time running along the line's
+colour.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.transforms import Affine2D
+from numpy.typing import NDArray
+
+from minihuman.dataset.measures import turns_in_place
+from minihuman.errors import LogError
+from minihuman.figures.figure_data import group_by_block
+from minihuman.figures.style import (
+    COLUMN_CM,
+    END,
+    FLOOR,
+    GOAL,
+    MUTED,
+    START,
+    TIME_COLOURS,
+    WALL,
+    figure_style,
+    new_figure,
+)
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.worlds.pose import Map, Thing
+
+MAX_LEGEND_ENTRIES = 16  # things in a legend
+_SHAPES = {  # by the last word of a thing's name
+    "ball": "o", "box": "s", "key": "^", "door": "D", "goal": "*", "lava": "X", "duckie": "v", "sign": "p",
+    "medkit": "P", "cone": "<", "barrel": "H", "tree": "d",
+}  # fmt: skip
+_OTHER = "h"
+
+
+def get_marker(thing: Thing) -> str:
+    """The marker of a thing's kind; doors say in a further word whether they are locked or open."""
+    words = thing.name.replace("_", " ").lower().split()
+    return next((_SHAPES[word] for word in reversed(words) if word in _SHAPES), _OTHER)
+
+
+def draw_object(ax: Axes, thing: Thing) -> None:
+    """Draw one thing in its size on the map, whose z runs down the page."""
+    style = MarkerStyle(get_marker(thing))
+    path = style.get_path().transformed(style.get_transform())
+    reach = max(abs(path.get_extents().get_points()).max(), 1e-9)
+    size = thing.radius / reach
+    place = Affine2D().scale(size, -size).translate(thing.x, thing.z)
+    patch = PathPatch(
+        path.transformed(place), facecolor=thing.colour, edgecolor=WALL, alpha=0.6, linewidth=0.4, zorder=1
+    )
+    patch.set_gid(f"thing: {thing.name}")
+    ax.add_patch(patch)
+
+
+def build_object_legend(maps: Iterable[Map | None]) -> list[Line2D]:
+    """The legend's entries: every kind of thing on these maps once, goals aside, which have a mark of their own."""
+    seen: dict[tuple[str, str], Line2D] = {}
+    for thing in (thing for floor in maps if floor is not None for thing in floor.things):
+        key = thing.name, get_marker(thing)
+        if thing.name and "goal" not in thing.name and key not in seen:
+            seen[key] = Line2D(
+                [], [], ls="", marker=key[1], ms=5, mfc=thing.colour, mec=WALL, mew=0.4, alpha=0.6, label=thing.name
+            )  # fmt: skip
+    return list(seen.values())[:MAX_LEGEND_ENTRIES]
+
+
+_SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so that ways there and back both show
+_RING_FROM_RAD = math.pi / 4  # a smaller turn is a bend of the line, which shows without a ring
+_FULL_CIRCLE = 2 * math.pi
+_ACROSS = 4  # panels beside each other that stay readable in a column
+_KEY_CM = 1.25  # height of the strip that explains colours and marks
+_NAMES_CM = 0.35  # and of each row of things named in it
+
+
+def check_map_bounds(floor: Map) -> Map:
+    """Refuse a map whose bounds are none.
+
+    Raises:
+        LogError: if they are not finite, or do not rise.
+    """
+    x0, z0, x1, z1 = floor.bounds
+    if not (np.isfinite(floor.bounds).all() and x0 < x1 and z0 < z1):
+        raise LogError(
+            f"a map's bounds are x {x0:g} to {x1:g}, z {z0:g} to {z1:g}, which must increase; the log was changed or "
+            "the world's map is wrong: check with minihuman verify"
+        )
+    return floor
+
+
+def draw_map(ax: Axes, floor: Map) -> Axes:
+    """Draw floor, walls and things, x to the right and z down the page, as seen from above.
+
+    Raises:
+        LogError: if the map's bounds are none.
+    """
+    x0, z0, x1, z1 = check_map_bounds(floor).bounds
+    ax.add_patch(Rectangle((x0, z0), x1 - x0, z1 - z0, facecolor=FLOOR, edgecolor="none", zorder=0))
+    segments = [((wall[0], wall[1]), (wall[2], wall[3])) for wall in floor.walls]
+    ax.add_collection(LineCollection(segments, colors=WALL, linewidths=0.8, capstyle="projecting", zorder=2))
+    for thing in floor.things:
+        draw_object(ax, thing)
+    margin = 0.03 * max(x1 - x0, z1 - z0)
+    ax.set(xlim=(x0 - margin, x1 + margin), ylim=(z1 + margin, z0 - margin), aspect="equal", xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
+    return ax
+
+
+def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
+    """Draw one episode's path over what is there: colour is the time since its start, from dark to light.
+
+    Rings mark turns in place of 45 degrees and more, the larger the more was turned. In the grid, where ways overlap
+    exactly, every visit to a cell is drawn a little aside of the one before. An episode without poses draws nothing.
+    """
+    here = ~np.isnan(episode.poses[:, 0])
+    if not here.any():
+        return ax
+    unit = episode.start.map.unit if episode.start.map else "m"
+    points = _spread(episode.poses[here][:, [0, 2]]) if unit == "cell" else episode.poses[here][:, [0, 2]]
+    spent = (episode.t_ns[here] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    moved = np.abs(np.diff(points, axis=0)).sum(axis=1) > 0
+    line = LineCollection(
+        list(segments[moved]),
+        array=spent[1:][moved],
+        cmap=TIME_COLOURS,
+        clim=(0, 1),
+        linewidths=1.1,
+        capstyle="round",
+        zorder=4,
+    )
+    line.set_gid("path")
+    ax.add_collection(line)
+    turns = turns_in_place(episode)
+    turns = turns[turns["turned_rad"] > _RING_FROM_RAD - 1e-6]
+    if turns.size:
+        rows = turns["row"]
+        index = np.cumsum(here)[rows] - 1
+        rings = ax.scatter(
+            points[index, 0], points[index, 1], s=3 + 20 * np.minimum(1.0, turns["turned_rad"] / _FULL_CIRCLE),
+            facecolors="none", edgecolors=WALL, linewidths=0.45, zorder=5,
+        )  # fmt: skip
+        rings.set_gid("turns in place")
+    ax.plot(*points[0], "o", ms=3.4, mfc=START, mec="black", mew=0.7, zorder=7, gid="start")
+    ax.plot(*points[-1], "X", ms=3.4, mfc=END, mec="black", mew=0.4, zorder=8, gid="end")
+    return ax
+
+
+def draw_goal(ax: Axes, episode: EpisodeLog) -> Axes:
+    """Mark the goal: the thing whose name says goal, or else the one the mission names, or else a single thing."""
+    goal = find_goal(episode)
+    if goal is not None:
+        ax.plot(*goal, "*", ms=9.0, mfc=GOAL, mec="black", mew=0.4, zorder=6, gid="goal")
+    return ax
+
+
+def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
+    """Where the episode's goal stands (x, z); None where the map does not tell."""
+    things = episode.start.map.things if episode.start.map else ()
+    named = [thing for thing in things if "goal" in thing.name]
+    asked = [thing for thing in things if thing.name and thing.name in episode.start.mission]
+    for found in (named, asked, list(things) if len(things) == 1 else []):
+        if found:
+            return found[0].x, found[0].z
+    return None
+
+
+def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
+    """Draw one numbered episode: map, goal, path, and how it ended."""
+    if episode.start.map is not None:
+        draw_map(ax, episode.start.map)
+        draw_goal(ax, episode)
+    draw_path(ax, episode)
+    if episode.start.map is None or np.isnan(episode.poses[:, 0]).all():
+        ax.text(
+            0.5, 0.5, "this world tells\nno map or pose", ha="center", va="center", transform=ax.transAxes, color=MUTED
+        )
+        ax.axis("off")
+    steps = len(episode.actions)
+    ended = f"{steps} steps" if episode.outcome == "goal" else f"{episode.outcome_word} ({steps})"
+    ax.set_title(f"{episode.number}", loc="left", fontweight="bold", pad=2)
+    ax.set_title(ended, loc="right", x=0.96, fontsize=6.0, pad=2)
+    return ax
+
+
+def paths_figure(
+    columns: Sequence[tuple[str, Sequence[EpisodeLog]]], *, across: int = 2, width_cm: float = COLUMN_CM
+) -> Figure:
+    """Episodes in panels, a titled group of columns for each kind of world, side by side.
+
+    ``across`` panels stand beside each other in each group; 4 in all fill a journal's column.
+    """
+    groups = [(title, list(episodes)) for title, episodes in columns if episodes]
+    rows = max((math.ceil(len(episodes) / across) for _, episodes in groups), default=1)
+    panels_cm = rows * (width_cm / max(1, across * len(groups)) + 0.3) + 0.5
+    things = build_object_legend(episode.start.map for _, episodes in groups for episode in episodes)
+    key_cm = _KEY_CM + _NAMES_CM * math.ceil(len(things) / _ACROSS)
+    with figure_style():
+        figure = new_figure(width_cm=width_cm, height_cm=panels_cm + key_cm)
+        figure.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[panels_cm, key_cm])[:, 0]
+        parts = above.subfigures(1, max(1, len(groups)), squeeze=False)[0]
+        for part, (title, episodes) in zip(parts, groups, strict=False):
+            part.suptitle(title, fontsize=7.5)
+            axes = part.subplots(rows, across, squeeze=False).ravel()
+            for ax in axes[len(episodes) :]:
+                ax.axis("off")
+            for ax, episode in zip(axes, episodes, strict=False):
+                episode_panel(ax, episode)
+        _draw_key(below, things, key_cm)
+    return figure
+
+
+def session_paths(log: SessionLog) -> Figure:
+    """One session's path figure: a titled group of columns for each block, its first ten episodes in it."""
+    return blocks_figure(group_by_block(log))
+
+
+def blocks_figure(blocks: Sequence[tuple[str, Sequence[EpisodeLog]]]) -> Figure:
+    """Blocks beside each other, as many panels across as stay readable in a column."""
+    return paths_figure(blocks, across=max(1, _ACROSS // max(1, len(blocks))))
+
+
+def _draw_key(part: SubFigure, things: Sequence[Line2D], key_cm: float) -> None:
+    """What the colours, marks and things mean, in the strip under the panels."""
+    from_top = 0.25 / key_cm  # the colour bar keeps its size whatever is named below it
+    bar = part.colorbar(
+        ScalarMappable(cmap=TIME_COLOURS),
+        cax=part.add_axes((0.2, 1 - from_top, 0.6, 0.14 / key_cm)),
+        orientation="horizontal",
+    )
+    bar.set_ticks([0, 1], labels=["first step", "last step"])
+    bar.set_label("time within the episode", labelpad=-8)
+    part.legend(handles=[*_legend(), *things], loc="lower center", ncols=_ACROSS, handletextpad=0.2, columnspacing=1.2)
+
+
+def _legend() -> list[Line2D]:
+    def mark(label: str, marker: str, size: float, face: str, edge: str = "black") -> Line2D:
+        return Line2D([], [], ls="", marker=marker, ms=size, mfc=face, mec=edge, mew=0.6, label=label)
+
+    return [
+        mark("start", "o", 4, START),
+        mark("goal", "*", 7, GOAL),
+        mark("end", "X", 5, END),
+        mark("turned in place", "o", 5, "none", WALL),
+    ]
+
+
+def _spread(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Move every later visit to a cell aside, one small step along the diagonal a visit, going round after five."""
+    moved = points.copy()
+    visits: dict[tuple[float, float], int] = {}
+    for row in range(len(points)):
+        cell = (float(points[row, 0]), float(points[row, 1]))
+        arrives = row == 0 or bool((points[row] != points[row - 1]).any())
+        if arrives:
+            visits[cell] = visits.get(cell, -1) + 1
+        moved[row] += _SPREAD_CELLS * ((visits[cell] + 2) % 5 - 2) * np.array([1.0, 1.0])
+    return moved

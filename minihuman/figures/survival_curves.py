@@ -1,0 +1,49 @@
+"""Kaplan-Meier curves by group, with the number still at risk under the axis. Kept apart from the learning curves
+because survival analysis imports pandas (and so pyarrow), which drawing from logs must not.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from minihuman.figures.style import SERIES, figure_style, new_figure
+from minihuman.statistics.survival import SurvivalTimes, kaplan_meier
+
+_DASHES = ("-", "--", ":", "-.")
+
+
+def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str) -> Axes:
+    """Draw each group's Kaplan-Meier curve as a stair, with a tick where an observation is censored."""
+    last = max(float(waited.times.max()) for waited in groups.values())
+    for place, (group, waited) in enumerate(groups.items()):
+        found, colour = kaplan_meier(waited), SERIES[place % len(SERIES)]
+        end = float(waited.times.max())
+        times = np.concatenate([[0.0], found.times, [end]])
+        share = np.concatenate([[1.0], found.share, [found.share[-1] if len(found.share) else 1.0]])
+        ax.step(times, share, _DASHES[place % len(_DASHES)], where="post", color=colour, label=group)
+        cut = np.unique(waited.times[~waited.observed])
+        at = np.array([share[np.searchsorted(times, time, side="right") - 1] for time in cut])
+        ax.plot(cut, at, "|", color=colour, ms=5)
+    ax.set(xlabel=label, ylabel="share without the event", ylim=(0, 1.02), xlim=(0, last * 1.02))
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(groups)))
+    return ax
+
+
+def survival_figure(groups: Mapping[str, SurvivalTimes], *, label: str) -> Figure:
+    """One event's curves for one column of a page, with the number at risk per group under the axis."""
+    with figure_style():
+        figure = new_figure(height_cm=6.2 + 0.45 * len(groups))
+        axes, below = figure.subplots(2, height_ratios=(6, len(groups) + 0.6))
+        draw_survival(axes, groups, label=label)
+        below.set(xlim=axes.get_xlim(), ylim=(-0.6, len(groups) + 0.4))
+        below.axis("off")
+        last = max(float(waited.times.max()) for waited in groups.values())
+        at = np.array([tick for tick in axes.get_xticks() if 0 <= tick <= last])
+        for place, (group, waited) in enumerate(groups.items()):
+            line, colour = len(groups) - 1 - place, SERIES[place % len(SERIES)]
+            for time, count in zip(at, waited.waiting(at), strict=True):
+                below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6.5)
+            below.text(0, line + 0.45, f"at risk, {group}:", ha="left", va="center", color=colour, fontsize=6)
+    return figure

@@ -1,0 +1,121 @@
+"""Figures of teaching sessions: who steered when, and how the agent was rated over time."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from minihuman.figures.style import MUTED, SERIES, figure_style, new_figure
+from minihuman.log.model.session_log import EpisodeLog
+
+AGENT, PERSON = SERIES[0], SERIES[1]
+_RATED = {1.0: ("^", SERIES[2], "good"), -1.0: ("v", SERIES[5], "bad")}
+
+
+def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
+    """Draw episodes that an agent had a part in, the first on top; a thin line is drawn where another policy plays.
+
+    Args:
+        ax: where.
+        episodes: each with ``taught``.
+    """
+    rated: set[float] = set()
+    before: str | None = None
+    for row, episode in enumerate(episodes):
+        taught = episode.taught
+        assert taught is not None, f"{episode.name} had no agent"
+        for begin, end, person in _stretches(taught.by_person):
+            ax.barh(row, end - begin, left=begin, height=0.8, color=PERSON if person else AGENT, linewidth=0)
+        if before is not None and taught.policy != before:
+            ax.axhline(row - 0.5, color="black", linewidth=0.6)
+        before = taught.policy
+        for rating in taught.ratings:
+            marker, colour, _ = _RATED[rating.value]
+            ax.plot(rating.step, row, marker, color=colour, ms=4, mec="white", mew=0.4)
+            rated.add(rating.value)
+    handles: list[Artist] = [Patch(color=AGENT, label="agent"), Patch(color=PERSON, label="person")]
+    handles += [ax.plot([], [], _RATED[v][0], color=_RATED[v][1], label=_RATED[v][2])[0] for v in sorted(rated)]
+    ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=len(handles))
+    every = max(1, len(episodes) // 12)
+    ax.set_yticks(range(0, len(episodes), every), [str(each.number) for each in episodes[::every]])
+    ax.set(xlabel="step", ylabel="episode", ylim=(len(episodes) - 0.4, -0.6))
+    return ax
+
+
+def steering_figure(episodes: Sequence[EpisodeLog]) -> Figure:
+    """One session's episodes of one block, for one column of a page."""
+    with figure_style():
+        figure = new_figure(height_cm=2.6 + 0.36 * min(40, len(episodes)))
+        draw_steering(figure.subplots(), episodes)
+    return figure
+
+
+def _stretches(by_person: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
+    """Begin, end and who of each run of steps."""
+    edges = [0, *(np.flatnonzero(np.diff(by_person)) + 1).tolist(), len(by_person)]
+    return [(begin, end, bool(by_person[begin])) for begin, end in pairwise(edges) if end > begin]
+
+
+WINDOW_PRESSES = 10  # presses that a share is of
+NS_PER_MIN = 60e9
+
+
+def compute_shares_of_good(values: NDArray[np.float64], *, latest: int = WINDOW_PRESSES) -> NDArray[np.float64]:
+    """For each press the share of good ones among the latest, itself the last of them: of fewer at the beginning.
+
+    Args:
+        values: (n,) 1 good, -1 bad, in order of time.
+        latest: how many are looked at.
+    """
+    good = np.concatenate(([0], np.cumsum(values > 0)))
+    last = np.arange(1, len(values) + 1)
+    first = np.maximum(0, last - latest)
+    shares: NDArray[np.float64] = (good[last] - good[first]) / (last - first)
+    return shares
+
+
+def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
+    """Draw the presses of a block's episodes over minutes since its first; a dotted line where another policy plays.
+
+    Args:
+        ax: where.
+        episodes: each with ``taught``, in order; some press in one of them.
+    """
+    begins_ns = episodes[0].t_ns[0]
+    presses = sorted(
+        (rating.pressed_ns, rating.value) for each in episodes if each.taught for rating in each.taught.ratings
+    )
+    minutes = (np.array([t_ns for t_ns, _ in presses]) - begins_ns) / NS_PER_MIN
+    values = np.array([value for _, value in presses])
+    before: str | None = None
+    for episode in episodes:
+        policy = episode.taught.policy if episode.taught else before
+        if before is not None and policy != before:
+            ax.axvline((episode.t_ns[0] - begins_ns) / NS_PER_MIN, color=MUTED, linewidth=0.6, linestyle=":")
+        before = policy
+    for good, marker, colour in ((True, "^", SERIES[2]), (False, "v", SERIES[5])):
+        at = minutes[(values > 0) == good]
+        ax.plot(at, np.full(len(at), float(good)), marker, color=colour, ms=3, label="good" if good else "bad")
+    ax.plot(
+        minutes,
+        compute_shares_of_good(values),
+        color=SERIES[0],
+        drawstyle="steps-post",
+        label=f"good, of the last {WINDOW_PRESSES}",
+    )
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
+    ax.set(xlabel="minutes", ylabel="share of good presses", ylim=(-0.06, 1.06), xlim=(0, None))
+    return ax
+
+
+def ratings_figure(episodes: Sequence[EpisodeLog]) -> Figure:
+    """One session's presses in one block, for one column of a page."""
+    with figure_style():
+        figure = new_figure(height_cm=5.0)
+        draw_ratings(figure.subplots(), episodes)
+    return figure

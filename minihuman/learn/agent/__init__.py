@@ -1,1 +1,0 @@
-"""One agent: what it observes, its network, how it is trained and kept."""

@@ -1,0 +1,388 @@
+"""Behaviour cloning: train a policy to do what people did, stop when it no longer improves on other people, and write
+it with its card.
+
+Optionally compares PPO from the clone's weights with PPO from fresh weights, by steps to a success rate.
+"""
+
+import copy
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from minihuman.dataset.selection import Selection
+from minihuman.errors import LearnError
+from minihuman.learn.demonstrations import Demonstrations, read_demonstrations
+from minihuman.learn.policy.evaluation import (
+    ChooseAction,
+    Evaluation,
+    evaluate_policy,
+    make_random_policy,
+    make_sampling_policy,
+)
+from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy, write_atomically
+from minihuman.learn.policy.network import EncoderName, Policy, build_policy
+from minihuman.learn.policy.observation import ObservationEncoder, ViewMode, get_image_shape
+from minihuman.learn.ppo import PpoSettings, TrainingEnv, TrainingHistory, make_ppo, train_ppo
+from minihuman.worlds.hashing import hash64
+
+
+@dataclass(frozen=True, slots=True)
+class CloningSettings:
+    """How a clone is trained."""
+
+    validation_share: float = 0.2  # of the participants, at least one
+    batch_size: int = 64
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-4
+    most_epochs: int = 60
+    patience: int = 8  # epochs without a better validation loss before it stops
+    mirrored: bool = False  # add each step left for right; for worlds that look the same in a mirror
+    seed: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class CloningResult:
+    """The result of cloning. Losses are mean cross-entropies per step, in nats."""
+
+    epochs: int  # until the best validation loss
+    training_loss: float
+    validation_loss: float
+    agreement: float  # share of the validation steps in which the likeliest action is the one taken
+    training_episodes: int
+    validation_episodes: int
+    training_participants: tuple[str, ...]
+    validation_participants: tuple[str, ...]
+
+
+def split_by_participant(
+    demonstrations: Demonstrations, *, share: float, seed: int
+) -> tuple[Demonstrations, Demonstrations]:
+    """Split demonstrations into training and validation; no participant is in both.
+
+    Raises:
+        LearnError: if only one participant took part.
+    """
+    people = list(demonstrations.participants)
+    if len(people) < 2:
+        raise LearnError(
+            f"{demonstrations.world} was played by {', '.join(people)} alone; a split needs two or more participants"
+        )
+    order = [people[index] for index in np.random.default_rng(seed).permutation(len(people))]
+    held = max(1, round(share * len(people)))
+    return demonstrations.by(order[held:]), demonstrations.by(order[:held])
+
+
+def clone_policy(
+    training: Demonstrations, validation: Demonstrations, *, eyes: EncoderName, settings: CloningSettings
+) -> tuple[Policy, CloningResult]:
+    """Train Stable-Baselines3's own policy class on what people did, and keep its best epoch."""
+    torch.manual_seed(settings.seed)
+    steps = _stack(training)
+    if settings.mirrored:
+        steps = _with_mirror_images(steps, training.action_names, eyes)
+    images, missions, actions = steps
+    held_out = _stack(validation)
+    policy = build_policy(training.space, len(training.action_names), eyes)
+    policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    optimiser = torch.optim.Adam(
+        policy.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
+    )
+    best, best_epoch, best_training, agreement = float("inf"), 0, float("nan"), 0.0
+    kept = policy.state_dict()
+    for epoch in range(1, settings.most_epochs + 1):
+        losses = []
+        for rows in torch.split(torch.randperm(len(actions)), settings.batch_size):
+            loss = functional.nll_loss(policy.log_probabilities(_pick(images, missions, rows)), actions[rows])
+            optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+            losses.append(loss.item())
+        with torch.no_grad():
+            judged = policy.log_probabilities(_pick(*held_out[:2], slice(None)))
+        validation_loss = float(functional.nll_loss(judged, held_out[2]))
+        if validation_loss < best:
+            best, best_epoch, best_training = validation_loss, epoch, float(np.mean(losses))
+            agreement = float((judged.argmax(dim=1) == held_out[2]).float().mean())
+            kept = {name: value.clone() for name, value in policy.state_dict().items()}
+        elif epoch - best_epoch >= settings.patience:
+            break
+    policy.load_state_dict(kept)
+    policy.set_training_mode(False)
+    return policy, CloningResult(
+        epochs=best_epoch,
+        training_loss=best_training,
+        validation_loss=best,
+        agreement=agreement,
+        training_episodes=len(training.episodes),
+        validation_episodes=len(validation.episodes),
+        training_participants=training.participants,
+        validation_participants=validation.participants,
+    )
+
+
+Steps = tuple[torch.Tensor, torch.Tensor | None, torch.Tensor]  # images, missions, actions; one row a step
+
+
+def _stack(demonstrations: Demonstrations) -> Steps:
+    seen = [observation for episode in demonstrations.episodes for observation in episode.observations]
+    images = torch.as_tensor(np.stack([observation["image"] for observation in seen]))
+    missions = None
+    if "mission" in seen[0]:
+        missions = torch.as_tensor(np.stack([observation["mission"] for observation in seen]))
+    return images, missions, torch.as_tensor(np.concatenate([episode.actions for episode in demonstrations.episodes]))
+
+
+def _pick(images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice) -> dict[str, torch.Tensor]:
+    return {"image": images[rows]} | ({} if missions is None else {"mission": missions[rows]})
+
+
+def _with_mirror_images(steps: Steps, action_names: tuple[str, ...], eyes: EncoderName) -> Steps:
+    images, missions, actions = steps
+    sideways = 3 if eyes == "atari" else 2  # pictures are [row, column], grid codes [column, row]
+    swapped = torch.tensor([action_names.index(_OTHER_SIDE.get(name, name)) for name in action_names])
+    return (
+        torch.cat((images, images.flip(sideways))),
+        None if missions is None else torch.cat((missions, missions)),
+        torch.cat((actions, swapped[actions])),
+    )
+
+
+_OTHER_SIDE = {"left": "right", "right": "left", "turn_left": "turn_right", "turn_right": "turn_left"}
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingStart:
+    """One run of PPO from one start."""
+
+    start: str  # "clone" or "nothing"
+    seed: int
+    history: TrainingHistory
+
+    def steps_to(self, success: float) -> int | None:
+        """Steps until the success rate of the last 100 episodes reached ``success``; None if it never did."""
+        return next((point.steps for point in self.history.points if point.success >= success), None)
+
+
+def compare_starts(
+    policy: Policy,
+    card: PolicyCard,
+    *,
+    steps: int,
+    runs: int,
+    seed: int,
+    device: str = "auto",
+    ppo: PpoSettings | None = None,
+) -> tuple[list[TrainingStart], Policy, PolicyCard]:
+    """Train from the clone and from nothing, ``runs`` times each, with the same seeds; and the last fine-tuned policy.
+
+    Only the actor and what it sees come from the clone: a clone's critic has learnt nothing.
+    """
+    starts = []
+    tuned = policy
+    for run in range(runs):
+        for start in ("nothing", "clone"):
+            run_seed = hash64((seed, "finetune", run)) % 2**31
+            world = TrainingEnv(
+                card.world, card.world_options, seed=run_seed, eyesight=card.eyesight, actions=len(card.action_names)
+            )
+            agent = make_ppo(world, settings=ppo or PpoSettings(), eyes=card.eyes, seed=run_seed, device=device)
+            if start == "clone":
+                fresh = copy.deepcopy(agent.policy.state_dict())
+                critic = {name: value for name, value in fresh.items() if "value_net" in name}
+                agent.policy.load_state_dict(policy.state_dict() | critic)
+            starts.append(TrainingStart(start, run_seed, train_ppo(agent, world, steps=steps)))
+            if start == "clone":
+                assert isinstance(agent.policy, Policy)
+                tuned = agent.policy
+    return starts, tuned, replace(card, trained_by="cloning, then ppo", steps=steps, seed=seed)
+
+
+_EYES: dict[ViewMode, EncoderName] = {"whole": "map", "remembered": "near"}
+
+
+@dataclass(frozen=True, slots=True)
+class CloneStudy:
+    """What to clone, and how to judge it."""
+
+    world: str
+    sight: ViewMode = "view"
+    missions: bool = False
+    sizes: tuple[int, ...] = ()  # numbers of demonstrations to clone from, beside all of them
+    evaluation_episodes: int = 200
+    finetune_steps: int = 0  # of PPO from the clone and from nothing; 0 for none
+    finetune_runs: int = 1
+    success: float = 0.9  # the rate that fine-tuning is timed to
+    selection: Selection = field(default_factory=lambda: Selection(outcome=("goal",)))
+    cloning: CloningSettings = field(default_factory=CloningSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class CloneEvaluation:
+    """A clone from a number of demonstrations, and its evaluation."""
+
+    demonstrations: int
+    cloned: CloningResult
+    played: Evaluation
+
+
+def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, device: str = "auto") -> str:
+    """Clone, judge, and write the policy (``out``), its card (``out`` + .md) and numbers (.json); returns the card.
+
+    The policy is the clone from all demonstrations, fine-tuned where that is asked for.
+
+    Raises:
+        LearnError: if a file is there already, a number of demonstrations is below 1, or nothing can be cloned; nothing
+            is written then.
+    """
+    torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
+    files = {kind: out.with_name(out.name + kind) for kind in ("", ".md", ".json")}
+    if there := [path for path in files.values() if path.exists()]:
+        raise LearnError(f"{there[0]} already exists; choose another folder with --out")
+    if odd := [size for size in study.sizes if size < 1]:
+        raise LearnError(f"a number of demonstrations is {odd[0]}; use 1 or more")
+    demonstrations = read_demonstrations(
+        source, study.world, ObservationEncoder(study.missions, sight=study.sight), study.selection
+    )
+    eyes: EncoderName = _EYES.get(study.sight, "grid" if _is_small(demonstrations) else "atari")
+    training, validation = split_by_participant(
+        demonstrations, share=study.cloning.validation_share, seed=study.cloning.seed
+    )
+    rows, policy = [], None
+    sizes = sorted({*(size for size in study.sizes if size < len(training.episodes)), len(training.episodes)})
+    for size in sizes:
+        policy, cloned = clone_policy(training.first(size), validation, eyes=eyes, settings=study.cloning)
+        played = _play(make_sampling_policy(policy, study.cloning.seed), demonstrations, study)
+        rows.append(CloneEvaluation(size, cloned, played))
+    assert policy is not None
+    random = make_random_policy(len(demonstrations.action_names), study.cloning.seed)
+    chance = _play(random, demonstrations, study)
+    card = _card(demonstrations, eyes, study)
+    starts: list[TrainingStart] = []
+    if study.finetune_steps:
+        starts, policy, card = compare_starts(
+            policy, card, steps=study.finetune_steps, runs=study.finetune_runs, seed=study.cloning.seed, device=device
+        )
+    text = build_card_text(study, demonstrations, rows, chance, starts, command)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save_policy(policy, card, out)
+    write_atomically(json.dumps(_numbers(study, rows, chance, starts, command), indent=1), files[".json"])
+    write_atomically(text, files[".md"])
+    return text
+
+
+def build_card_text(
+    study: CloneStudy,
+    demonstrations: Demonstrations,
+    rows: list[CloneEvaluation],
+    chance: Evaluation,
+    starts: list[TrainingStart],
+    command: str,
+) -> str:
+    """The card in Markdown: what it learnt from, how well it plays, and how that was found."""
+    players = sorted({episode.player for episode in demonstrations.episodes})
+    last = rows[-1].cloned
+    lines = [
+        f"# A policy cloned from {', '.join(players)} demonstrations of {study.world}",
+        "",
+        f"Options: {demonstrations.options or 'none'}. It sees {_sight(study)}.",
+        f"Actions: {', '.join(demonstrations.action_names)}.",
+        *(f"- {line}" for line in demonstrations.account.lines()),
+        "",
+        f"Training participants: {', '.join(last.training_participants)}.",
+        f"Validation participants: {', '.join(last.validation_participants)}.",
+        "",
+        f"Success over {study.evaluation_episodes} held-out episodes, each action drawn from the policy, with its 95 %",
+        "Wilson interval:",
+        "",
+        "| demonstrations | success | mean return | epochs | validation loss | agreement |",
+        "| --- | --- | --- | --- | --- | --- |",
+        *[
+            f"| {row.demonstrations} | {row.played} | {row.played.mean_return:.3f} | {row.cloned.epochs} "
+            f"| {row.cloned.validation_loss:.3f} | {row.cloned.agreement:.2f} |"
+            for row in rows
+        ],
+        f"| chance | {chance} | {chance.mean_return:.3f} | - | - | - |",
+        "",
+    ]
+    if starts:
+        lines += describe_fine_tuning(study, starts)
+    lines += [f"Command: `{command}`", "", "Versions: " + ", ".join(f"{k} {v}" for k, v in get_versions().items())]
+    return "\n".join(lines) + "\n"
+
+
+def describe_fine_tuning(study: CloneStudy, starts: list[TrainingStart]) -> list[str]:
+    """The card's section on PPO from the clone and from scratch."""
+    lines = [
+        f"PPO for {study.finetune_steps:,} steps; steps until {study.success:g} of the last 100 episodes succeeded:",
+        "",
+        "| start | seed | steps | success at the end |",
+        "| --- | --- | --- | --- |",
+    ]
+    for run in starts:
+        reached = run.steps_to(study.success)
+        steps = "not reached" if reached is None else f"{reached:,}"
+        at_end = f"{run.history.points[-1].success:.2f}" if run.history.points else "-"  # where no episode ended
+        lines.append(f"| {run.start} | {run.seed} | {steps} | {at_end} |")
+    return [*lines, ""]
+
+
+def _numbers(
+    study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, starts: list[TrainingStart], command: str
+) -> dict[str, Any]:
+    return {
+        "study": asdict(study),
+        "rows": [asdict(row) | {"success": row.played.rate, "interval": row.played.interval} for row in rows],
+        "chance": asdict(chance) | {"success": chance.rate, "interval": chance.interval},
+        "fine_tuning": [
+            {"start": run.start, "seed": run.seed, "steps_to_success": run.steps_to(study.success)}
+            | {"points": [asdict(point) for point in run.history.points]}
+            for run in starts
+        ],
+        "command": command,
+        "versions": get_versions(),
+    }
+
+
+def _play(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStudy) -> Evaluation:
+    return evaluate_policy(
+        choose,
+        study.world,
+        demonstrations.options,
+        demonstrations.eyesight,
+        episodes=study.evaluation_episodes,
+        seed=study.cloning.seed,
+        most_steps=demonstrations.most_steps,
+    )
+
+
+def _card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneStudy) -> PolicyCard:
+    return PolicyCard(
+        world=study.world,
+        world_options=demonstrations.options,
+        action_names=demonstrations.action_names,
+        image_shape=get_image_shape(demonstrations.space),
+        eyesight=demonstrations.eyesight,
+        eyes=eyes,
+        trained_by="cloning",
+        steps=0,
+        seed=study.cloning.seed,
+        notes={"demonstrations": len(demonstrations.episodes)},
+    )
+
+
+def _is_small(demonstrations: Demonstrations) -> bool:
+    return get_image_shape(demonstrations.space)[1] < 36  # what the Atari network needs
+
+
+def _sight(study: CloneStudy) -> str:
+    seen = {
+        "view": "the world's own observation",
+        "whole": "the whole grid, turned its way up",
+        "remembered": "the cells near it that were in view so far, turned its way up",
+    }
+    return seen[study.sight] + (" and the mission" if study.missions else "")

@@ -1,1 +1,0 @@
-"""Cloning: policies learned from demonstrations."""

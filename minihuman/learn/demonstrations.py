@@ -1,0 +1,151 @@
+"""Demonstrations: what people saw and did, replayed from their logs and checked against them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.dataset.episode_stream import IncludedEpisodes
+from minihuman.dataset.selection import Selection, SelectionSummary
+from minihuman.dataset.sessions import StudySessions
+from minihuman.errors import LearnError
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.learn.policy.observation import EpisodeEncoder, Observation, ObservationEncoder
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.worlds.adapters.world import World
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Demonstration:
+    """One episode of a participant: ``n`` observations and the ``n`` actions taken on them."""
+
+    participant: str
+    player: str
+    actions: NDArray[np.int64]  # (n,)
+    observations: tuple[Observation, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Demonstrations:
+    """All demonstrations of one world, made under one set of options."""
+
+    world: str
+    options: dict[str, Any]
+    action_names: tuple[str, ...]  # the world's, up to the last that had a key or was a tick's no-op
+    most_steps: int  # the largest step limit of an episode
+    eyesight: ObservationEncoder
+    space: spaces.Dict  # of the observations
+    episodes: tuple[Demonstration, ...]
+    account: SelectionSummary  # of the study's included and excluded episodes
+
+    @property
+    def participants(self) -> tuple[str, ...]:
+        """The participants, in the order of the logs."""
+        return tuple(dict.fromkeys(episode.participant for episode in self.episodes))
+
+    def by(self, participants: Sequence[str]) -> "Demonstrations":
+        """The demonstrations of some participants."""
+        return replace(self, episodes=tuple(e for e in self.episodes if e.participant in participants))
+
+    def first(self, count: int) -> "Demonstrations":
+        """The first ``count``, taking turns between participants."""
+        queues = [[e for e in self.episodes if e.participant == who] for who in self.participants]
+        turns = [queue[turn] for turn in range(max(map(len, queues))) for queue in queues if turn < len(queue)]
+        return replace(self, episodes=tuple(turns[:count]))
+
+
+LoggedEpisode = tuple[SessionLog, EpisodeLog]
+
+
+def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, selection: Selection) -> Demonstrations:
+    """Replay every episode of a world in a study's logs, checking each observation against the log.
+
+    Raises:
+        LearnError: if there is none, they were made under different options, or one does not replay.
+    """
+    found, account = select_episodes(source, world, selection)
+    plan = check_equal_options(found)
+    player = World(plan.world, plan.options)
+    player.reset(plan.seed)
+    encoder = eyesight.episode_encoder()
+    return Demonstrations(
+        world=world,
+        options=plan.options,
+        action_names=list_used_actions(found),
+        most_steps=max(episode.plan.max_steps for _, episode in found),
+        eyesight=eyesight,
+        space=eyesight.space(player.unwrapped),
+        episodes=tuple(
+            Demonstration(
+                log.plan.participant.id,
+                log.player,
+                episode.actions,
+                tuple(replay_observations(log, episode, player, encoder)),
+            )
+            for log, episode in found
+        ),
+        account=account,
+    )
+
+
+def select_episodes(source: Path, world: str, selection: Selection) -> tuple[list[LoggedEpisode], SelectionSummary]:
+    """The included episodes of a world that have a step.
+
+    Raises:
+        LearnError: if there is none.
+    """
+    sessions = StudySessions(source, selection)
+    found = [
+        (item.log, item.episode)
+        for item in IncludedEpisodes(sessions)
+        if item.episode.plan.world == world and len(item.episode.actions)
+    ]
+    if not found:
+        summary = "; ".join(sessions.account.lines())
+        raise LearnError(
+            f"{source} has no included episode of {world} ({summary}); `minihuman info` lists the episodes"
+        )
+    return found, sessions.account
+
+
+def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
+    """The first episode's plan.
+
+    Raises:
+        LearnError: if another episode's world has other options.
+    """
+    log, first = episodes[0]
+    if odd := next((one for _, one in episodes if one.plan.options != first.plan.options), None):
+        raise LearnError(
+            f"{log.path}: {first.plan.world} has options {first.plan.options} in some episodes and "
+            f"{odd.plan.options} in others; select one kind with --block"
+        )
+    return first.plan
+
+
+def list_used_actions(episodes: Sequence[LoggedEpisode], least: int = 0) -> tuple[str, ...]:
+    """The world's actions up to the last that had a key or was a tick's no-op, and up to number ``least``."""
+    names = episodes[0][1].start.action_names
+    plans = [episode.plan for _, episode in episodes]
+    used = {name for plan in plans for name in (*plan.key_map.keys.values(), *([plan.noop] if plan.noop else []))}
+    return names[: 1 + max(least, *map(names.index, used))]
+
+
+def replay_observations(
+    log: SessionLog, episode: EpisodeLog, world: World, encoder: EpisodeEncoder
+) -> Iterator[Observation]:
+    """Yield the observation before each step.
+
+    Raises:
+        LearnError: if the world's observations are not those of the log.
+    """
+    hashes = [world.reset(episode.plan.seed).observation_hash]
+    for action in episode.actions:
+        yield encoder.encode(world.unwrapped, world.observation)
+        hashes.append(world.step(int(action)).observation_hash)
+    if not np.array_equal(np.array(hashes, dtype=np.uint64), episode.observation_hashes):
+        raise LearnError(f"{log.path}: {episode.name} does not replay; `minihuman verify` shows the first difference")

@@ -1,0 +1,173 @@
+"""What a policy observes: a picture or the grid's codes, channels first, and the mission one-hot. No torch."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.errors import LearnError
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.go_to_obj import KINDS
+from minihuman.worlds.grid.core.cells import colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.state import CARRYING, STEP
+from minihuman.worlds.grid.engine import GridEngine
+
+Observation = dict[str, NDArray[Any]]
+Scaling = Literal["spread", "raw"]
+ViewMode = Literal["view", "whole", "remembered"]
+REACH = 6  # cells that are remembered on each side of the agent
+
+# The largest object, colour and state codes of a grid cell are 10, 5 and 2: spread over 0 to 255 they are as far apart
+# as a picture's colours. "raw" leaves them in the darkest 4 %, where the published agent saw them.
+SPREAD = (25, 51, 127)
+_QUARTER_TURNS = (3, 2, 1, 0)  # that bring what is ahead to the top, by direction
+
+
+def encode_mission(mission: str) -> NDArray[np.float32]:
+    """One-hot float32[9] of a mission such as "go to the red ball": six colours, then three kinds of object.
+
+    Raises:
+        LearnError: if the words name no colour or no object of the pair of worlds.
+    """
+    words = mission.lower().split()
+    numbers = np.zeros(len(COLOURS) + len(KINDS), dtype=np.float32)
+    for offset, known in ((0, COLOURS), (len(COLOURS), KINDS)):
+        named = [known.index(word) for word in words if word in known]
+        if len(named) != 1:
+            raise LearnError(f"mission {mission!r} names {len(named)} of {', '.join(known)}; it must name exactly one")
+        numbers[offset + named[0]] = 1
+    return numbers
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationEncoder:
+    """Turns a world's observations into a policy's."""
+
+    missions: bool  # whether the mission differs between episodes and is observed
+    scaling: Scaling = "spread"  # what becomes of grid codes; pictures are left as they are
+    # The world's own observation; or the whole grid from above, turned the agent's way up; or, of that, what was in
+    # view at any step of the episode so far and is near
+    sight: ViewMode = "view"
+
+    def space(self, world: Any) -> spaces.Dict:
+        """The agent's observation space in a world.
+
+        Raises:
+            LearnError: if the world shows no image, or is not a grid where the whole is asked for.
+        """
+        image = spaces.Box(0, 255, self._image_shape(world), np.uint8)
+        if not self.missions:
+            return spaces.Dict({"image": image})
+        return spaces.Dict({"image": image, "mission": spaces.Box(0, 1, (len(COLOURS) + len(KINDS),), np.float32)})
+
+    def episode_encoder(self) -> "EpisodeEncoder":
+        """Make an encoder for an agent's episodes, which may remember."""
+        return EpisodeEncoder(self)
+
+    def encode(self, world: Any, raw: Any, remembered: NDArray[np.bool_] | None = None) -> Observation:
+        """One observation, ready for the network; use an `episode_encoder` where cells are remembered.
+
+        Args:
+            world: The world.
+            raw: Its own observation.
+            remembered: Cells that were in view before, by x * height + y; where the sight is "remembered" alone.
+        """
+        codes = isinstance(raw, dict)  # a grid's cells, not a picture
+        if self.sight == "remembered":
+            assert remembered is not None, "an EpisodeEncoder passes the remembered cells"
+            image = encode_remembered_grid(world, remembered)
+        else:
+            image = encode_whole_grid(world) if self.sight == "whole" else raw["image"] if codes else raw
+        if codes and self.scaling == "spread":
+            image = image * np.array(SPREAD, np.uint8)
+        seen: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
+        if self.missions:
+            seen["mission"] = encode_mission(world.mission)
+        return seen
+
+    def _image_shape(self, world: Any) -> tuple[int, int, int]:
+        if self.sight != "view":
+            if not isinstance(world, GridEngine):
+                raise LearnError(f"{world} is not a minihuman grid; sight {self.sight!r} needs one, so use 'view'")
+            whole = 2 * max(world.state.width, world.state.height) - 1
+            side = whole if self.sight == "whole" else min(whole, 2 * REACH + 1)
+            return 3, side, side
+        inner = world.observation_space
+        picture = inner["image"] if isinstance(inner, spaces.Dict) and "image" in inner.spaces else inner
+        if not isinstance(picture, spaces.Box) or len(picture.shape) != 3 or picture.shape[-1] != 3:
+            raise LearnError(f"the observations of {world} are {inner}; a policy needs an image with three channels")
+        return 3, picture.shape[0], picture.shape[1]
+
+
+def get_image_shape(space: spaces.Dict) -> tuple[int, int, int]:
+    """Channels, height and width of an observation space's image."""
+    shape = space["image"].shape
+    assert shape is not None
+    return shape[0], shape[1], shape[2]
+
+
+class EpisodeEncoder:
+    """Encodes the observations of one agent, episode by episode, and remembers cells where the encoder asks for it.
+
+    To be asked once at each step. An episode has begun where its world has made no step yet.
+    """
+
+    def __init__(self, eyesight: ObservationEncoder) -> None:
+        self._eyesight = eyesight
+        self._memory: Any = None
+
+    def encode(self, world: Any, raw: Any) -> Observation:
+        """Encode the present observation; ``raw`` is the world's own.
+
+        Raises:
+            LearnError: if the mission is observed and names no known colour or object.
+        """
+        if self._eyesight.sight != "remembered":
+            return self._eyesight.encode(world, raw)
+        row = world.state.row
+        if self._memory is None or row[STEP] == 0:
+            from minihuman.worlds.grid.belief_state import ExploredGrid  # compiled: only where it is used
+
+            self._memory = ExploredGrid(row, world.image_shape[0])
+        self._memory.look(row)
+        return self._eyesight.encode(world, raw, self._memory.seen)
+
+    def save(self) -> NDArray[np.bool_] | None:
+        """The remembered cells; None if nothing is remembered."""
+        return None if self._memory is None else self._memory.seen.copy()
+
+    def restore(self, saved: NDArray[np.bool_] | None) -> None:
+        """Restore the memory saved in the same episode."""
+        if saved is not None:
+            self._memory.seen[:] = saved
+
+
+def encode_whole_grid(world: GridEngine) -> NDArray[np.uint8]:
+    """Codes of the whole grid, uint8[2 n - 1, 2 n - 1, 3], the agent in the middle, what is ahead of it upwards.
+
+    n is the longer side of the grid; outside it everything is 0 (unseen). Indexed [x, y] like Minigrid's views.
+    """
+    return _around(world, max(world.state.width, world.state.height) - 1, _codes(world.state.cells))
+
+
+def encode_remembered_grid(world: GridEngine, seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The same of the cells that were seen, at most ``REACH`` to each side; the agent's cell shows what it carries."""
+    state = world.state
+    codes = _codes(state.cells) * seen.reshape(state.width, state.height, 1)
+    codes[state.position] = _codes(state.row[CARRYING])
+    return _around(world, min(REACH, max(state.width, state.height) - 1), codes)
+
+
+def _codes(cells: Any) -> NDArray[np.uint8]:
+    """Kind, colour and state of cells, uint8[..., 3]: the packed numbers' readers take arrays too."""
+    return np.stack((kind_of(cells), colour_of(cells), state_of(cells)), axis=-1).astype(np.uint8)
+
+
+def _around(world: GridEngine, reach: int, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    state = world.state
+    canvas = np.zeros((state.width + 2 * reach, state.height + 2 * reach, 3), np.uint8)
+    canvas[reach : reach + state.width, reach : reach + state.height] = codes
+    x, y = state.position
+    return np.rot90(canvas[x : x + 2 * reach + 1, y : y + 2 * reach + 1], _QUARTER_TURNS[state.direction])

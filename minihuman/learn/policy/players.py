@@ -1,0 +1,107 @@
+"""A policy file as a player: the simulated participant `policy:FILE`, and the agent that advises or plays beside a
+person.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from minihuman.agents.agent import BaseAgent
+from minihuman.errors import LearnError
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.learn.policy.file import PolicyCard, load_policy
+from minihuman.simulation.participant import KeyPress, SimulatedParticipant
+from minihuman.worlds.adapters.world import World
+
+DELAY_MS = 250.0
+
+
+class PolicyPlayer(SimulatedParticipant):
+    """Draws each action from the policy's probabilities, among the actions that have a key."""
+
+    def __init__(self, argument: str, rng: np.random.Generator) -> None:
+        """Load the policy file that the argument names.
+
+        Raises:
+            LearnError: if there is none.
+        """
+        if not argument:
+            raise LearnError("player 'policy' has no file; name one after a colon, as in policy:clone.pt")
+        self._path = Path(argument)
+        torch.set_num_threads(1)  # one observation at a time: more threads only wait for each other
+        self._policy, self._card = load_policy(self._path)
+        self._rng = rng
+        self._encoder = self._card.eyesight.episode_encoder()
+        self._keys: list[tuple[int, str]] = []  # action of the policy, key
+
+    def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
+        """Find the keys of the policy's actions.
+
+        Raises:
+            LearnError: if the policy was trained for another world, or none of its actions has a key.
+        """
+        _require_world(self._path, self._card, plan, world)
+        key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
+        self._keys = [(n, key_of[name]) for n, name in enumerate(self._card.action_names) if name in key_of]
+        if not self._keys:
+            raise LearnError(
+                f"{self._path}: none of its actions has a key; give one to {', '.join(self._card.action_names)}"
+            )
+
+    def press(self, world: World) -> KeyPress:
+        """The key of an action, drawn from the policy."""
+        seen = self._encoder.encode(world.unwrapped, world.observation)
+        wanted = self._policy.probabilities(seen).double().numpy()[[action for action, _ in self._keys]]
+        _, key = self._keys[self._rng.choice(len(self._keys), p=wanted / wanted.sum())]
+        return KeyPress(key, DELAY_MS)
+
+
+class PolicyAgent(BaseAgent):
+    """The agent of a policy file.
+
+    Raises:
+        LearnError: if the file is none.
+    """
+
+    def __init__(self, argument: str) -> None:
+        super().__init__(argument)
+        self._path = Path(argument)
+        torch.set_num_threads(1)  # one observation at a time: more threads only wait for each other
+        self._policy, self._card = load_policy(self._path)
+        self._places: list[int] = []  # the world's action for each of the policy's
+        self._encoder = self._card.eyesight.episode_encoder()
+
+    def begin(self, plan: EpisodePlan, world: World) -> None:
+        """Find the policy's actions in the world.
+
+        Raises:
+            LearnError: if it was trained in another world, or with other eyes or actions.
+        """
+        card = self._card
+        _require_world(self._path, card, plan, world)
+        missing = [name for name in card.action_names if name not in world.action_names]
+        if missing:
+            raise LearnError(f"{self._path} takes action {missing[0]!r}, which {plan.world} lacks; use another policy")
+        self._encoder = card.eyesight.episode_encoder()
+        self._places = [world.action_names.index(name) for name in card.action_names]
+
+    def action_probabilities(self, world: World) -> NDArray[np.float32]:
+        """The policy's probabilities; 0 for actions that it does not have."""
+        chances = np.zeros(len(world.action_names), np.float32)
+        seen = self._encoder.encode(world.unwrapped, world.observation)
+        chances[self._places] = self._policy.probabilities(seen).numpy()[: len(self._places)]
+        return chances
+
+
+def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
+    if plan.world != card.world:
+        raise LearnError(
+            f"{path} was trained in {card.world}, and block {plan.block_name!r} plays {plan.world}; use another policy"
+        )
+    if card.eyesight.space(world.unwrapped) != card.observation_space:
+        raise LearnError(
+            f"{path} was trained with {card.world_options or 'default options'}, and the observations of block "
+            f"{plan.block_name!r} differ with {plan.options or 'default options'}; use the same options"
+        )

@@ -1,0 +1,455 @@
+"""PPO with Stable-Baselines3's settings, losses and draws: its environment, its two loops, and resumable training.
+
+One world, no wrappers, no logging: a rollout acts through the network's fast forward pass, an update runs over
+tensors that were made once. The sums are Stable-Baselines3's (a test compares a rollout and an update); a step
+costs a third less. Training can stop at any moment: at most the update in progress is lost, never the result.
+"""
+
+import random
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from torch.nn import functional
+
+from minihuman.errors import LearnError
+from minihuman.learn.policy.file import save_atomically
+from minihuman.learn.policy.network import EncoderName, Policy, get_policy_settings, make_forward
+from minihuman.learn.policy.observation import Observation, ObservationEncoder, get_image_shape
+from minihuman.worlds.contract import NativeWorld
+from minihuman.worlds.hashing import hash64
+
+
+@dataclass(frozen=True, slots=True)
+class PpoSettings:
+    """Settings of proximal policy optimisation; the defaults are those of Stable-Baselines3."""
+
+    n_steps: int = 2048  # steps between updates
+    batch_size: int = 64
+    n_epochs: int = 10
+    learning_rate: float = 3e-4
+    clip_range: float = 0.2
+
+
+class TrainingEnv(gymnasium.Env[Any, Any]):
+    """A world under training. Every episode resets with its own seed, counted from the job's.
+
+    Episodes' returns and lengths are in ``info["episode"]`` as Stable-Baselines3 expects them, without wall times.
+    """
+
+    def __init__(
+        self,
+        world_id: str,
+        options: dict[str, Any],
+        *,
+        seed: int,
+        eyesight: ObservationEncoder,
+        actions: int | None = None,
+    ) -> None:
+        """Make the world.
+
+        Args:
+            world_id: A Gymnasium id; only our own worlds can be saved.
+            options: Keyword arguments of ``gymnasium.make``.
+            seed: From which every episode's seed is drawn.
+            eyesight: What the agent sees of it.
+            actions: How many actions the agent is told of; None for all.
+        """
+        self.world = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
+        self.eyesight = eyesight
+        self._encoder = eyesight.episode_encoder()
+        self.observation_space = eyesight.space(self.world)
+        self.image_shape = get_image_shape(self.observation_space)
+        assert isinstance(self.world.action_space, spaces.Discrete)
+        self.action_space = spaces.Discrete(actions or int(self.world.action_space.n))
+        self.step_s = 0.0  # wall time spent inside the world
+        self._seed = seed
+        self._episode = -1
+        self._return = 0.0
+        self._actions: list[int] = []  # of the episode so far
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """The world's action names; the agent may use only the first few."""
+        assert isinstance(self.world, NativeWorld)
+        return self.world.action_names
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin the next episode. A seed given here is ignored: the job's own decides."""
+        started = time.perf_counter()
+        self._episode += 1
+        self._return, self._actions = 0.0, []
+        raw, info = self.world.reset(seed=episode_seed(self._seed, self._episode))
+        seen = self._encoder.encode(self.world, raw)
+        self.step_s += time.perf_counter() - started
+        return seen, info
+
+    def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """One step of the world."""
+        started = time.perf_counter()
+        raw, reward, terminated, truncated, info = self.world.step(int(action))
+        self._return += float(reward)
+        self._actions.append(int(action))
+        if terminated or truncated:
+            info["episode"] = {"r": self._return, "l": len(self._actions)}
+            info["is_success"] = terminated and float(reward) > 0
+        seen = self._encoder.encode(self.world, raw)
+        self.step_s += time.perf_counter() - started
+        return seen, float(reward), terminated, truncated, info
+
+    def save(self) -> dict[str, Any]:
+        """The state to resume from, in plain values: the episode's number and its actions."""
+        return {"episode": self._episode, "actions": list(self._actions)}
+
+    def restore(self, saved: dict[str, Any]) -> Observation:
+        """Replay the episode up to a saved point; return the observation there."""
+        self._episode = saved["episode"] - 1
+        seen, _ = self.reset()
+        for action in saved["actions"]:
+            seen, *_ = self.step(action)
+        return seen
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """The reset seed of an episode, counted from 0."""
+    return hash64((seed, "episode", episode)) % 2**31
+
+
+EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Baselines3
+
+
+class Rollout:
+    """What happened since the last update: ``n`` steps, as arrays that are written over by the next."""
+
+    def __init__(self, n: int, like: Observation) -> None:
+        channels, height, width = like["image"].shape
+        # channels last: what convolutions on a CPU want, and what the world gave
+        self.images = np.empty((n, height, width, channels), np.uint8)
+        self.missions = np.empty((n, *like["mission"].shape), np.float32) if "mission" in like else None
+        self.actions = np.empty(n, np.int64)
+        self.rewards = np.empty(n, np.float32)
+        self.values = np.empty(n, np.float32)
+        self.log_probs = np.empty(n, np.float32)
+        self.starts = np.empty(n, np.float32)  # 1 where an episode began with this step
+        self.advantages = np.empty(n, np.float32)
+
+    def keep(self, step: int, seen: Observation) -> None:
+        """Store the observation before a step."""
+        self.images[step] = seen["image"].transpose(1, 2, 0)
+        if self.missions is not None:
+            self.missions[step] = seen["mission"]
+
+    def judge(self, last_value: float, ended: bool, *, gamma: float, gae_lambda: float) -> None:
+        """Compute generalised advantage estimates (Schulman et al., 2016)."""
+        following, goes_on, running = np.float32(last_value), np.float32(not ended), np.float32(0)
+        for step in reversed(range(len(self.actions))):
+            delta = self.rewards[step] + gamma * following * goes_on - self.values[step]
+            running = np.float32(delta + gamma * gae_lambda * goes_on * running)
+            self.advantages[step] = running
+            following, goes_on = self.values[step], 1 - self.starts[step]
+
+
+class LeanPpo(PPO):
+    """Stable-Baselines3's PPO on one ``TrainingEnv``."""
+
+    policy: Policy
+    _last_obs: dict[str, NDArray[Any]]
+
+    def collect_rollouts(
+        self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
+    ) -> bool:
+        """Collect a rollout. Stable-Baselines3's own buffer is not used."""
+        assert isinstance(env, DummyVecEnv)
+        world = env.envs[0].unwrapped
+        assert isinstance(world, TrainingEnv)
+        assert self._last_episode_starts is not None
+        self.policy.set_training_mode(False)
+        callback.on_rollout_start()
+        choose = _Chooser(self.policy)
+        seen = {name: part[0] for name, part in self._last_obs.items()}
+        starts = bool(self._last_episode_starts[0])
+        rollout = self._rollout = getattr(self, "_rollout", None) or Rollout(n_rollout_steps, seen)
+        for step in range(n_rollout_steps):
+            rollout.keep(step, seen)
+            action, value, log_prob = choose(seen)
+            seen, reward, terminated, truncated, info = world.step(action)
+            self.num_timesteps += 1
+            if not callback.on_step():
+                return False
+            starts, begun = terminated or truncated, starts
+            self._update_info_buffer([info], np.array([starts]))
+            if truncated and not terminated:  # what would have come is expected, not lost
+                reward += self.gamma * choose.value(seen)
+            rollout.actions[step], rollout.rewards[step], rollout.starts[step] = action, reward, begun
+            rollout.values[step], rollout.log_probs[step] = value, log_prob
+            if starts:
+                seen, _ = world.reset()
+        rollout.judge(choose.value(seen), starts, gamma=self.gamma, gae_lambda=self.gae_lambda)
+        self._last_obs = {name: part[None] for name, part in seen.items()}
+        self._last_episode_starts = np.array([starts])
+        callback.on_rollout_end()
+        return True
+
+    def train(self) -> None:
+        """Update the policy from the last rollout: ``n_epochs`` passes in minibatches drawn from NumPy's stream."""
+        policy, rollout = self.policy, self._rollout
+        policy.set_training_mode(True)
+        self._update_learning_rate(policy.optimizer)
+        assert callable(self.clip_range)
+        clip = self.clip_range(self._current_progress_remaining)
+        images = torch.from_numpy(rollout.images).to(self.device)
+        missions = None if rollout.missions is None else torch.from_numpy(rollout.missions).to(self.device)
+        actions, advantages, log_probs, returns = (
+            torch.from_numpy(values).to(self.device)
+            for values in (
+                rollout.actions[:, None],
+                rollout.advantages,
+                rollout.log_probs,
+                rollout.advantages + rollout.values,
+            )
+        )
+        parameters = list(policy.parameters())
+        for _ in range(self.n_epochs):
+            order = torch.from_numpy(np.random.permutation(len(images))).to(self.device)
+            for chosen in torch.split(order, self.batch_size):
+                seen = {"image": images.index_select(0, chosen).permute(0, 3, 1, 2)}
+                if missions is not None:
+                    seen["mission"] = missions[chosen]
+                choices, values = policy.think(seen)
+                ratio = torch.exp(choices.gather(1, actions[chosen]).squeeze(1) - log_probs[chosen])
+                gain = advantages[chosen]
+                if len(gain) > 1:
+                    gain = (gain - gain.mean()) / (gain.std() + EPSILON)
+                surrogate = torch.min(gain * ratio, gain * torch.clamp(ratio, 1 - clip, 1 + clip)).mean()
+                error = functional.mse_loss(returns[chosen], values.squeeze(1))
+                loss = self.vf_coef * error - surrogate
+                if self.ent_coef:
+                    loss = loss + self.ent_coef * (choices.exp() * choices).sum(dim=1).mean()
+                policy.optimizer.zero_grad()
+                loss.backward()  # type: ignore[no-untyped-call]
+                torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
+                policy.optimizer.step()
+            self._n_updates += 1
+
+
+class _Chooser:
+    """Draws an action as Stable-Baselines3 does; returns it with value and log-probability."""
+
+    def __init__(self, policy: Policy) -> None:
+        self._think = make_forward(policy) if policy.device.type == "cpu" else policy.think_of
+
+    def __call__(self, seen: Observation) -> tuple[int, float, float]:
+        logits, value = self._think(seen)
+        log_probs = torch.log_softmax(logits, dim=0)
+        action = int(torch.multinomial(log_probs.exp(), 1, replacement=True))
+        return action, float(value), float(log_probs[action])
+
+    def value(self, seen: Observation) -> float:
+        """The value of the present state."""
+        return float(self._think(seen)[1])
+
+
+LAST_EPISODES = 100  # a curve's point is the mean over so many
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingPoint:
+    """One update of a learning curve: means over the last 100 episodes."""
+
+    steps: int
+    reward: float
+    length: float
+    success: float  # share that ended by themselves with a reward
+
+
+@dataclass(slots=True)
+class TrainingHistory:
+    """A curve so far, and where the time went (seconds, over all sittings)."""
+
+    points: list[TrainingPoint] = field(default_factory=list)
+    world_s: float = 0.0  # the world's steps and pictures
+    acting_s: float = 0.0  # choosing actions
+    learning_s: float = 0.0  # the updates
+    cpu_s: float = 0.0  # of the processor, for all of it: what it took where other work waits too
+
+
+def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, seed: int, device: str) -> LeanPpo:
+    """A fresh agent in a world, seeded."""
+    ppo = LeanPpo(
+        Policy,
+        DummyVecEnv([lambda: world]),
+        n_steps=settings.n_steps,
+        batch_size=settings.batch_size,
+        n_epochs=settings.n_epochs,
+        learning_rate=settings.learning_rate,
+        clip_range=settings.clip_range,
+        policy_kwargs=get_policy_settings(eyes),
+        seed=seed,
+        device=device,
+        stats_window_size=LAST_EPISODES,
+    )
+    ppo.policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return ppo
+
+
+def train_ppo(
+    ppo: PPO,
+    world: TrainingEnv,
+    *,
+    steps: int,
+    checkpoint: Path | None = None,
+    told: Callable[[int], None] = lambda steps: None,
+) -> TrainingHistory:
+    """Train for ``steps`` in all, resuming from the checkpoint if there is one.
+
+    A run that is killed and started again ends with the same weights and the same curve, to the bit, as one that was
+    not (on the CPU, with the same number of threads). ``told`` is called with the number of steps after every update.
+
+    Raises:
+        LearnError: if the checkpoint was written by another version; it is left as it is.
+    """
+    history = TrainingHistory()
+    if checkpoint is not None and checkpoint.exists():
+        history = _resume(ppo, world, read_checkpoint(checkpoint))
+    fresh = ppo.num_timesteps == 0
+    if ppo.num_timesteps < steps:
+        ledger = _Ledger(world, history, checkpoint, told)
+        ppo.learn(steps - ppo.num_timesteps, callback=ledger, log_interval=None, reset_num_timesteps=fresh)  # type: ignore[arg-type]
+    return history
+
+
+class _Ledger(BaseCallback):
+    """Writes down each update; between an update and the next rollout everything is at rest, so it saves there."""
+
+    def __init__(
+        self, world: TrainingEnv, history: TrainingHistory, checkpoint: Path | None, told: Callable[[int], None]
+    ) -> None:
+        super().__init__()
+        self._world = world
+        self._history = history
+        self._checkpoint = checkpoint
+        self._told = told
+        self._mark, self._cpu_mark = time.perf_counter(), time.process_time()
+        self._learning = False
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        self._finish_update()
+        self._mark, self._cpu_mark = time.perf_counter(), time.process_time()
+        self._world.step_s = 0.0
+
+    def _on_rollout_end(self) -> None:
+        now = time.perf_counter()
+        history, world_s = self._history, self._world.step_s
+        history.world_s += world_s
+        history.acting_s += now - self._mark - world_s
+        episodes = self.model.ep_info_buffer
+        if episodes:
+            reward, length = (float(np.mean([episode[key] for episode in episodes])) for key in ("r", "l"))
+            success = float(np.mean(self.model.ep_success_buffer or ()))
+            history.points.append(TrainingPoint(self.num_timesteps, reward, length, success))
+        self._mark = now
+        self._learning = True
+
+    def _on_training_end(self) -> None:
+        self._finish_update()
+
+    def _finish_update(self) -> None:
+        if not self._learning:
+            return
+        self._learning = False
+        self._history.learning_s += time.perf_counter() - self._mark
+        self._history.cpu_s += time.process_time() - self._cpu_mark
+        assert isinstance(self.model, PPO)
+        if self._checkpoint is not None:
+            save_atomically(_snapshot(self.model, self._world, self._history), self._checkpoint)
+        self._told(self.num_timesteps)
+
+
+def _snapshot(ppo: PPO, world: TrainingEnv, history: TrainingHistory) -> dict[str, Any]:
+    held = {id(parameter) for group in ppo.policy.optimizer.param_groups for parameter in group["params"]}
+    return {
+        "policy": ppo.policy.state_dict(),
+        "optimiser": ppo.policy.optimizer.state_dict(),
+        # parameters outside the optimiser are never cleared: their gradients are state (as-published only)
+        "stray_gradients": {
+            name: parameter.grad
+            for name, parameter in ppo.policy.named_parameters()
+            if id(parameter) not in held and parameter.grad is not None
+        },
+        "steps": ppo.num_timesteps,
+        "updates": ppo._n_updates,
+        "episode_starts": bool(ppo._last_episode_starts[0]),  # type: ignore[index]
+        "episodes": list(ppo.ep_info_buffer or ()),
+        "successes": [bool(success) for success in ppo.ep_success_buffer or ()],
+        "world": world.save(),
+        "python_random": random.getstate(),
+        "numpy_random": _plain(np.random.get_state()),  # minibatches are drawn from the global stream
+        "torch_random": torch.get_rng_state(),
+        "cuda_random": torch.cuda.get_rng_state_all(),
+        "history": asdict(history),
+    }
+
+
+def _plain(state: Any) -> tuple[Any, ...]:
+    """NumPy's random state without an array in it."""
+    kind, keys, *rest = state
+    return (kind, keys.tolist(), *rest)
+
+
+def read_checkpoint(checkpoint: Path) -> dict[str, Any]:
+    """A checkpoint's content: tensors and plain values.
+
+    Raises:
+        LearnError: if it was written by another version; it is left as it is.
+    """
+    try:
+        # weights_only: a study's folder from elsewhere must not be able to run code
+        saved: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    except Exception as error:  # unpickling raises whatever it likes
+        raise LearnError(
+            f"checkpoint {checkpoint} cannot be read ({type(error).__name__}); "
+            "resume with the version that wrote it, or move the file away to start again"
+        ) from error
+    return saved
+
+
+def _resume(ppo: PPO, world: TrainingEnv, saved: dict[str, Any]) -> TrainingHistory:
+    ppo.policy.load_state_dict(saved["policy"])
+    ppo.policy.optimizer.load_state_dict(saved["optimiser"])
+    parameters = dict(ppo.policy.named_parameters())
+    for name, gradient in saved["stray_gradients"].items():
+        parameters[name].grad = gradient.to(parameters[name].device)
+    ppo.num_timesteps = saved["steps"]
+    ppo._n_updates = saved["updates"]
+    ppo._last_episode_starts = np.array([saved["episode_starts"]])
+    ppo.ep_info_buffer = deque(saved["episodes"], maxlen=LAST_EPISODES)
+    ppo.ep_success_buffer = deque(saved["successes"], maxlen=LAST_EPISODES)
+    ppo._last_obs = {name: part[None] for name, part in world.restore(saved["world"]).items()}
+    random.setstate(saved["python_random"])
+    np.random.set_state(saved["numpy_random"])
+    torch.set_rng_state(saved["torch_random"])
+    torch.cuda.set_rng_state_all(saved["cuda_random"])
+    return get_history(saved)
+
+
+def get_history(saved: dict[str, Any]) -> TrainingHistory:
+    """The history in a checkpoint's content."""
+    kept = saved["history"]
+    return TrainingHistory(**kept | {"points": [TrainingPoint(**point) for point in kept["points"]]})

@@ -1,1 +1,0 @@
-"""Teaching: policies that learn from a person who takes over, compares and rates."""

@@ -1,0 +1,1 @@
+"""Teaching: policies that learn from a person who takes over, corrects, compares and rates."""

@@ -1,0 +1,232 @@
+"""A teaching dataset: what an agent and a person were shown and did, and the person's ratings and comparisons, as
+plain arrays.
+
+Knows nothing of logs: `log_dataset` makes one from a study, a simulation makes one as it goes.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.errors import LearnError
+from minihuman.learn.policy.observation import Observation, ObservationEncoder
+
+Answer = Literal["left", "right", "equal", "cannot tell"]
+NO_QUERY = -1  # as a policy's action: none was there to be asked
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lesson:
+    """One episode, or a correction of one. All arrays have ``n`` rows, one per step."""
+
+    name: str  # "sub-01_ses-01:3" for its third episode
+    participant: str
+    seed: int  # of the world's reset
+    observations: Observation  # image uint8[n, C, H, W], and mission float32[n, 9] where there is one
+    actions: NDArray[np.int64]  # (n,) what was done
+    by_person: NDArray[np.bool_]  # (n,) who steered
+    policy_actions: NDArray[np.int64]  # (n,) what the policy would have done, or NO_QUERY
+    shown_ns: NDArray[np.int64]  # (n,) session time at which the picture was seen that the step answers
+    rewards: NDArray[np.float64]  # (n,) the world's own
+    policy_probabilities: NDArray[np.float32] | None = None  # (n, actions); None where no policy was asked
+    policy: str = ""  # SHA-256 of the policy's file; "" where there was none
+    corrects: tuple[str, int] | None = None  # the lesson and the step from which this one shows it better
+
+    def __post_init__(self) -> None:
+        """Refuse arrays that do not belong together.
+
+        Raises:
+            LearnError: if one has another number of rows.
+        """
+        n = len(self.actions)
+        rows = {name: len(part) for name, part in self.observations.items()}
+        rows |= {name: len(getattr(self, name)) for name in ("by_person", "policy_actions", "shown_ns", "rewards")}
+        if self.policy_probabilities is not None:
+            rows["policy_probabilities"] = len(self.policy_probabilities)
+        if odd := next((name for name, count in rows.items() if count != n), None):
+            raise LearnError(f"lesson {self.name}: {odd} has {rows[odd]} rows for {n} actions; give one row per action")
+
+    @property
+    def is_demonstration(self) -> bool:
+        """Whether a person steered all the way from the start of an episode."""
+        return self.corrects is None and bool(self.by_person.all())
+
+    def part(self, first: int, last: int) -> "Lesson":
+        """The steps from ``first`` to ``last``, the last included."""
+        chosen = slice(first, last + 1)
+        said = self.policy_probabilities
+        return replace(
+            self,
+            observations={name: values[chosen] for name, values in self.observations.items()},
+            actions=self.actions[chosen],
+            by_person=self.by_person[chosen],
+            policy_actions=self.policy_actions[chosen],
+            shown_ns=self.shown_ns[chosen],
+            rewards=self.rewards[chosen],
+            policy_probabilities=None if said is None else said[chosen],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LessonRating:
+    """A press for good or bad. Assigning it to a step is left to the learner."""
+
+    t_ns: int  # session time of the press
+    value: float  # 1 for good, -1 for bad
+    lesson: str  # the lesson in progress at the press
+
+
+@dataclass(frozen=True, slots=True)
+class LessonFragment:
+    """Some steps of a lesson, the last included."""
+
+    lesson: str
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two fragments that were shown side by side, and the person's answer."""
+
+    left: LessonFragment
+    right: LessonFragment
+    answer: Answer
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown answer.
+
+        Raises:
+            LearnError: if the answer is unknown.
+        """
+        if self.answer not in get_args(Answer):
+            raise LearnError(f"comparison answer is {self.answer!r}; use one of {', '.join(get_args(Answer))}")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A log that something was taken from."""
+
+    name: str  # "sub-01_ses-01"
+    sha256: str  # of the finished file; "" while it is still being written, or where there is none
+    lessons: int  # how many of its episodes were taken: the first ones
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dataset:
+    """Everything taught in one world, under one set of options."""
+
+    world: str
+    options: dict[str, Any]
+    action_names: tuple[str, ...]  # by the policy's action number
+    most_steps: int  # that an episode is given
+    eyesight: ObservationEncoder
+    space: spaces.Dict  # of one step's observation
+    lessons: tuple[Lesson, ...] = ()
+    ratings: tuple[LessonRating, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+    sources: tuple[Source, ...] = ()
+    selection: tuple[str, ...] = field(default=())  # lines that say what counts and what was left out
+
+    def __post_init__(self) -> None:
+        """Refuse references to missing lessons or steps.
+
+        Raises:
+            LearnError: if a reference is missing, or an action has no name.
+        """
+        steps = {lesson.name: len(lesson.actions) for lesson in self.lessons}
+        for rating in self.ratings:
+            if rating.lesson not in steps:
+                raise LearnError(f"a rating names lesson {rating.lesson!r}, which the dataset lacks; add the lesson")
+        for comparison in self.comparisons:
+            for side in (comparison.left, comparison.right):
+                if not 0 <= side.first <= side.last < steps.get(side.lesson, 0):
+                    has = steps.get(side.lesson, 0)
+                    raise LearnError(f"a comparison names {side}; lesson {side.lesson!r} has {has} steps")
+        for lesson in self.lessons:
+            if len(lesson.actions) and lesson.actions.max() >= len(self.action_names):
+                raise LearnError(
+                    f"lesson {lesson.name} has action {lesson.actions.max()}; use 0 to {len(self.action_names) - 1}"
+                )
+
+    @property
+    def steps(self) -> int:
+        """How many steps there are."""
+        return sum(len(lesson.actions) for lesson in self.lessons)
+
+    @property
+    def labelled_steps(self) -> int:
+        """How many of them a person steered."""
+        return int(sum(lesson.by_person.sum() for lesson in self.lessons))
+
+    def lesson(self, name: str) -> Lesson:
+        """The lesson of a name."""
+        return next(lesson for lesson in self.lessons if lesson.name == name)
+
+    def with_more(
+        self,
+        lessons: Sequence[Lesson] = (),
+        ratings: Sequence[LessonRating] = (),
+        comparisons: Sequence[Comparison] = (),
+    ) -> "Dataset":
+        """This and more of it."""
+        return replace(
+            self,
+            lessons=(*self.lessons, *lessons),
+            ratings=(*self.ratings, *ratings),
+            comparisons=(*self.comparisons, *comparisons),
+        )
+
+    def sha256(self) -> str:
+        """A digest of everything a learner can see; equal data have equal digests."""
+        digest = hashlib.sha256()
+        eyesight = _eyesight_words(self.eyesight)
+        head = (self.world, self.options, self.action_names, self.most_steps, eyesight, repr(self.space))
+        digest.update(json.dumps(head, sort_keys=True).encode())
+        for lesson in self.lessons:
+            said = lesson.policy_probabilities
+            facts = (lesson.name, lesson.participant, lesson.seed, lesson.policy, lesson.corrects)
+            digest.update(json.dumps(facts).encode())
+            parts: Mapping[str, NDArray[Any]] = {
+                **lesson.observations,
+                "actions": lesson.actions,
+                "by_person": lesson.by_person,
+                "policy_actions": lesson.policy_actions,
+                "shown_ns": lesson.shown_ns,
+                "rewards": lesson.rewards,
+                **({} if said is None else {"policy_probabilities": said}),
+            }
+            for name, values in sorted(parts.items()):
+                digest.update(f"{name} {values.dtype} {values.shape}".encode())
+                digest.update(np.ascontiguousarray(values).tobytes())
+        ratings, comparisons = map(_rating_words, self.ratings), map(_comparison_words, self.comparisons)
+        digest.update(f"({_tuple_words(ratings)}, {_tuple_words(comparisons)})".encode())
+        return digest.hexdigest()
+
+
+# The words that go into the digest, which policy files carry: a format, whatever the classes are called.
+def _eyesight_words(eyesight: ObservationEncoder) -> str:
+    return f"Eyesight(missions={eyesight.missions!r}, scaling={eyesight.scaling!r}, sight={eyesight.sight!r})"
+
+
+def _rating_words(rating: LessonRating) -> str:
+    return f"Rating(t_ns={rating.t_ns!r}, value={rating.value!r}, lesson={rating.lesson!r})"
+
+
+def _comparison_words(comparison: Comparison) -> str:
+    left, right = (
+        f"Stretch(lesson={side.lesson!r}, first={side.first!r}, last={side.last!r})"
+        for side in (comparison.left, comparison.right)
+    )
+    return f"Comparison(left={left}, right={right}, answer={comparison.answer!r})"
+
+
+def _tuple_words(items: Iterable[str]) -> str:
+    words = list(items)
+    return f"({', '.join(words)}{',' if len(words) == 1 else ''})"

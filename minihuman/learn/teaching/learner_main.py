@@ -1,0 +1,69 @@
+"""The learner's process: one line of JSON asks for a policy, one line answers. The session host starts it.
+
+It has the lowest priority, is the first that the system ends when memory is short, and has a memory limit of its
+own, so that no frame waits for it.
+"""
+
+import json
+import os
+import resource
+import sys
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from minihuman.experiment.activities.preferences import EpisodeClip
+
+SHARE = 0.5  # of the machine's memory that it may have
+
+
+def main() -> None:
+    """Answer until there are no more questions."""
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # whatever prints must not be taken for an answer
+    _stand_back()
+    import minihuman.learn.teaching.provenance  # noqa: F401 - the slow part, before the first question
+
+    with TemporaryDirectory() as folder:
+        for line in sys.stdin:
+            try:
+                asked = json.loads(line)
+                found = _disputed(asked) if asked["pairs"] else _learnt(asked, Path(folder) / "policy.pt")
+                said = {"file": str(found), "failure": ""}
+            except Exception as error:  # whatever a learner raises, memory that is not there included, is an answer
+                said = {"file": "", "failure": f"{type(error).__name__}: {error}"}
+            answers.write(json.dumps(said) + "\n")
+            answers.flush()
+
+
+def _learnt(asked: dict[str, Any], out: Path) -> Path:
+    from minihuman.learn.teaching.log_dataset import read_session_dataset
+    from minihuman.learn.teaching.provenance import make_policy
+
+    dataset = read_session_dataset([Path(log) for log in asked["logs"]], asked["part"], asked["episodes"])
+    start = Path(asked["start"]) if asked["start"] else None
+    budget_s = asked["budget_s"]
+    return make_policy(dataset, asked["learner"], out, seed=asked["seed"], start=start, budget_s=budget_s).path
+
+
+def _disputed(asked: dict[str, Any]) -> int:
+    from minihuman.learn.teaching.preference_learner import choose_disputed_pair
+
+    pairs = [
+        tuple(EpisodeClip(**{**side, "actions": tuple(side["actions"])}) for side in pair) for pair in asked["pairs"]
+    ]
+    logs = [Path(log) for log in asked["logs"]]
+    return choose_disputed_pair(logs, asked["part"], [(left, right) for left, right in pairs], seed=asked["seed"])
+
+
+def _stand_back() -> None:
+    os.nice(10)
+    with suppress(OSError):  # not every system has it
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    resource.setrlimit(resource.RLIMIT_DATA, (int(memory * SHARE), int(memory * SHARE)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,239 @@
+"""Read a teaching dataset from logs: episodes are replayed and checked, steering, ratings and comparisons are read
+beside them.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.dataset.selection import Selection
+from minihuman.errors import LearnError
+from minihuman.experiment.activities import preferences
+from minihuman.learn.demonstrations import (
+    LoggedEpisode,
+    check_equal_options,
+    list_used_actions,
+    replay_observations,
+    select_episodes,
+)
+from minihuman.learn.policy.observation import EpisodeEncoder, Observation, ObservationEncoder
+from minihuman.learn.teaching.dataset import (
+    NO_QUERY,
+    Answer,
+    Comparison,
+    Dataset,
+    Lesson,
+    LessonFragment,
+    LessonRating,
+    Source,
+)
+from minihuman.learn.teaching.provenance import hash_file
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.log.model.teaching_events import CorrectionRecord
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.adapters.world import World
+
+VIEW = ObservationEncoder(missions=False)
+ANSWERS: dict[preferences.PairAnswer, Answer] = {
+    "left": "left",
+    "right": "right",
+    "equal": "equal",
+    "cannot_tell": "cannot tell",
+}
+
+
+def read_session_dataset(
+    logs: Sequence[Path], block: str, episodes: int, *, eyesight: ObservationEncoder = VIEW
+) -> Dataset:
+    """Everything taught in one block of a session, of its first episodes; the session may still be going on.
+
+    What was shown better of these episodes counts too, and what was compared, if it is of episodes of the same world;
+    these are taken with it.
+
+    Args:
+        logs: The session's logs, finished or live, all in one folder.
+        block: The block's name.
+        episodes: Episodes of the session from this one on, counted from 0, are left out.
+        eyesight: What the policy is to see.
+
+    Raises:
+        LearnError: if there is no such episode, or one does not replay.
+    """
+    log = read_log(logs[0].parent)
+    played = [episode for episode in log.episodes if episode.plan.episode < episodes and len(episode.actions)]
+    own = [episode for episode in played if episode.plan.block_name == block]
+    if not own:
+        raise LearnError(
+            f"{logs[0].parent} has no step of block {block!r} before episode {episodes + 1}; play one first"
+        )
+    of = own[0].plan
+    compared = {(side.episode, side.attempt) for each in log.comparisons for side in (each.left, each.right)}
+    taken = [
+        (log, episode)
+        for episode in played
+        if episode in own
+        or (
+            (episode.plan.episode, episode.attempt) in compared
+            and (episode.plan.world, episode.plan.options) == (of.world, of.options)
+        )
+    ]
+    finished = [path for path in sorted(logs) if path.suffix == ".mcap"]
+    sources = [Source(path.name, hash_file(path), len(taken)) for path in finished]
+    sources += [Source(path.name, "", len(taken)) for path in sorted(logs) if path.suffix != ".mcap"]
+    return _dataset(taken, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
+
+
+def read_study_dataset(
+    source: Path, world: str, *, eyesight: ObservationEncoder = VIEW, selection: Selection | None = None
+) -> Dataset:
+    """Everything taught in one world in a study's logs, of the episodes that count.
+
+    Raises:
+        LearnError: if there is none, they were made under different options, or one does not replay.
+    """
+    taken, summary = select_episodes(source, world, selection or Selection())
+    logs = {log.path: sum(other.path == log.path for other, _ in taken) for log, _ in taken}
+    sources = tuple(
+        Source(path.name, hash_file(path) if path.is_file() else "", lessons) for path, lessons in logs.items()
+    )
+    return _dataset(taken, eyesight, sources, tuple(summary.lines()))
+
+
+def _dataset(
+    taken: Sequence[LoggedEpisode],
+    eyesight: ObservationEncoder,
+    sources: tuple[Source, ...],
+    selection: tuple[str, ...],
+) -> Dataset:
+    plan = check_equal_options(taken)
+    corrected = (int(each.actions.max()) for _, each in _corrected(taken) if len(each.actions))
+    names = list_used_actions(taken, least=max(corrected, default=0))
+    world = World(plan.world, plan.options)
+    world.reset(plan.seed)
+    lessons = tuple(_lessons(taken, world, eyesight.episode_encoder(), len(names)))
+    lessons += tuple(_corrections(taken, world, eyesight.episode_encoder()))
+    return Dataset(
+        world=plan.world,
+        options=plan.options,
+        action_names=names,
+        most_steps=max(episode.plan.max_steps for _, episode in taken),
+        eyesight=eyesight,
+        space=eyesight.space(world.unwrapped),
+        lessons=lessons,
+        ratings=tuple(_ratings(taken)),
+        comparisons=tuple(_comparisons(taken)),
+        sources=sources,
+        selection=selection,
+    )
+
+
+def _lessons(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder, actions: int) -> Iterator[Lesson]:
+    for log, episode in taken:
+        seen = list(replay_observations(log, episode, world, encoder))
+        n, taught = len(episode.actions), episode.taught
+        said = None
+        if taught is not None and taught.probabilities.any():
+            said = np.ascontiguousarray(taught.probabilities[:, :actions])
+        yield Lesson(
+            name=_name(log, episode),
+            participant=log.plan.participant.id,
+            seed=episode.plan.seed,
+            observations={part: np.stack([each[part] for each in seen]) for part in seen[0]},
+            actions=np.asarray(episode.actions, np.int64),
+            by_person=np.ones(n, np.bool_) if taught is None else taught.by_person,
+            policy_actions=np.full(n, NO_QUERY, np.int64) if taught is None else taught.policy_actions,
+            shown_ns=_shown_ns(episode),
+            rewards=np.asarray(episode.rewards, np.float64),
+            policy_probabilities=said,
+            policy="" if taught is None else taught.policy,
+        )
+
+
+def _corrected(taken: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
+    """The corrections of selected episodes."""
+    there = {(log.path, episode.plan.episode, episode.attempt) for log, episode in taken}
+    for log in {log.path: log for log, _ in taken}.values():
+        for each in log.corrections:
+            if (log.path, each.episode, each.attempt) in there:
+                yield log, each
+
+
+def _corrections(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder) -> Iterator[Lesson]:
+    for log, each in _corrected(taken):
+        n = len(each.actions)
+        if not n:
+            continue
+        seen, hashes = list[Observation](), list[int]()
+        world.reset(each.seed)
+        for step, action in enumerate((*each.before, *each.actions)):
+            looked = encoder.encode(world.unwrapped, world.observation)
+            if step >= each.step:
+                seen.append(looked)
+                hashes.append(world.state_hash())
+            world.step(int(action))
+        name = make_lesson_name(_session(log), each.episode, each.attempt)
+        if not np.array_equal(np.array([*hashes, world.state_hash()], np.uint64), each.state_hashes):
+            raise LearnError(f"{log.path}: a correction of {name} does not replay; `minihuman verify` shows where")
+        yield Lesson(
+            name=f"{name}:corrected-{each.part}-{each.correction}",
+            participant=log.plan.participant.id,
+            seed=each.seed,
+            observations={part: np.stack([one[part] for one in seen]) for part in seen[0]},
+            actions=np.asarray(each.actions, np.int64),
+            by_person=np.ones(n, np.bool_),
+            policy_actions=np.full(n, NO_QUERY, np.int64),
+            shown_ns=np.asarray(each.t_ns[:-1], np.int64),
+            rewards=np.asarray(each.rewards, np.float64),
+            corrects=(name, each.step),
+        )
+
+
+def _shown_ns(episode: EpisodeLog) -> NDArray[np.int64]:
+    """When the picture before each step reached the display; when the step before was made, where it never did."""
+    shown = np.array(episode.t_ns[:-1], np.int64)
+    steps, flips = episode.frames.column("step"), episode.frames.column("flip_ns")
+    for step, flip_ns in zip(reversed(steps), reversed(flips), strict=True):  # the first flip of a step stays
+        if step < len(shown):
+            shown[step] = flip_ns
+    return shown
+
+
+def _ratings(taken: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
+    for log, episode in taken:
+        if episode.taught is not None:
+            for rated in episode.taught.ratings:
+                yield LessonRating(rated.pressed_ns, rated.value, _name(log, episode))
+
+
+def _comparisons(taken: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
+    """The comparisons of which both episodes are selected."""
+    names = {(log.path, episode.plan.episode, episode.attempt): _name(log, episode) for log, episode in taken}
+    for log in {log.path: log for log, _ in taken}.values():
+        for each in log.comparisons:
+            places = [(log.path, side.episode, side.attempt) for side in (each.left, each.right)]
+            if all(place in names for place in places):
+                left, right = (
+                    make_fragment(side, names[place])
+                    for side, place in zip((each.left, each.right), places, strict=True)
+                )
+                yield Comparison(left, right, ANSWERS[each.preference.answer])
+
+
+def make_fragment(side: preferences.EpisodeClip, lesson: str) -> LessonFragment:
+    """A stretch that was shown, as steps of a lesson."""
+    return LessonFragment(lesson, side.first, len(side.actions) - 1)
+
+
+def _name(log: SessionLog, episode: EpisodeLog) -> str:
+    return make_lesson_name(_session(log), episode.plan.episode, episode.attempt)
+
+
+def _session(log: SessionLog) -> str:
+    return f"{log.plan.participant.id}_ses-{log.plan.session:02}"
+
+
+def make_lesson_name(session: str, episode: int, attempt: int) -> str:
+    """The name of an episode's lesson, as in "sub-01_ses-01:3"; ``episode`` is 0 for the session's first."""
+    return f"{session}:{episode + 1}" + (f":{attempt}" if attempt > 1 else "")

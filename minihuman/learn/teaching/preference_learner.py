@@ -1,0 +1,372 @@
+"""Learning from preferences: which fragments to compare, a reward model from the comparisons, and a policy trained on
+it with PPO.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from minihuman.errors import LearnError
+from minihuman.experiment.activities import preferences
+from minihuman.learn.policy.network import Policy
+from minihuman.learn.policy.observation import Observation
+from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo, train_ppo
+from minihuman.learn.teaching.dataset import Dataset, LessonFragment
+from minihuman.learn.teaching.learner import (
+    LabelledSteps,
+    Learner,
+    LearningRequest,
+    LearningResult,
+    choose_encoder,
+    collect_steps,
+    copy_policy,
+    make_fresh_policy,
+    minimise_loss,
+)
+from minihuman.learn.teaching.log_dataset import make_fragment, make_lesson_name, read_session_dataset
+from minihuman.learn.teaching.tamer import ActionValues
+
+SHARES = {"left": 0.0, "right": 1.0, "equal": 0.5}  # how much of "right" an answer says
+LAPSES = 0.1  # of answers that are taken to be pressed without looking: Christiano and others' share
+SPREAD = 0.1  # standard deviation of a step's reward
+MAX_CACHED = 4096  # rewards of single steps that are kept, for small worlds show the same again and again
+
+
+@dataclass(frozen=True, slots=True)
+class RewardFitting:
+    """How a reward model is fitted."""
+
+    members: int = 3  # networks that disagree where they know little: Christiano and others' number
+    updates: int = 600  # of each
+    batch_size: int = 32  # comparisons
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-3
+
+
+class RewardModel:
+    """Networks that give a step's reward from what was seen and done; their mean, brought to a scale.
+
+    Comparisons of stretches of one length say nothing of what is added to every step. As published, each network's
+    rewards have mean 0 and one spread over the steps looked at, and so has their mean.
+    """
+
+    def __init__(self, members: Sequence[nn.Module], steps: LabelledSteps) -> None:
+        self._members = members
+        raw = self._raw(steps.observations, steps.actions)
+        self._shifts, self._scales = raw.mean(axis=1, keepdims=True), np.maximum(raw.std(axis=1, keepdims=True), 1e-6)
+        self._scale = SPREAD / max(1e-6, float(((raw - self._shifts) / self._scales).mean(axis=0).std()))
+        self._kept: dict[tuple[bytes, ...], float] = {}
+
+    def rewards(self, seen: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
+        """Rewards of many steps, (n,)."""
+        each = (self._raw(seen, actions) - self._shifts) / self._scales
+        rewards: NDArray[np.float64] = self._scale * each.mean(axis=0)
+        return rewards
+
+    def reward(self, seen: Observation, action: int) -> float:
+        """The reward of one step."""
+        key = (bytes([action]), *(part.tobytes() for part in seen.values()))
+        if key not in self._kept:
+            if len(self._kept) >= MAX_CACHED:
+                self._kept.clear()
+            one = {name: torch.as_tensor(part)[None] for name, part in seen.items()}
+            self._kept[key] = float(self.rewards(one, torch.tensor([action]))[0])
+        return self._kept[key]
+
+    def chances(self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]) -> NDArray[np.float64]:
+        """Each member's probability that the right side of each pair is better, (members, pairs)."""
+        steps, first = collect_steps(dataset.lessons), get_first_rows(dataset)
+        raw = torch.as_tensor(self._raw(steps.observations, steps.actions))
+        longest = _longest([side for pair in pairs for side in pair])
+        left, right = (_rows([pair[place] for pair in pairs], first, longest) for place in (0, 1))
+        gains = [_average(one[right[0]], right[1]) - _average(one[left[0]], left[1]) for one in raw]
+        chances: NDArray[np.float64] = torch.sigmoid(longest * torch.stack(gains)).numpy()
+        return chances
+
+    def _raw(self, seen: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
+        """Each member's value of each step, (members, n)."""
+        with torch.no_grad():
+            said = [member(seen).gather(1, actions[:, None])[:, 0] for member in self._members]
+        raw: NDArray[np.float64] = torch.stack(said).double().numpy()
+        return raw
+
+
+def fit_reward(
+    dataset: Dataset,
+    settings: RewardFitting,
+    rng: np.random.Generator,
+    *,
+    budget_s: float = float("inf"),
+    checkpoint: Path | None = None,
+) -> tuple[RewardModel, int]:
+    """Fit a reward model to a data set's comparisons; "cannot tell" is excluded.
+
+    After Christiano, Leike, Brown, Martic, Legg and Amodei (2017), NeurIPS: the chance of an answer is a softmax of the
+    stretches' summed rewards (Bradley and Terry, 1952), one answer in ten is taken to be pressed without looking, and
+    equal counts half for either. Two things differ. Each member of the ensemble learns from all comparisons and has
+    first weights and an order of its own, as in Lakshminarayanan, Pritzel and Blundell (2017), NeurIPS; theirs learns
+    from as many drawn with replacement, which leaves a third of few answers out. And their weight decay is chosen by
+    comparisons held out; here it is given. Stretches of unequal length are compared by their mean, so that what is
+    added to every step says nothing there either.
+
+    The first member has its share of the time; the others make as many updates as it did, so that one number says how
+    to make the very same model again.
+
+    Returns:
+        The model, and the updates of each member.
+
+    Raises:
+        LearnError: if there is no comparison that says something.
+    """
+    comparisons = [each for each in dataset.comparisons if each.answer in SHARES]
+    if not comparisons:
+        raise LearnError(
+            f"none of {len(dataset.comparisons)} comparisons prefers a clip or calls them equal; compare more pairs"
+        )
+    steps, first = collect_steps(dataset.lessons), get_first_rows(dataset)
+    alike = _alike(steps)
+    longest = _longest([side for each in comparisons for side in (each.left, each.right)])
+    sides = [_rows([getattr(each, side) for each in comparisons], first, longest) for side in ("left", "right")]
+    rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))  # (2, comparisons, longest)
+    shares = torch.tensor([SHARES[each.answer] for each in comparisons])
+    members = [ActionValues(make_fresh_policy(dataset, rng)) for _ in range(settings.members)]
+    done = settings.updates
+    for number, member in enumerate(members):
+
+        def loss_of(generator: torch.Generator, member: nn.Module = member) -> torch.Tensor:
+            drawn = torch.randint(len(shares), (settings.batch_size,), generator=generator)
+            both = _worth(member, steps, alike, rows[:, drawn].flatten(0, 1), inside[:, drawn].flatten(0, 1))
+            left, right = both.chunk(2)
+            right_better = (1 - LAPSES) * torch.sigmoid(longest * (right - left)) + LAPSES / 2
+            share = shares[drawn]
+            return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
+
+        done, _ = minimise_loss(
+            member,
+            loss_of,
+            rng,
+            updates=done,
+            learning_rate=settings.learning_rate,
+            weight_decay=settings.weight_decay,
+            budget_s=float("inf") if number else budget_s / settings.members,
+            checkpoint=None if checkpoint is None else checkpoint.with_name(f"{checkpoint.name}-{number}"),
+        )
+    return RewardModel(members, steps), done
+
+
+def _longest(sides: Sequence[LessonFragment]) -> int:
+    return max(side.last - side.first + 1 for side in sides)
+
+
+def get_first_rows(dataset: Dataset) -> dict[str, int]:
+    """Each lesson's first row among all steps."""
+    starts = np.cumsum([0, *(len(lesson.actions) for lesson in dataset.lessons)])
+    return {lesson.name: int(start) for lesson, start in zip(dataset.lessons, starts[:-1], strict=True)}
+
+
+def _rows(
+    stretches: Sequence[LessonFragment], first: dict[str, int], longest: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows of stretches' steps, int64[n, longest], and which of them there are, float32 of the same shape."""
+    rows = torch.zeros(len(stretches), longest, dtype=torch.int64)
+    inside = torch.zeros(len(stretches), longest)
+    for place, side in enumerate(stretches):
+        length = side.last - side.first + 1
+        start = first[side.lesson] + side.first
+        rows[place, :length] = torch.arange(start, start + length)
+        inside[place, :length] = 1
+    return rows, inside
+
+
+def _worth(
+    member: nn.Module, steps: LabelledSteps, alike: torch.Tensor, rows: torch.Tensor, inside: torch.Tensor
+) -> torch.Tensor:
+    """A member's mean reward of each stretch."""
+    different, place = alike[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
+    said = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
+    return _average(said.view(rows.shape), inside)
+
+
+def _alike(steps: LabelledSteps) -> torch.Tensor:
+    """For each step the first that shows the same, int64[n]: a small world shows little, so each is thought of once."""
+    shown = [np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()]
+    first: dict[bytes, int] = {}
+    return torch.tensor(
+        [first.setdefault(b"".join(part[row].tobytes() for part in shown), row) for row in range(len(steps.actions))]
+    )
+
+
+def _average(said: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
+    average: torch.Tensor = (said * inside).sum(dim=1) / inside.sum(dim=1)
+    return average
+
+
+Pair = tuple[LessonFragment, LessonFragment]
+EVERY_EPISODE = 2**31
+
+
+def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
+    """How much the members disagree on each pair: the variance of the chance that each gives to the right side."""
+    variances: NDArray[np.float64] = model.chances(dataset, pairs).var(axis=0)
+    return variances
+
+
+def choose_disputed_pair(
+    logs: Sequence[Path],
+    block: str,
+    pairs: Sequence[tuple[preferences.EpisodeClip, preferences.EpisodeClip]],
+    *,
+    seed: int,
+) -> int:
+    """The index of the pair that the ensemble disagrees on most; 0 before the first answer.
+
+    Args:
+        logs: The session's logs, finished or live, all in one folder.
+        block: Whose episodes are compared.
+        pairs: Stretches of its episodes.
+        seed: Of the ensemble.
+
+    Raises:
+        LearnError: if the block has no episode, or one does not replay.
+    """
+    dataset = read_session_dataset(logs, block, EVERY_EPISODE)
+    if not any(each.answer in SHARES for each in dataset.comparisons):
+        return 0
+    session = dataset.lessons[0].name.partition(":")[0]
+    model, _ = fit_reward(dataset, RewardFitting(), np.random.default_rng(seed))
+    sides = [
+        [make_fragment(side, make_lesson_name(session, side.episode, side.attempt)) for side in pair] for pair in pairs
+    ]
+    return int(compute_disagreement(model, dataset, [(left, right) for left, right in sides]).argmax())
+
+
+RewardFunction = Callable[[Observation, int, Any], float]  # of a step: what was seen, what was done, the world after it
+
+
+class RewardModelEnv(TrainingEnv):
+    """A world under training with rewards from a reward function, and without an end.
+
+    Where an episode ends by itself the next begins, and the learner is not told: as in Christiano and others' Atari
+    games, where the end of a game is no end. Comparisons say nothing of what is added to every step; without an end
+    nothing depends on it, and with one a policy would put the goal off where steps are worth more than 0, and hurry to
+    its end where they are worth less. An episode that takes too long is broken off, which says nothing either.
+    """
+
+    def __init__(self, dataset: Dataset, worth: RewardFunction, *, seed: int) -> None:
+        super().__init__(
+            dataset.world,
+            dataset.options,
+            seed=seed,
+            eyesight=dataset.eyesight,
+            actions=len(dataset.action_names),
+        )
+        self._worth = worth
+        self._most_steps = dataset.most_steps
+        self._before: Observation = {}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin the next episode."""
+        self._before, info = super().reset()
+        return self._before, info
+
+    def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """One step, judged."""
+        before = self._before
+        seen, _, terminated, truncated, _ = super().step(action)
+        worth = self._worth(before, action, self.world)
+        if terminated:
+            seen, _ = super().reset()
+        self._before = seen
+        too_long = not terminated and (truncated or len(self.save()["actions"]) >= self._most_steps)
+        return seen, worth, False, too_long, {}
+
+
+@dataclass(frozen=True, slots=True)
+class PreferenceSettings:
+    """Settings of learning from preferences."""
+
+    reward_updates: int = 600
+    steps: int = 4096  # of PPO
+    n_steps: int = 512
+    n_epochs: int = 10
+    learning_rate: float = 1e-3  # at a round's start; it falls to 0 by its end, so that a round ends where it is good
+    gamma: float = 0.95  # discount
+    entropy: float = 0.01  # weight of the policy's entropy: Christiano and others' for Atari
+
+
+class PreferenceLearner(Learner):
+    """Deep reinforcement learning from human preferences.
+
+    Christiano, Leike, Brown, Martic, Legg and Amodei (2017), NeurIPS 30: see ``fit_reward`` and ``RewardModelEnv``.
+    Theirs trains with A2C or TRPO while comparisons come in. Here PPO (Schulman and others, 2017) continues from the
+    last policy after each round of comparisons, with rollouts of 512 steps, ten passes and a learning rate of 0.001,
+    which learn small grids soonest.
+    """
+
+    name: ClassVar[str] = "preferences"
+    settings_type = PreferenceSettings
+
+    def learn(self, request: LearningRequest) -> LearningResult:
+        """Go on from the policy so far, or from fresh weights. The time limit is the reward model's.
+
+        Raises:
+            LearnError: if no comparison says something.
+        """
+        settings: PreferenceSettings = self.settings
+        model, updates = fit_reward(
+            request.dataset,
+            RewardFitting(updates=settings.reward_updates),
+            request.rng,
+            budget_s=request.budget_s,
+            checkpoint=request.checkpoint,
+        )
+        trained = optimise_policy(
+            request.dataset,
+            lambda seen, action, _: model.reward(seen, action),
+            settings,
+            start=request.policy,
+            seed=int(request.rng.integers(2**31)),
+            checkpoint=None
+            if request.checkpoint is None
+            else request.checkpoint.with_name(f"{request.checkpoint.name}-ppo"),
+        )
+        notes = {"comparisons": len(request.dataset.comparisons)}
+        return LearningResult(trained, asdict(settings) | {"reward_updates": updates}, notes)
+
+
+def optimise_policy(
+    dataset: Dataset,
+    worth: RewardFunction,
+    settings: PreferenceSettings,
+    *,
+    seed: int,
+    start: Policy | None = None,
+    checkpoint: Path | None = None,
+) -> Policy:
+    """Train a policy with PPO on rewards that ``worth`` gives, from ``start`` on or from fresh weights."""
+    world = RewardModelEnv(dataset, worth, seed=seed)
+    ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)
+    state, own = np.random.get_state(), torch.get_rng_state()
+    try:
+        agent = make_ppo(world, settings=ppo, eyes=choose_encoder(dataset), seed=seed, device="cpu")
+        agent.gamma, agent.ent_coef = settings.gamma, settings.entropy
+        agent.lr_schedule = lambda left: settings.learning_rate * left
+        if start is not None:
+            agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
+        train_ppo(agent, world, steps=settings.steps, checkpoint=checkpoint)
+    finally:
+        np.random.set_state(state)  # Stable-Baselines3 seeds the streams of everybody
+        torch.set_rng_state(own)
+    if checkpoint is not None:
+        checkpoint.unlink(missing_ok=True)
+    assert isinstance(agent.policy, Policy)
+    agent.policy.set_training_mode(False)
+    return agent.policy

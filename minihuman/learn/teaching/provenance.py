@@ -1,0 +1,167 @@
+"""Provenance of a taught policy: what it was made from, written into its file, and the proof by making it again with
+equal weights.
+"""
+
+import hashlib
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import minihuman
+from minihuman.errors import LearnError
+from minihuman.learn.policy.file import PolicyCard, load_policy, save_policy
+from minihuman.learn.policy.network import Policy
+from minihuman.learn.policy.observation import get_image_shape
+from minihuman.learn.teaching.dataset import Dataset
+from minihuman.learn.teaching.learner import LearningRequest, LearningResult, choose_encoder, make_learner
+
+UNLIMITED_S = float("inf")
+PACKAGE = Path(minihuman.__file__).parent
+HASHED_FOLDERS = ("learn", "worlds")  # on which weights depend, beside the data
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyArtifact:
+    """A policy's file."""
+
+    path: Path
+    sha256: str
+    card: PolicyCard
+
+
+def make_policy(
+    dataset: Dataset,
+    learner: str,
+    out: Path,
+    *,
+    seed: int,
+    start: Path | None = None,
+    budget_s: float = UNLIMITED_S,
+    checkpoint: Path | None = None,
+) -> PolicyArtifact:
+    """Learn, and write the policy with all that it was made from. The file is whole or not there.
+
+    Args:
+        dataset: All that was taught so far.
+        learner: Its name, with settings after a colon.
+        out: The policy's file.
+        seed: Of all chance in it.
+        start: The file of the policy played last, for learners that go on from it.
+        budget_s: Seconds of learning, at most.
+        checkpoint: A file from which a learner that was stopped goes on.
+
+    Raises:
+        LearnError: if there is nothing to learn from, or ``start`` is of another world.
+    """
+    torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
+    before = None if start is None else _started_from(start, dataset)
+    request = LearningRequest(dataset, np.random.default_rng(seed), before, budget_s, checkpoint)
+    learned = make_learner(learner).learn(request)
+    card = _card(dataset, learner.partition(":")[0], learned, seed, "" if start is None else hash_file(start))
+    save_policy(learned.policy, card, out)
+    return PolicyArtifact(out, hash_file(out), card)
+
+
+def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None) -> list[str]:
+    """Learn a policy once more from the data it names; what differs, in words, nothing if the weights are equal.
+
+    Where the weights differ and other code made it, that is said first.
+
+    Raises:
+        LearnError: if the file has no record of its training data, or nothing can be learned.
+    """
+    policy, card = load_policy(path)
+    made = card.notes.get("made")
+    if made is None:
+        raise LearnError(
+            f"{path} records no dataset, as {card.trained_by} trained it; only taught policies can be reproduced"
+        )
+    found = {"data_sha256": dataset.sha256(), "start_sha256": "" if start is None else hash_file(start)}
+    differs = [f"{name} is {value}, not {made[name]}" for name, value in found.items() if value != made[name]]
+    if differs:
+        return differs
+    settings = ",".join(f"{name}={value}" for name, value in made["settings"].items())
+    torch.set_num_threads(1)
+    before = None if start is None else _started_from(start, dataset)
+    request = LearningRequest(dataset, np.random.default_rng(made["seed"]), before)
+    again = make_learner(f"{made['learner']}:{settings}").learn(request)
+    differs = _differences(policy, again.policy)
+    return [*_other_code(made.get("code", {})), *differs] if differs else []
+
+
+@cache
+def get_code_versions() -> dict[str, str]:
+    """The code that decides what weights become: versions, and a fingerprint of our own sources."""
+    digest = hashlib.sha256()
+    for folder in HASHED_FOLDERS:
+        sources = sorted((PACKAGE / folder).rglob("*.py"))
+        assert sources, f"{folder} holds no source"
+        for path in sources:
+            digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return {name: version(name) for name in ("minihuman", "torch", "numpy")} | {"sources_sha256": digest.hexdigest()}
+
+
+def _other_code(made_by: dict[str, str]) -> list[str]:
+    """List the versions that differ from those that made a policy."""
+    here = get_code_versions()
+    return [f"it was made by {name} {had}; here is {here[name]}" for name, had in made_by.items() if had != here[name]]
+
+
+def hash_file(path: Path) -> str:
+    """A file's fingerprint."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _started_from(start: Path, dataset: Dataset) -> Policy:
+    policy, card = load_policy(start)
+    if card.world != dataset.world:
+        raise LearnError(
+            f"{start} was trained in {card.world}, and the dataset is of {dataset.world}; start from another policy"
+        )
+    return policy
+
+
+def _card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, start_sha256: str) -> PolicyCard:
+    made: dict[str, Any] = {
+        "learner": learner,
+        "settings": learned.settings,
+        "seed": seed,
+        "code": get_code_versions(),
+        "data_sha256": dataset.sha256(),
+        "start_sha256": start_sha256,
+        "sources": [asdict(source) for source in dataset.sources],
+        "selection": list(dataset.selection),
+        "lessons": len(dataset.lessons),
+        "steps": dataset.steps,
+        "labelled_steps": dataset.labelled_steps,
+        "ratings": len(dataset.ratings),
+        "comparisons": len(dataset.comparisons),
+        "found": learned.notes,
+    }
+    return PolicyCard(
+        world=dataset.world,
+        world_options=dataset.options,
+        action_names=dataset.action_names,
+        image_shape=get_image_shape(dataset.space),
+        eyesight=dataset.eyesight,
+        eyes=choose_encoder(dataset),
+        trained_by=learner,
+        steps=0,
+        seed=seed,
+        notes={"made": made},
+    )
+
+
+def _differences(policy: Policy, again: Policy) -> list[str]:
+    other = again.state_dict()
+    return [
+        f"{name} differs by up to {float((values - other[name]).abs().max()):.3g}"
+        for name, values in policy.state_dict().items()
+        if not torch.equal(values, other[name])
+    ]

@@ -1,0 +1,182 @@
+"""Columns of recorded events: one field of all events of a kind, and categorical texts such as keys and verdicts.
+
+A session has thousands of key presses, and most readers want two or three columns: nothing is read before that, and an
+event object is made only when one is indexed.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import fields
+from functools import cache
+from typing import Any, Generic, TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.experiment.machine.events import FrameShown, KeyPressed
+
+
+class CategoricalTexts(Sequence[str]):
+    """A sequence of texts, equal to any other of the same texts."""
+
+    __slots__ = ("categories", "codes")
+    __hash__ = None  # type: ignore[assignment] # as a list
+
+    def __init__(self, codes: NDArray[np.integer[Any]], categories: Sequence[str]) -> None:
+        self.codes = codes  # (n,) indices into ``categories``
+        self.categories = categories  # each different
+
+    @classmethod
+    def of(cls, texts: Iterable[str]) -> "CategoricalTexts":
+        """These texts."""
+        if isinstance(texts, CategoricalTexts):
+            return texts
+        codes: dict[str, int] = {}
+        return cls(np.array([codes.setdefault(text, len(codes)) for text in texts], np.int64), tuple(codes))
+
+    @classmethod
+    def joined(cls, parts: Sequence["CategoricalTexts"]) -> "CategoricalTexts":
+        """Several, one behind the other; there is at least one."""
+        words = parts[0].categories
+        if all(part.categories == words for part in parts):
+            return cls(np.concatenate([part.codes for part in parts]), words)
+        all_words: dict[str, int] = {}
+        codes = [
+            np.array([all_words.setdefault(word, len(all_words)) for word in part.categories], np.int64)[part.codes]
+            for part in parts
+        ]
+        return cls(np.concatenate(codes), tuple(all_words))
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    def __iter__(self) -> Iterator[str]:
+        return map(self.categories.__getitem__, self.codes.tolist())
+
+    @overload
+    def __getitem__(self, place: int) -> str: ...
+    @overload
+    def __getitem__(self, place: slice) -> "CategoricalTexts": ...
+    def __getitem__(self, place: int | slice) -> "str | CategoricalTexts":
+        return (
+            CategoricalTexts(self.codes[place], self.categories)
+            if isinstance(place, slice)
+            else self.categories[self.codes[place]]
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return list(self) == list(other) if isinstance(other, Sequence) else NotImplemented
+
+    def __repr__(self) -> str:
+        return f"CategoricalTexts.of({list(self)!r})"
+
+    def equals_any(self, wanted: Collection[str]) -> NDArray[np.bool_]:
+        """Where one of some texts stands, (n,)."""
+        is_equal: NDArray[np.bool_] = np.array([word in wanted for word in self.categories], np.bool_)[self.codes]
+        return is_equal
+
+    def count_values(self, where: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
+        """How often each text stands in the places that are chosen, 0 for one that does not."""
+        counts = np.bincount(self.codes[where], minlength=len(self.categories))
+        return Counter(dict(zip(self.categories, counts.tolist(), strict=True)))
+
+    def first_index(self, where: NDArray[np.bool_]) -> dict[str, int]:
+        """The first of the chosen places in which each text stands, for those that do in any."""
+        places = np.flatnonzero(where)
+        codes, firsts = np.unique(self.codes[places], return_index=True)
+        return {
+            self.categories[code]: place for code, place in zip(codes.tolist(), places[firsts].tolist(), strict=True)
+        }
+
+
+KeyOrFrame = TypeVar("KeyOrFrame", KeyPressed, FrameShown)
+NO_ACTION = -1  # in a column of actions, where an event has none
+
+
+class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
+    """A sequence of events of one kind, kept column by column.
+
+    Raises:
+        LogError: when a column or an event is looked at that cannot be read.
+    """
+
+    __slots__ = ("_column", "_kind", "_rows")
+
+    def __init__(self, kind: type[KeyOrFrame], column: Callable[[str], Any], rows: range) -> None:
+        """``column`` gives the field of that name of all events that were recorded; these here are the ``rows``."""
+        self._kind: type[KeyOrFrame] = kind
+        self._column = column
+        self._rows = rows
+
+    @classmethod
+    def of(cls, kind: type[KeyOrFrame], events: Iterable[KeyOrFrame]) -> "EventColumns[KeyOrFrame]":
+        """The columns of these events."""
+        given = tuple(events)
+
+        @cache
+        def column(name: str) -> Any:
+            return _column(name, [getattr(event, name) for event in given])
+
+        return cls(kind, column, range(len(given)))
+
+    @classmethod
+    def joined(cls, parts: "Sequence[EventColumns[KeyOrFrame]]") -> "EventColumns[KeyOrFrame]":
+        """Several, one behind the other; there is at least one."""
+        if len(parts) == 1:
+            return parts[0]
+
+        @cache
+        def column(name: str) -> Any:
+            columns = [part.column(name) for part in parts]
+            return (
+                CategoricalTexts.joined(columns)
+                if isinstance(columns[0], CategoricalTexts)
+                else np.concatenate(columns)
+            )
+
+        return cls(parts[0]._kind, column, range(sum(map(len, parts))))
+
+    def column(self, name: str) -> Any:
+        """The field of that name, of every event: ``CategoricalTexts`` or an array, with NO_ACTION for no action."""
+        return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __iter__(self) -> Iterator[KeyOrFrame]:
+        return map(self._kind, *(_values(field.name, self.column(field.name)) for field in fields(self._kind)))
+
+    @overload
+    def __getitem__(self, place: int) -> KeyOrFrame: ...
+    @overload
+    def __getitem__(self, place: slice) -> "EventColumns[KeyOrFrame]": ...
+    def __getitem__(self, place: int | slice) -> "KeyOrFrame | EventColumns[KeyOrFrame]":
+        rows = self._rows[place]
+        if isinstance(rows, range):
+            return EventColumns(self._kind, self._column, rows)
+        return self._kind(*(_value(field.name, self._column(field.name)[rows]) for field in fields(self._kind)))
+
+
+def _values(name: str, column: Any) -> Iterable[Any]:
+    """A column's values, as events have them."""
+    if isinstance(column, CategoricalTexts):
+        return column
+    values: list[Any] = column.tolist()
+    return [None if value == NO_ACTION else value for value in values] if name == "action" else values
+
+
+def _value(name: str, found: Any) -> Any:
+    """One value of a column, as events have it."""
+    value = found if isinstance(found, str) else found.item()
+    return None if name == "action" and value == NO_ACTION else value
+
+
+def _column(name: str, values: list[Any]) -> Any:
+    match name:
+        case "key" | "symbol" | "verdict" | "phase":
+            return CategoricalTexts.of(values)
+        case "action":
+            return np.array([NO_ACTION if value is None else value for value in values], np.int64)
+        case "down":
+            return np.array(values, np.bool_)
+    return np.array(values, np.int64)

@@ -1,0 +1,178 @@
+"""What a session recorded about teaching: interventions and advice per episode, compared pairs, corrections. Pure."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.experiment.activities.agent_blocks import Advised, ControlChanged, Rated
+from minihuman.experiment.activities.correction import (
+    CorrectionBegun,
+    CorrectionEnded,
+    CorrectionOutcome,
+    CorrectionStepped,
+    EpisodeLookedAt,
+)
+from minihuman.experiment.activities.preferences import EpisodeClip, Preferred, StretchShown
+from minihuman.experiment.machine.events import ActivityEvent
+
+
+@dataclass(frozen=True, slots=True)
+class PairComparison:
+    """A pair of clips and its answer. Times are session time."""
+
+    part: int  # index into the plan's parts
+    pair: int  # 0 for the first
+    left: EpisodeClip
+    right: EpisodeClip
+    preference: Preferred
+
+    @property
+    def answer_ms(self) -> float:
+        """From the first picture on the display to the key; NaN where the log does not have that time."""
+        return (
+            (self.preference.pressed_ns - self.preference.shown_ns) / 1e6 if self.preference.shown_ns else float("nan")
+        )
+
+
+def gather_comparisons(events: Iterable[object]) -> tuple[PairComparison, ...]:
+    """Every pair of a session that was answered, in order; a pair that was shown again after an interruption once."""
+    shown: dict[tuple[int, int, str], EpisodeClip] = {}
+    found = []
+    for event in events:
+        match event:
+            case StretchShown():
+                shown[event.part, event.pair, event.side] = event.stretch
+            case Preferred():
+                left, right = (shown.get((event.part, event.pair, side)) for side in ("left", "right"))
+                if left is not None and right is not None:
+                    found.append(PairComparison(event.part, event.pair, left, right, event))
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectionRecord:
+    """A demonstration from a step of an episode, ``n`` steps long. Times are session time."""
+
+    part: int  # index into the plan's parts
+    correction: int  # 0 for the part's first
+    episode: int  # that it corrects, 0 for the session's first
+    attempt: int
+    step: int  # after which it begins, 0 for the reset
+    world: str
+    options: str  # JSON
+    seed: int
+    before: NDArray[np.int64]  # (step,) the episode's actions that lead there from the reset
+    actions: NDArray[np.int64]  # (n,) what should have been done
+    keys: tuple[str, ...]  # (n,)
+    key_t_ns: NDArray[np.int64]  # (n,)
+    t_ns: NDArray[np.int64]  # (n + 1,) its beginning, then each step
+    rewards: NDArray[np.float64]  # (n,)
+    terminated: NDArray[np.bool_]  # (n,)
+    truncated: NDArray[np.bool_]  # (n,)
+    state_hashes: NDArray[np.uint64]  # (n + 1,)
+    outcome: CorrectionOutcome
+
+
+def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]:
+    """Every correction of a session, in order; one that the log was cut off in counts as stopped there."""
+    looked: dict[tuple[int, int, int], EpisodeLookedAt] = {}
+    found: list[CorrectionRecord] = []
+    begun: CorrectionBegun | None = None
+    steps: list[CorrectionStepped] = []
+
+    def close(outcome: CorrectionOutcome) -> None:
+        if begun is not None and (of := looked.get((begun.part, begun.episode, begun.attempt))) is not None:
+            found.append(_build_correction(of, begun, steps, outcome))
+
+    for event in events:
+        match event:
+            case EpisodeLookedAt():
+                looked[event.part, event.episode, event.attempt] = event
+            case CorrectionBegun():
+                close("stopped")
+                begun, steps = event, []
+            case CorrectionStepped():
+                steps.append(event)
+            case CorrectionEnded():
+                close(event.outcome)
+                begun = None
+    close("stopped")
+    return tuple(found)
+
+
+def _build_correction(
+    of: EpisodeLookedAt, begun: CorrectionBegun, steps: list[CorrectionStepped], outcome: CorrectionOutcome
+) -> CorrectionRecord:
+    return CorrectionRecord(
+        part=begun.part,
+        correction=begun.correction,
+        episode=begun.episode,
+        attempt=begun.attempt,
+        step=begun.step,
+        world=of.world,
+        options=of.options,
+        seed=of.seed,
+        before=np.array(of.actions[: begun.step], np.int64),
+        actions=np.array([step.action for step in steps], np.int64),
+        keys=tuple(step.key for step in steps),
+        key_t_ns=np.array([step.key_t_ns for step in steps], np.int64),
+        t_ns=np.array([begun.t_ns, *(step.t_ns for step in steps)], np.int64),
+        rewards=np.array([step.reward for step in steps], np.float64),
+        terminated=np.array([step.terminated for step in steps], np.bool_),
+        truncated=np.array([step.truncated for step in steps], np.bool_),
+        state_hashes=np.array([begun.state_hash, *(step.state_hash for step in steps)], np.uint64),
+        outcome=outcome,
+    )
+
+
+NO_ADVICE = -1  # instead of a policy's action, where it gave none
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TeachingRecord:
+    """Beside the ``n`` steps of an ``Episode``. Times are session time."""
+
+    policy: str  # that played: the SHA-256 of its file, or an agent's name; "" where there was none yet
+    by_person: NDArray[np.bool_]  # (n,) who steered when the step was made
+    policy_actions: NDArray[np.int64]  # (n,) the world's action that the policy would have done; NO_ADVICE
+    probabilities: NDArray[np.float32]  # (n, actions) by the world's action number; zeros where there are none
+    controls: tuple[ControlChanged, ...]  # who steers from when on
+    ratings: tuple[Rated, ...]  # presses of a rating key while it ran, or while its last picture was held
+
+    @property
+    def interventions(self) -> int:
+        """How often the person took over from the agent."""
+        return sum(change.reason == "key" for change in self.controls)
+
+    def agreement(self, actions: NDArray[np.int64]) -> float:
+        """The share of the person's steps at which the policy would have done the same; NaN without any."""
+        mine = self.by_person & (self.policy_actions != NO_ADVICE)
+        return float((self.policy_actions[mine] == actions[mine]).mean()) if mine.any() else np.nan
+
+
+def gather_teaching(events: Sequence[ActivityEvent], *, steps: int, actions: int, policy: str) -> TeachingRecord | None:
+    """What an episode's events say of teaching; None where an agent had no part in it.
+
+    Args:
+        events: of the episode, in the order logged.
+        steps: how many it has.
+        actions: how many the world has.
+        policy: that was in force when it began.
+    """
+    controls = tuple(event for event in events if isinstance(event, ControlChanged))
+    if not controls:
+        return None
+    by_person = np.zeros(steps, np.bool_)
+    ends = [*(change.step for change in controls[1:]), steps]
+    for change, end in zip(controls, ends, strict=True):
+        by_person[change.step : end] = change.who == "person"
+    policy_actions = np.full(steps, NO_ADVICE, np.int64)
+    probabilities = np.zeros((steps, actions), np.float32)
+    for event in events:
+        if isinstance(event, Advised) and event.step < steps and len(event.probabilities) == actions:
+            policy_actions[event.step] = event.action
+            probabilities[event.step] = event.probabilities
+    ratings = tuple(event for event in events if isinstance(event, Rated))
+    return TeachingRecord(policy, by_person, policy_actions, probabilities, controls, ratings)

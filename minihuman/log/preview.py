@@ -1,0 +1,143 @@
+"""Repeat a log's record for viewers: rerun and Foxglove draw poses, floor plans, images and readable lines."""
+
+import io
+import math
+from collections.abc import Iterator
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Pose_pb2 import Pose as FoxglovePose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.message import Message
+from google.protobuf.timestamp_pb2 import Timestamp
+from PIL import Image, ImageDraw
+
+from minihuman.experiment.machine import events
+from minihuman.log import topics
+from minihuman.log.codec import POSE, decode_event
+from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.worlds.pose import Map, Pose
+
+FRAME_ID = "world"  # x right, y up, z down the page, as minihuman.worlds.pose says
+
+
+def encode_previews(topic: str, data: bytes, *, started_ns: int) -> Iterator[tuple[str, Message]]:
+    """Yield what viewers draw of a message of the record: a pose, a floor plan, a picture, a readable line.
+
+    ``started_ns`` is the wall clock at the segment's time 0.
+
+    Raises:
+        Exception: whatever protobuf or a reader of ours says of bytes that are no such message.
+    """
+    match topic:
+        case topics.KEY | topics.FRAME:
+            return
+        case topics.STEP:  # there are thousands
+            step = v1.Step.FromString(data)
+            if step.HasField("pose"):
+                yield topics.POSE, _pose_in_frame(POSE.decode(step.pose), _timestamp(started_ns + step.t_ns))
+        case topics.OBSERVATION:
+            seen = v1.Observation.FromString(data)
+            if seen.WhichOneof("observation") == "png":
+                stamp = _timestamp(started_ns + seen.t_ns)
+                image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=seen.png, format="png")
+                yield topics.OBSERVATION_IMAGE, image
+        case _:
+            if (event := decode_event(topic, data)) is not None:
+                yield from _previews_of_event(event, _timestamp(started_ns + event.t_ns))
+
+
+def _previews_of_event(event: events.Event, stamp: Timestamp) -> Iterator[tuple[str, Message]]:
+    if isinstance(event, events.EpisodeStarted):
+        if event.pose is not None:
+            yield topics.POSE, _pose_in_frame(event.pose, stamp)
+        if event.map is not None:
+            image = draw_floor_plan_png(event.map, event.pose)
+            yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
+    line = _log_line(event)
+    if line is not None:
+        level, name, text = line
+        yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
+
+
+def _pose_in_frame(pose: Pose, stamp: Timestamp) -> PoseInFrame:
+    half = pose.yaw_rad / 2
+    turned = Quaternion(x=0.0, y=math.sin(half), z=0.0, w=math.cos(half))
+    placed = FoxglovePose(position=Vector3(x=pose.x, y=pose.y, z=pose.z), orientation=turned)
+    return PoseInFrame(timestamp=stamp, frame_id=FRAME_ID, pose=placed)
+
+
+def _log_line(event: events.Event) -> tuple[Log.Level.ValueType, str, str] | None:
+    match event:
+        case events.SessionStarted():
+            who = event.plan.participant
+            text = f"{event.plan.study}: {who.id}, group {who.group}, session {event.plan.session}"
+            return Log.INFO, "session", f"{text}, segment {event.plan.segment}"
+        case events.EpisodeStarted():
+            text = f"episode {event.plan.episode + 1} starts: {event.plan.world}, {event.mission!r}"
+            return Log.INFO, "episode", text
+        case events.EpisodeEnded():
+            text = f"episode {event.episode + 1} ends: {event.outcome} after {event.steps} steps"
+            return Log.INFO, "episode", f"{text}, return {event.return_:.3f}"
+        case events.KeyMapDrawn():
+            keys = ", ".join(f"{key}={action}" for key, action in event.key_map.keys.items())
+            return Log.INFO, "keys", f"from episode {event.episode + 1}: {keys}"
+        case events.PartStarted():
+            return Log.INFO, "part", f"part {event.part + 1}: {event.name} ({event.kind})"
+        case events.Answered():
+            return Log.INFO, "answer", f"{event.part_name}, {event.item}: {event.value}"
+        case events.Paused():
+            return Log.WARNING, "pause", f"paused: {event.reason}"
+        case events.Resumed():
+            return Log.INFO, "pause", "resumed"
+        case events.Noted():
+            return (Log.ERROR if "error" in event.kind else Log.INFO), event.kind, event.text
+        case events.SessionEnded():
+            level = Log.INFO if event.reason == "complete" else Log.WARNING
+            text = f"session ends: {event.reason} after {event.episodes_completed} episodes"
+            return level, "session", f"{text}: {event.detail}" if event.detail else text
+        case _:
+            return None
+
+
+def _timestamp(unix_ns: int) -> Timestamp:
+    return Timestamp(seconds=unix_ns // 1_000_000_000, nanos=unix_ns % 1_000_000_000)
+
+
+LONG_SIDE_PX = 384
+MARGIN_PX = 12
+ARROW_PX = 9  # its least radius
+PAPER, FLOOR, WALL, AGENT = "#ffffff", "#f1efe9", "#33363b", "#0072b2"
+
+
+def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
+    """Draw a map seen from above, +x right and +z down, with its things and, if given, where the agent starts."""
+    x0, z0, x1, z1 = floor.bounds
+    scale = (LONG_SIDE_PX - 2 * MARGIN_PX) / max(x1 - x0, z1 - z0, 1e-9)  # px per cell or metre
+
+    def at(x: float, z: float) -> tuple[float, float]:
+        return (MARGIN_PX + (x - x0) * scale, MARGIN_PX + (z - z0) * scale)
+
+    right, bottom = at(x1, z1)
+    image = Image.new("RGB", (math.ceil(right) + MARGIN_PX, math.ceil(bottom) + MARGIN_PX), PAPER)
+    draw = ImageDraw.Draw(image)
+    draw.rectangle((*at(x0, z0), right, bottom), fill=FLOOR)
+    for wall in floor.walls:
+        draw.line((*at(wall[0], wall[1]), *at(wall[2], wall[3])), fill=WALL, width=3)
+    for thing in floor.things:
+        x, z = at(thing.x, thing.z)
+        radius = max(thing.radius * scale, 2.0)
+        draw.ellipse((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=WALL)
+    if pose is not None:
+        draw.polygon([at(*corner) for corner in _arrow(pose, max(0.4, ARROW_PX / scale))], fill=AGENT)
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def _arrow(pose: Pose, radius: float) -> list[tuple[float, float]]:
+    """Corners (x, z) of an arrowhead at the pose, pointing where it looks."""
+    angles = (pose.yaw_rad, pose.yaw_rad + 2.5, pose.yaw_rad - 2.5)
+    return [(pose.x + radius * math.cos(angle), pose.z - radius * math.sin(angle)) for angle in angles]

@@ -1,0 +1,223 @@
+"""Read flat protobuf messages column by column: one field of all messages at a time, without message objects.
+
+NumPy reads a session's thousands of messages field by field several times faster than a parser makes objects. The
+result is that of protobuf's own parser, with two exceptions that none of our writers produce: groups are rejected, and
+of a nested message that occurs twice the last one is used. (ptars 0.0.25 saves 0.6 of 8 ms per session, but panics at a
+length that is too large, which no exception handler catches.)
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.message import Message
+from numpy.typing import NDArray
+
+from minihuman.log.model.event_columns import CategoricalTexts
+
+ByteArray = NDArray[np.uint8]
+Uint64Array = NDArray[np.uint64]  # the bytes from each place on
+MessageOffsets = NDArray[np.int64]  # (n,) a byte of each message
+
+_VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5  # wire types
+_WIRE_TYPE = {
+    FieldDescriptor.TYPE_INT64: _VARINT,
+    FieldDescriptor.TYPE_UINT64: _VARINT,
+    FieldDescriptor.TYPE_BOOL: _VARINT,
+    FieldDescriptor.TYPE_DOUBLE: _FIXED64,
+    FieldDescriptor.TYPE_FIXED64: _FIXED64,
+    FieldDescriptor.TYPE_STRING: _LENGTH,
+    FieldDescriptor.TYPE_MESSAGE: _LENGTH,
+}
+_VARINT_BITS = 70  # ten groups of seven are the most that a varint has
+_SEVEN, _EIGHTH = np.uint64(0x7F), np.uint64(0x80)  # a byte's part of the number, and whether another byte follows
+_ONES, _SEVENS, _EIGHTHS = (byte * np.uint64(0x0101010101010101) for byte in (np.uint64(1), _SEVEN, _EIGHTH))
+_PAIRS = tuple(  # how far the upper of two neighbours moves down to the lower, and the lower ones' bits
+    (np.uint64(bits), np.uint64(lower))
+    for bits, lower in ((1, 0x007F007F007F007F), (2, 0x00003FFF00003FFF), (4, 0x000000000FFFFFFF))
+)
+_FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(8)], np.uint64)  # none to seven of eight
+_BEYOND = bytes(16)  # behind the last message, so that a number cut off there can be read before it is refused
+
+
+class FieldColumn(NamedTuple):
+    """One field of n messages: numbers, texts or the columns of a nested message, and which of them hold it."""
+
+    values: Any
+    is_present: NDArray[np.bool_]  # (n,) False: the field's default stands in ``values``
+
+
+class MessageColumns(Mapping[str, FieldColumn]):
+    """Every field, by name, of some messages. Texts and nested messages are read when they are first looked at.
+
+    Raises:
+        ValueError: at once or when a field is looked at, if the bytes are no such messages.
+    """
+
+    def __init__(self, kind: Any, data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> None:
+        """``kind`` is the messages' descriptor; they lie between these places in ``data``, and ``_BEYOND`` behind."""
+        self._data = data
+        self._found = {field.name: _Field(field, data, ends) for field in kind.fields}
+        self._read: dict[str, FieldColumn] = {}
+        at = begins.copy()
+        while (at < ends).any():
+            before = at.copy()
+            for field in self._found.values():  # writers keep the fields' order, so once through is enough
+                field.take(at)
+            for row in np.flatnonzero((at == before) & (at < ends)):
+                at[row] = _after_unknown(data, int(at[row]), int(ends[row]))
+
+    def __getitem__(self, name: str) -> FieldColumn:
+        if name not in self._read:
+            self._read[name] = self._found[name].read(self._data)
+        return self._read[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+
+def read_message_columns(
+    kind: type[Message], data: bytes, begins: MessageOffsets, ends: MessageOffsets
+) -> MessageColumns:
+    """Read the messages of one kind that lie between these places in ``data``.
+
+    Raises:
+        ValueError: as ``Columns``.
+    """
+    return MessageColumns(kind.DESCRIPTOR, data + _BEYOND, begins, ends)
+
+
+class _Field:
+    """One field as it is met in one message after the other."""
+
+    def __init__(self, field: FieldDescriptor, data: bytes, ends: MessageOffsets) -> None:
+        assert field.number < 2048, f"{field.full_name}: a tag of three bytes"
+        self._kind = field
+        self._wire_type = _WIRE_TYPE[field.type]
+        tag = field.number << 3 | self._wire_type
+        self._second = tag >> 7  # byte of the tag; 0 for none
+        self._first = (tag & 0x7F) | 0x80 if self._second else tag
+        self._bytes: ByteArray = np.frombuffer(data, np.uint8)
+        self._eights = _eights(data)
+        self._ends = ends
+        self._there = np.zeros(len(ends), np.bool_)
+        self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or where a text or message begins
+        self._lengths = np.zeros(len(ends), np.int64)
+
+    def take(self, at: MessageOffsets) -> None:
+        """Read the field of every message that has it at its place, and put that place behind it."""
+        its = (self._bytes[at] == self._first) & (at < self._ends)
+        if self._second:
+            its &= self._bytes[at + 1] == self._second
+        count = np.count_nonzero(its)
+        if not count:
+            return
+        rows = slice(None) if count == len(its) else np.flatnonzero(its)
+        here, ends = at[rows] + (2 if self._second else 1), self._ends[rows]
+        if self._wire_type == _FIXED64:
+            self._numbers[rows] = self._eights[here]
+            here += 8
+        else:
+            numbers, here = _varints(self._eights, here)
+            if self._wire_type == _LENGTH:
+                if (numbers > (ends - here).clip(0).astype(np.uint64)).any():
+                    raise ValueError(f"field {self._kind.name} is truncated")
+                numbers, self._lengths[rows] = here.astype(np.uint64), numbers
+                here = here + self._lengths[rows]
+            self._numbers[rows] = numbers
+        if (here > ends).any():
+            raise ValueError(f"field {self._kind.name} is truncated")
+        self._there[rows] = True
+        at[rows] = here
+
+    def read(self, data: bytes) -> FieldColumn:
+        """The whole column, when every message has been gone through."""
+        return FieldColumn(self._values(data), self._there)
+
+    def _values(self, data: bytes) -> Any:
+        match self._kind.type:
+            case FieldDescriptor.TYPE_INT64:
+                return self._numbers.view(np.int64)
+            case FieldDescriptor.TYPE_DOUBLE:
+                return self._numbers.view(np.float64)
+            case FieldDescriptor.TYPE_BOOL:
+                return self._numbers != 0
+            case FieldDescriptor.TYPE_STRING | FieldDescriptor.TYPE_MESSAGE:
+                begins = self._numbers.view(np.int64)
+                ends = begins + self._lengths
+                if self._kind.message_type is not None:
+                    return MessageColumns(self._kind.message_type, data, begins, ends)
+                return _texts(data, begins, ends)
+        return self._numbers
+
+
+def _eights(data: bytes) -> Uint64Array:
+    """The eight bytes from each byte on, to be looked up at many places at once."""
+    return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
+
+
+def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
+    """The number at each place, seven bits a byte, the lowest first; and the places behind them."""
+    eight = eights[at]
+    if not (eight & _EIGHTH).any():  # as most are: lengths, flags, small numbers
+        return eight & _SEVEN, at + 1
+    stops = ~eight & _EIGHTHS
+    within = (stops & -stops) - np.uint64(1)  # the bits up to the first stop; all where there is none in these bytes
+    numbers = eight & within & _SEVENS
+    for bits, lower in _PAIRS:  # sevens become fourteens, those twenty-eights, those the number
+        numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
+    at = at + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
+    more, shift = np.flatnonzero(stops == 0), 56
+    while more.size:
+        if shift >= _VARINT_BITS:
+            raise ValueError("a varint is longer than 10 bytes")
+        byte = eights[at[more]] & np.uint64(0xFF)
+        numbers[more] |= (byte & _SEVEN) << np.uint64(shift)
+        at[more] += 1
+        more, shift = more[byte > 127], shift + 7
+    return numbers, at
+
+
+def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
+    """The texts between the places, compared by seven bytes and their count at a time."""
+    eights, lengths = _eights(data), ends - begins
+    codes = np.zeros_like(lengths)
+    for offset in range(0, max(1, int(lengths.max(initial=0))), 7):
+        rest = (lengths - offset).clip(0, 7).astype(np.uint64)
+        part = eights[np.minimum(begins + offset, len(eights) - 1)] & _FIRST_BYTES[rest] | rest << np.uint64(56)
+        different, firsts, these = np.unique(part, return_index=True, return_inverse=True)
+        if offset:
+            _, firsts, these = np.unique(codes * len(different) + these, return_index=True, return_inverse=True)
+        codes = these
+    return CategoricalTexts(codes, tuple(data[begins[first] : ends[first]].decode() for first in firsts.tolist()))
+
+
+def _after_unknown(data: bytes, at: int, end: int) -> int:
+    """Where the field after an unknown one begins: a newer writer may have added it."""
+    tag, at = _varint(data, at)
+    match tag & 7:
+        case _ if tag >> 3 == 0:
+            raise ValueError("a field has number 0")
+        case 0:
+            _, at = _varint(data, at)
+        case 1:
+            at += 8
+        case 2:
+            length, at = _varint(data, at)
+            at += length
+        case 5:
+            at += 4
+        case wire_type:
+            raise ValueError(f"wire type {wire_type} is not supported")
+    if at > end:
+        raise ValueError("an unknown field is truncated")
+    return at
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    numbers, places = _varints(_eights(data), np.array([at]))
+    return int(numbers[0]), int(places[0])

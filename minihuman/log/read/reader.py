@@ -1,0 +1,103 @@
+"""Read one log file as events: check its version, report damage, collect the metadata of its segments."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from mcap.records import Metadata
+
+from minihuman.errors import LogError
+from minihuman.experiment.machine.events import Event
+from minihuman.log.codec import EventDecoder, select_decoder
+from minihuman.log.names import END_METADATA, SEGMENT_METADATA
+from minihuman.log.paths import PART_SUFFIX, raise_as_log_error
+from minihuman.log.salvage.chunk import ChunkMessages, LogMessage
+from minihuman.log.salvage.scan import LogScanner, MissingMessages
+from minihuman.log.topics import PLAN
+
+
+class LogReader:
+    """A file being read. ``starts`` and ``ends`` are complete once its messages are read.
+
+    A live or cut-off log (``.mcap.part``) gives what is whole; a finished one must be whole.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.starts: list[dict[str, str]] = []  # per segment whose plan is there: version, wall clock, study
+        self.ends: list[dict[str, str]] = []  # per finished segment: reason, clean
+        self.damage = ""  # what could not be read
+        self.missing: list[MissingMessages] = []  # messages that are not there
+        self._at = 0  # where the chunk begins that is being read
+        self._decode: EventDecoder  # of the segment that is being read
+
+    def messages(self) -> Iterator[LogMessage]:
+        """Yield every message in file order.
+
+        Raises:
+            LogError: as ``chunks``.
+        """
+        for chunk in self.chunks():
+            yield from chunk
+
+    def chunks(self) -> Iterator[ChunkMessages]:
+        """Yield every chunk of messages in file order.
+
+        Raises:
+            LogError: if the file cannot be opened, is no session log, of a newer schema version, or damaged.
+        """
+        scan = LogScanner(self.path)
+        start: dict[str, str] = {}
+        for record in scan.records():
+            match record:
+                case ChunkMessages():
+                    if not start:
+                        raise LogError(f"{self.path} is not a minihuman log: it states no schema version")
+                    self._decode = select_decoder(start, self.path)
+                    self.starts += [start] * record.count(PLAN)
+                    self._at = scan.position
+                    yield record
+                case Metadata() if record.name == SEGMENT_METADATA:
+                    start = record.metadata
+                case Metadata() if record.name == END_METADATA and "segment" in record.metadata:  # else it is damaged
+                    self.ends.append(record.metadata)
+        self.damage, self.missing = scan.damage, scan.missing
+        holed = {str(gap.segment) for gap in scan.declared}
+        self.ends = [end | {"clean": "false"} if end["segment"] in holed else end for end in self.ends]
+        if not self.path.name.endswith(PART_SUFFIX) and (lacks := scan.unfinished_reason):
+            raise LogError(f"{self.path} is {lacks}; to keep the intact part, run: minihuman recover {self.path}")
+
+    def events(self) -> Iterator[Event]:
+        """Yield every event in the order it was recorded.
+
+        Raises:
+            LogError: as ``messages``, and if a message is none of ours.
+        """
+        with raise_as_log_error(self.path):
+            for message in self.messages():
+                event = self.event(message.channel.topic, message.data)
+                if event is not None:
+                    yield event
+
+    def event(self, topic: str, data: bytes) -> Event | None:
+        """Read the event in a message's bytes; None for a preview.
+
+        Raises:
+            LogError: if it cannot be read.
+        """
+        try:
+            return self._decode(topic, data)
+        except Exception as error:  # a foreign or newer message can make protobuf raise anything
+            where = f"{self.path}: in the chunk at byte {self._at}"
+            raise LogError(f"{where}, a message on {topic} cannot be read: {error}") from error
+
+
+def read_segment_starts(path: Path) -> dict[int, str]:
+    """Read which segments a file holds, and the wall clock at which each started.
+
+    Raises:
+        LogError: as ``Reading.chunks``.
+    """
+    reading = LogReader(path)
+    for _ in reading.chunks():
+        pass
+    return {int(facts["segment"]): facts["started_unix_ns"] for facts in reading.starts}

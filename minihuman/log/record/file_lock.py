@@ -1,0 +1,165 @@
+"""Own a live log exclusively: created exclusively, locked while its writer lives, never taken from a live process.
+
+The lock is the kernel's (``flock``): it ends with the process, however that ends, and needs no clean-up.
+"""
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from minihuman.errors import LogError, name_file_in_errors
+from minihuman.log.paths import SegmentPath
+
+
+def create_live_file(where: SegmentPath) -> int:
+    """Make a segment's live file, locked, and return its file descriptor.
+
+    Raises:
+        LogError: if the live file or a finished log with this segment exists, or the folder cannot be written.
+    """
+    while True:
+        try:
+            where.part.parent.mkdir(parents=True, exist_ok=True)
+            fd = os.open(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        except FileExistsError:
+            raise _running_error(where) from None
+        except OSError as error:
+            raise LogError(
+                f"{where.part} cannot be created: {error.strerror}; choose another folder with --data"
+            ) from error
+        try:
+            lock_file(fd, where.part)
+        except LogError:
+            where.part.unlink(missing_ok=True)
+            os.close(fd)
+            raise
+        if is_file_at(fd, where.part):
+            break
+        os.close(fd)  # a recovery took the empty file away between open and lock
+    if (refusal := _recorded_error(where)) is not None:
+        where.part.unlink()
+        os.close(fd)
+        raise refusal
+    for folder in where.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
+        sync_folder(folder)
+    return fd
+
+
+def require_unclaimed(where: SegmentPath) -> None:
+    """Refuse a segment that is recorded already or is being recorded; creates nothing.
+
+    Raises:
+        LogError: if it is.
+    """
+    refusal = _running_error(where) if where.part.exists() else _recorded_error(where)
+    if refusal is not None:
+        raise refusal
+
+
+def _running_error(where: SegmentPath) -> LogError:
+    return LogError(
+        f"{where.part} already exists: the session is running elsewhere or was cut off; "
+        f"end it, or run: minihuman recover {where.part}"
+    )
+
+
+def _recorded_error(where: SegmentPath) -> LogError | None:
+    from minihuman.log.read.reader import read_segment_starts
+
+    if not where.log.exists() or where.segment not in (1, *read_segment_starts(where.log)):
+        return None
+    return LogError(
+        f"{where.log} already exists and holds segment {where.segment}; choose another number with --session, "
+        "or move the log"
+    )
+
+
+def open_leftover(part: Path, flags: int = os.O_RDONLY) -> int:
+    """Open and lock a leftover live file; return its file descriptor.
+
+    Raises:
+        LogError: if a living process still writes it, it is gone, or it cannot be opened.
+    """
+    try:
+        fd = os.open(part, flags | os.O_CLOEXEC)
+    except FileNotFoundError:
+        raise LogError(f"{part} does not exist; it may have been recovered already") from None
+    except OSError as error:
+        raise LogError(f"{part} cannot be opened: {error.strerror}") from error
+    try:
+        try:
+            lock_file(fd, part, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise LogError(f"{part} is still being written by a running session; let it end first") from None
+        if not is_file_at(fd, part):
+            raise LogError(f"{part} was just recovered by another process; read the session's log instead")
+    except BaseException:
+        os.close(fd)
+        raise
+    return fd
+
+
+@contextlib.contextmanager
+def hold_leftover(part: Path) -> Iterator[None]:
+    """Hold a leftover live file's lock.
+
+    Raises:
+        LogError: as ``open_leftover``.
+    """
+    fd = open_leftover(part)
+    try:
+        yield
+    finally:
+        os.close(fd)
+
+
+def is_being_recorded(part: Path) -> bool:
+    """Say whether a running process holds a live file."""
+    try:
+        with hold_leftover(part):
+            return False
+    except LogError:
+        return part.exists()
+
+
+def lock_file(fd: int, path: Path, how: int = fcntl.LOCK_EX) -> None:
+    """Lock an open file.
+
+    Raises:
+        BlockingIOError: if another process holds the lock, and ``how`` says not to wait.
+        LogError: if its file system has no locks.
+    """
+    try:
+        fcntl.flock(fd, how)
+    except BlockingIOError:
+        raise
+    except OSError as error:
+        raise LogError(
+            f"{path} cannot be locked ({error.strerror}), so two machines could write to it at once; "
+            "choose a data folder on a file system that supports locks, such as a local disk"
+        ) from error
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a folder's entries durable: a new or renamed file is safe only when its folder is.
+
+    Raises:
+        OSError: if it cannot be done; it names the folder.
+    """
+    with name_file_in_errors(folder):
+        fd = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+
+
+def is_file_at(fd: int, path: Path) -> bool:
+    """Say whether an open file is the one at a path."""
+    try:
+        there = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return os.path.samestat(os.fstat(fd), there)

@@ -1,0 +1,268 @@
+"""Encode a live log as bytes to append: readable up to its last event whenever writing stops. Opens no file.
+
+Messages are packed into MCAP chunks directly; the library would make ten calls per message.
+"""
+
+import re
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, distribution
+from typing import IO, cast
+
+import msgspec
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, IndexType, Writer
+
+import minihuman
+from minihuman.experiment.machine.events import EpisodeStarted, Event, SessionStarted, Stepped
+from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
+from minihuman.experiment.replay import MACHINE_VERSION
+from minihuman.log import integrity
+from minihuman.log.codec import encode_event, event_cause_ns, find_topic, list_activity_topics
+from minihuman.log.names import FACTS_METADATA, PROFILE, SCHEMA_VERSION, SEGMENT_METADATA
+from minihuman.log.topics import TOPICS, Topic, schema_bytes
+
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, bytes that follow, channel, sequence, log time, publish time
+_OF_A_MESSAGE = 22  # of those bytes, before its data
+_CHUNK = struct.Struct("<BQQQQIIQ")  # opcode, bytes that follow, first time, last, bytes, CRC, no compression, bytes
+_OF_A_CHUNK = 40
+
+
+class ChunkBuilder:
+    """Collects messages and packs them into a chunk."""
+
+    def __init__(self) -> None:
+        self._records: list[bytes] = []
+        self._times_ns: list[int] = []
+
+    def add(self, channel: int, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> None:
+        """Take a message."""
+        head = _MESSAGE.pack(Opcode.MESSAGE, _OF_A_MESSAGE + len(data), channel, sequence, log_ns, publish_ns)
+        self._records += (head, data)
+        self._times_ns.append(log_ns)
+
+    def take(self) -> bytes:
+        """Return the chunk, b"" if it is empty, and start the next."""
+        if not self._records:
+            return b""
+        records, times_ns = b"".join(self._records), self._times_ns
+        self._records, self._times_ns = [], []
+        size, crc = len(records), zlib.crc32(records)
+        return _CHUNK.pack(Opcode.CHUNK, _OF_A_CHUNK + size, min(times_ns), max(times_ns), size, crc, 0, size) + records
+
+
+_NAME = re.compile(r"[A-Za-z0-9._-]+")  # a requirement starts with it
+_SEPARATORS = re.compile(r"[-_.]+")
+LIBRARY_NAME = f"minihuman/{minihuman.__version__} {LIBRARY_IDENTIFIER}"
+
+
+@dataclass(frozen=True, slots=True)
+class AppendBlock:
+    """Bytes to append at once, and the episode that must fit on the disk first."""
+
+    data: bytes
+    room_for: EpisodePlan | None = None
+
+
+class LiveLogEncoder:
+    """Encodes events as a live file's bytes: plain chunks without an index, one or more per call.
+
+    Only the record is written while a session runs; previews are added when the log is finalized.
+    """
+
+    def __init__(self, *, started_ns: int) -> None:
+        self._started_ns = started_ns
+        self.messages = 0  # encoded so far; the last one's sequence
+        self.steps = 0  # among them
+        self._bytes = _DrainedStream()
+        self._chunk = ChunkBuilder()
+        self._writer = Writer(
+            cast(IO[bytes], self._bytes),
+            compression=CompressionType.NONE,  # a step's chunk is too small to gain from it
+            index_types=IndexType.NONE,
+            use_statistics=False,
+        )
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, Schema] = {}
+
+    @classmethod
+    def resume(cls, plan: SessionPlan, *, started_ns: int, messages: int, steps: int) -> "LiveLogEncoder":
+        """Encode what is appended to a file that a killed program left, with so many ``messages`` and ``steps``."""
+        live = cls(started_ns=started_ns)
+        live._writer.start(profile=PROFILE, library=LIBRARY_NAME)
+        live._number(plan)
+        live._bytes.take()  # the file has its beginning
+        live.messages, live.steps = messages, steps
+        return live
+
+    @property
+    def channels(self) -> dict[str, int]:
+        """The number of each topic's channel; none before the first event."""
+        return dict(self._channels)
+
+    def encode(self, events: Sequence[Event]) -> list[AppendBlock]:
+        """Encode events; each episode's start begins a block of its own."""
+        pieces: list[AppendBlock] = []
+        room_for: EpisodePlan | None = None
+        for event in events:
+            if not self._channels:
+                assert isinstance(event, SessionStarted), f"a log starts with SessionStarted, not {event!r}"
+                pieces.append(AppendBlock(self._start(event)))
+                continue
+            if isinstance(event, EpisodeStarted):
+                pieces.append(AppendBlock(self._flushed(), room_for))
+                room_for = event.plan
+            self._add(event)
+        pieces.append(AppendBlock(self._flushed(), room_for))
+        return [piece for piece in pieces if piece.data]
+
+    def _flushed(self) -> bytes:
+        self._writer.flush()
+        self._bytes.write(self._chunk.take())
+        return self._bytes.take()
+
+    def _start(self, event: SessionStarted) -> bytes:
+        """The bytes of a segment's start: the plan has a chunk of its own, and a copy before it."""
+        writer, started_ns = self._writer, self._started_ns
+        writer.start(profile=PROFILE, library=LIBRARY_NAME)
+        head = [
+            Metadata(SEGMENT_METADATA, build_segment_metadata(event.plan, started_ns)),
+            Metadata(FACTS_METADATA, event.facts),
+        ]
+        for record in head:
+            writer.add_metadata(record.name, record.metadata)
+        begin = self._flushed()
+        for name, media_type, content in build_attachments(event.plan):
+            writer.add_attachment(started_ns, started_ns, name, media_type, content)
+        channels = self._number(event.plan)
+        plan = self._add_plan(event)
+        rest = self._flushed()
+        builder = RecordBuilder()
+        copied = integrity.pack_segment_head(head, list(self._schemas.values()), channels, plan)
+        Attachment(
+            started_ns, started_ns, integrity.SEGMENT_HEAD_NAME, integrity.SEGMENT_HEAD_MEDIA_TYPE, copied
+        ).write(builder)
+        return begin + bytes(builder.end()) + rest
+
+    def _number(self, plan: SessionPlan) -> list[Channel]:
+        """Number the topics' types and channels, always in the same order."""
+        topics = (*TOPICS, *list_activity_topics(part.kind for part in plan.parts))
+        return [self._channel(topic) for topic in topics if not topic.is_preview]
+
+    def _channel(self, topic: Topic) -> Channel:
+        kind, data = topic.message.DESCRIPTOR.full_name, schema_bytes(topic.message)
+        if kind not in self._schemas:
+            number = self._writer.register_schema(kind, "protobuf", data)
+            self._schemas[kind] = Schema(number, data, "protobuf", kind)
+        schema = self._schemas[kind].id
+        self._channels[topic.name] = self._writer.register_channel(topic.name, "protobuf", schema)
+        return Channel(self._channels[topic.name], topic.name, "protobuf", {}, schema)
+
+    def _add(self, event: Event) -> None:
+        topic, message = encode_event(event)
+        new = topic not in self._channels
+        if new:  # of a kind of activity that the plan has no part of
+            found = find_topic(topic)
+            assert found is not None
+            self._bytes.write(self._chunk.take())
+            self._channel(found)
+        self.messages += 1
+        self.steps += isinstance(event, Stepped)
+        data = message.SerializeToString(deterministic=True)
+        log_ns, caused = self._started_ns + event.t_ns, self._started_ns + event_cause_ns(event)
+        if new:  # the library writes the channel into the same chunk
+            self._writer.add_message(self._channels[topic], log_ns, data, caused, self.messages)
+            self._writer.flush()
+        else:
+            self._chunk.add(self._channels[topic], self.messages, log_ns, caused, data)
+
+    def _add_plan(self, event: SessionStarted) -> Message:
+        topic, message = encode_event(event)
+        self.messages += 1
+        added = Message(
+            channel_id=self._channels[topic],
+            log_time=self._started_ns + event.t_ns,
+            data=message.SerializeToString(deterministic=True),
+            publish_time=self._started_ns + event_cause_ns(event),
+            sequence=self.messages,
+        )
+        self._writer.add_message(added.channel_id, added.log_time, added.data, added.publish_time, added.sequence)
+        return added
+
+
+class _DrainedStream:
+    """The stream that a ``Writer`` needs, over bytes that are taken as they come."""
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+        self._at = 0
+
+    def write(self, data: bytes) -> int:
+        self._held += data
+        self._at += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        return self._at
+
+    def flush(self) -> None:
+        """Nothing goes anywhere before it is taken."""
+
+    def take(self) -> bytes:
+        taken, self._held = bytes(self._held), bytearray()
+        return taken
+
+
+def build_segment_metadata(plan: SessionPlan, started_ns: int) -> dict[str, str]:
+    """Build a segment's metadata; ``started_ns`` is the wall clock at its time 0."""
+    started = datetime.fromtimestamp(started_ns // 1_000_000_000, UTC)
+    return {
+        "schema_version": str(SCHEMA_VERSION),
+        "session_rules": str(MACHINE_VERSION),
+        "segment": str(plan.segment),
+        "started_at": f"{started:%Y-%m-%dT%H:%M:%S}.{started_ns % 1_000_000_000:09d}Z",
+        "started_unix_ns": str(started_ns),  # the wall clock when the session's monotonic clock was 0
+        "study": plan.study,
+        "study_version": plan.study_version,
+        "study_seed": str(plan.study_seed),
+        "protocol_sha256": plan.protocol_sha256,
+        "participant": plan.participant.id,
+        "group": plan.participant.group,
+        "session": str(plan.session),
+        "minihuman": minihuman.__version__,
+    }
+
+
+def build_attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
+    """Build a log's attachments: name, media type and content of each."""
+    key_maps = {episode.episode: episode.key_map for episode in plan.episodes}
+    return (
+        ("protocol.toml", "application/toml", plan.protocol_toml),
+        ("key_maps.json", "application/json", msgspec.json.encode(key_maps)),
+        ("packages.txt", "text/plain", _package_list()),
+    )
+
+
+@cache
+def _package_list() -> bytes:
+    """minihuman's installed dependencies, optional ones included, one ``name==version`` per line."""
+    found: dict[str, str] = {}
+    needed = ["minihuman"]
+    while needed:
+        name = needed.pop()
+        key = _SEPARATORS.sub("-", name).lower()
+        if key in found:
+            continue
+        try:
+            package = distribution(name)
+        except PackageNotFoundError:
+            continue
+        found[key] = f"{package.name}=={package.version}"
+        needed += (match[0] for line in package.requires or () if (match := _NAME.match(line)))
+    return "".join(f"{found[key]}\n" for key in sorted(found)).encode()

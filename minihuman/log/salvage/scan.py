@@ -1,0 +1,362 @@
+"""Scan a log file from front to back, whether finished, live, cut off or damaged; only whole records are read.
+
+After a record that runs past the end of the file, a chunk with a wrong checksum or bytes that are no record, scanning
+resumes at the next whole record; ``damage`` says where and why, ``missing`` which of our messages are gone. Other
+programs may add topics, and number their messages as they like.
+"""
+
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC as MAGIC
+from numpy.typing import NDArray
+
+from minihuman.errors import LogError
+from minihuman.log import integrity
+from minihuman.log.codec import find_topic
+from minihuman.log.integrity import SegmentHead
+from minihuman.log.names import END_METADATA, MISSING_METADATA, SEGMENT_METADATA
+from minihuman.log.paths import open_regular_file
+from minihuman.log.salvage.chunk import RECORD_HEADER, ChunkMessages, ChunkRecords, LogMessage, split_chunk
+from minihuman.log.salvage.framing import (
+    MAX_RECORD_BYTES,
+    as_data_stream,
+    check_record_size,
+    find_next_record,
+    parse_attachment,
+    parse_chunk,
+    parse_chunk_times,
+    parse_metadata,
+)
+from minihuman.log.topics import PLAN
+
+_CRC = struct.Struct("<I")
+_FOOTER = struct.Struct("<QQI")  # where the summary starts, where its offsets start, its checksum
+_CUT_OFF = "its record"
+
+
+@dataclass(frozen=True, slots=True)
+class DamagedRange:
+    """Bytes that could not be read, and why; reading resumed behind them."""
+
+    begin: int
+    end: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class MissingMessages:
+    """Messages of a segment that are not in its file, by sequence."""
+
+    segment: int
+    first: int
+    last: int
+
+    def without(self, found: Sequence[int]) -> "list[MissingMessages]":
+        """The messages still missing once these are found; only the first can be among them."""
+        first = self.first + (self.first in found)
+        return [MissingMessages(self.segment, first, self.last)] if first <= self.last else []
+
+
+FileRecord = ChunkMessages | Metadata | Attachment
+
+
+class LogScanner:
+    """Reads a file's records in file order. Iterate once; then ``damage`` tells what it could not read.
+
+    Raises:
+        LogError: on iteration, if the file cannot be opened, is not a regular file or no MCAP file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.finished = False  # it has its summary and its end, and nothing before is damaged
+        self.gaps: list[DamagedRange] = []
+        self.missing: list[MissingMessages] = []  # as their neighbours' numbers say
+        self.declared: set[MissingMessages] = set()  # declared missing when the file was rewritten
+        self.stop_reason = ""  # why the scan ended before the end of the file; "" if it did not
+        self.crc = 0  # of all that was read, up to the end of the data
+        self.position = 0  # where the record begins that was read last
+        self._segment = 0
+        self._sequence = 0  # of our last message; others' logs may not count, ours count from 1 in each segment
+        self._between: list[int] = []  # of unknown topics since then: a newer version's, if our next one counts them
+        self._seen: dict[str, Metadata] = {}  # the latest of each name
+        self._copy: SegmentHead | None = None  # of the start of the segment that is being read
+
+    @property
+    def damage(self) -> str:
+        """What could not be read, as text; "" if all could."""
+        gaps = [f"damaged at bytes {gap.begin} to {gap.end} ({gap.reason})" for gap in self.gaps]
+        missing = [f"without messages {gap.first} to {gap.last}" for gap in self.missing if gap not in self.declared]
+        return "; ".join([*gaps, *missing, *([self.stop_reason] if self.stop_reason else [])])
+
+    @property
+    def unfinished_reason(self) -> str:
+        """What a finished log lacks, as text; "" if it is whole."""
+        if self.damage or self.finished:
+            return self.damage
+        size = self.path.stat().st_size  # it ends where a record does, and reading met nothing wrong
+        return f"cut off at byte {size}" if size else "empty"
+
+    def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
+        for record in self.records():
+            if isinstance(record, ChunkMessages):
+                yield from record
+            else:
+                yield record
+
+    def records(self) -> Iterator[FileRecord]:
+        """Read chunk by chunk; where the start of a segment is damaged, its second copy is read."""
+        for record in self._found():
+            yield from self._restored(record)
+            yield record
+        yield from self._restored(None)
+
+    def _found(self) -> Iterator[FileRecord]:
+        with open_regular_file(self.path) as file:
+            size = os.fstat(file.fileno()).st_size
+            start = file.read(len(MAGIC))
+            if start != MAGIC[: len(start)]:
+                raise LogError(f"{self.path} is not a session log: it does not start with MCAP's magic bytes")
+            self.crc = zlib.crc32(start)
+            self.position = len(start)
+            while self.position < size and not self.stop_reason:
+                records: Sequence[FileRecord] = ()
+                try:
+                    records = self._parse(*self._read_record(file, size), file, size)
+                    next_position = file.tell()
+                except Exception as error:  # garbage can make a parser raise anything
+                    reason = f"{type(error).__name__}: {error}".rstrip(": ")
+                    next_position = self._skip_damage(file, reason)
+                yield from records
+                self.position = next_position
+
+    def _skip_damage(self, file: BinaryIO, reason: str) -> int:
+        """Find the next whole record behind one that cannot be read; the file's end if there is none."""
+        at = self.position
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
+            found = find_next_record(view, at + 1)
+            size = len(view)
+            if found is None:
+                self.stop_reason = f"cut off at byte {at}" if _CUT_OFF in reason else f"damaged at byte {at}: {reason}"
+                return size
+            if not self.gaps:
+                self._declare(view)
+        self.gaps.append(DamagedRange(at, found, reason))
+        file.seek(found)
+        return found
+
+    def _declare(self, view: mmap.mmap) -> None:
+        """Take the channels that a finished file's summary repeats: the chunk that declared them may be damaged."""
+        footer = len(view) - len(MAGIC) - RECORD_HEADER.size - _FOOTER.size
+        with suppress(Exception):
+            at, _, _ = _FOOTER.unpack_from(view, footer + RECORD_HEADER.size)
+            while at and at < footer:
+                opcode, length = RECORD_HEADER.unpack_from(view, at)
+                self._declared(opcode, view[at + RECORD_HEADER.size : at + RECORD_HEADER.size + length])
+                at += RECORD_HEADER.size + length
+
+    def _restored(self, record: FileRecord | None) -> Iterator[ChunkMessages | Metadata]:
+        """Yield the records of a segment's start that only its copy still has, before the records behind it."""
+        match record:
+            case Attachment() if record.name == integrity.SEGMENT_HEAD_NAME:
+                yield from self._restored(None)  # of a segment before, of which nothing else was left
+                with suppress(ValueError):
+                    self._copy = SegmentHead.of(record.data)
+                    for declared in self._copy.records.other_records:
+                        self._declared(*declared)
+                    for metadata in self._copy.metadata:
+                        if self._seen.get(metadata.name) != metadata:
+                            self._note(f"metadata {metadata.name} differs from its copy")
+                            yield metadata
+            case Metadata():
+                self._seen[record.name] = record
+            case ChunkMessages() | None if self._copy is not None:
+                copy, self._copy = self._copy, None
+                if record is None or not record.count(PLAN):
+                    found = copy.records.heads["sequence"].tolist()
+                    self.missing = [left for gap in self.missing for left in gap.without(found)]
+                    yield ChunkMessages(copy.records, self.channels)
+
+    def _note(self, reason: str) -> None:
+        self.gaps.append(DamagedRange(self.position, self.position, reason))
+
+    def _read_record(self, file: BinaryIO, size: int) -> tuple[int, bytes]:
+        """Read the opcode and the content of the record at ``position``; all but the data's end enters the checksum.
+
+        Raises:
+            ValueError: if it runs past the end of the file, or is too large to be one of ours.
+        """
+        head = file.read(RECORD_HEADER.size)
+        end = self.position + RECORD_HEADER.size
+        if len(head) == RECORD_HEADER.size:
+            opcode, length = RECORD_HEADER.unpack(head)
+            end += length
+        if end > size:
+            raise ValueError(f"{_CUT_OFF} extends to byte {end} of {size}")
+        if length > MAX_RECORD_BYTES:
+            raise ValueError(f"a record has {length} bytes; at most {MAX_RECORD_BYTES} are allowed")
+        content = file.read(length)
+        if opcode != Opcode.DATA_END:
+            self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
+        return opcode, content
+
+    def _parse(self, opcode: int, content: bytes, file: BinaryIO, size: int) -> Sequence[FileRecord]:
+        """Parse a record, and with a chunk the index behind it; empty where it holds nothing that is read.
+
+        Raises:
+            ValueError: if it is no whole record.
+        """
+        match opcode:
+            case Opcode.CHUNK:
+                messages = self._messages(parse_chunk(content), self._read_index(file, size))
+                if messages.times not in (None, parse_chunk_times(content)):
+                    self._note("a chunk's stated times differ from its messages'")
+                return [messages]
+            case Opcode.METADATA:
+                metadata = parse_metadata(content)
+                self._follow_segments(metadata)
+                return [metadata]
+            case Opcode.ATTACHMENT:
+                return [parse_attachment(content)]
+            case Opcode.DATA_END:
+                self._end(content, file)
+            case Opcode.HEADER | Opcode.MESSAGE_INDEX:
+                check_record_size(opcode, content)
+            case _:
+                raise ValueError(f"opcode {opcode} is unknown")
+        return []
+
+    def _follow_segments(self, metadata: Metadata) -> None:
+        """Note where a segment begins, what it lacks at its end, and which messages are declared missing."""
+        facts = metadata.metadata
+        if metadata.name == SEGMENT_METADATA:
+            self._segment, self._sequence = _number(facts.get("segment", "")), 0
+        elif metadata.name == END_METADATA:
+            last = _number(facts.get("last_message", ""))
+            if _number(facts.get("segment", "")) == self._segment and 0 < self._sequence < last:
+                self.missing.append(MissingMessages(self._segment, self._sequence + 1, last))
+        elif metadata.name == MISSING_METADATA:
+            self.declared.add(MissingMessages(**{name: _number(value) for name, value in facts.items()}))
+
+    def _end(self, content: bytes, file: BinaryIO) -> None:
+        """Check what is behind the data: the summary, by its checksum, and the file's end."""
+        (crc,) = _CRC.unpack(content)
+        summary = file.read()
+        footer = len(summary) - len(MAGIC) - RECORD_HEADER.size - _FOOTER.size
+        if footer < 0 or not summary.endswith(MAGIC):
+            self.stop_reason = "cut off within its index"
+            return
+        opcode, length = RECORD_HEADER.unpack_from(summary, footer)
+        _, _, summary_crc = _FOOTER.unpack_from(summary, footer + RECORD_HEADER.size)
+        if (opcode, length) != (Opcode.FOOTER, _FOOTER.size):
+            self.stop_reason = "damaged: its footer is invalid"
+        elif summary_crc not in (0, zlib.crc32(summary[: footer + RECORD_HEADER.size + _FOOTER.size - _CRC.size])):
+            self.stop_reason = "damaged: its index has a wrong checksum"
+        elif crc not in (0, self.crc) and not self.gaps:  # 0: its writer kept none
+            self.stop_reason = "damaged: it has a wrong checksum"
+        else:
+            self.finished = not self.gaps
+
+    def _read_index(self, file: BinaryIO, size: int) -> list[bytes]:
+        """Read the index records behind a chunk."""
+        found: list[bytes] = []
+        at = file.tell()
+        while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
+            opcode, length = RECORD_HEADER.unpack(head)
+            if opcode != Opcode.MESSAGE_INDEX or at + RECORD_HEADER.size + length > size or length > MAX_RECORD_BYTES:
+                break
+            content = file.read(length)
+            try:
+                check_record_size(opcode, content)
+            except (ValueError, struct.error):
+                break  # read again as a record of its own, and refused there
+            found.append(content)
+            self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
+            at += RECORD_HEADER.size + length
+        file.seek(at)
+        return found
+
+    def _messages(self, data: bytes, index: list[bytes]) -> ChunkMessages:
+        records = split_chunk(data, index)
+        for opcode, content in records.other_records:
+            self._declared(opcode, content)
+        missing = self._gaps_between(self._counted(records))
+        self.missing += missing
+        sequences = records.heads["sequence"]
+        breaks = [int(np.flatnonzero(sequences == gap.last + 1)[0]) for gap in missing]
+        return ChunkMessages(records, self.channels, breaks=breaks)
+
+    def _counted(self, records: ChunkRecords) -> NDArray[np.uint32]:
+        """The numbers of our messages, and of a newer version's topics where they lie between ours."""
+        sequences: NDArray[np.uint32] = records.heads["sequence"]
+        unknown = [number for number, channel in self.channels.items() if find_topic(channel.topic) is None]
+        guests = np.isin(records.heads["channel"], unknown)
+        if not guests.any() and not self._between:
+            return sequences
+        counted: list[int] = []
+        last = self._sequence
+        for sequence, guest in zip(sequences.tolist(), guests.tolist(), strict=True):
+            if guest:
+                self._between += [sequence] if sequence == last + len(self._between) + 1 else []
+                continue
+            counted += [number for number in self._between if number < sequence]
+            counted.append(sequence)
+            last, self._between = sequence, []
+        return np.array(counted, np.uint32)
+
+    def _gaps_between(self, sequences: NDArray[np.uint32]) -> list[MissingMessages]:
+        """List the messages missing before a chunk or in it; refuse a chunk whose messages are out of order."""
+        counted = sequences[sequences > 0].astype(np.int64)  # previews have 0
+        if not len(counted):
+            return []
+        before = np.concatenate([[self._sequence], counted[:-1]])
+        ahead = np.where(counted == 1, 1, counted - before)  # 1: the next segment
+        if (ahead < 1).any():
+            wrong = int(np.argmin(ahead))
+            raise ValueError(
+                f"message {counted[wrong]} follows message {before[wrong]}; messages are missing or out of order"
+            )
+        self._sequence = int(counted[-1])
+        return [
+            MissingMessages(self._segment, int(before[place]) + 1, int(counted[place]) - 1)
+            for place in np.flatnonzero(ahead > 1).tolist()
+        ]
+
+    def _declared(self, opcode: int, content: bytes) -> None:
+        """Take a schema or channel of a chunk."""
+        if opcode == Opcode.CHANNEL:
+            channel = _channel(content)
+            self.channels[channel.id] = channel
+        elif opcode == Opcode.SCHEMA:
+            schema = _schema(content)
+            self.schemas[schema.id] = schema
+
+
+@lru_cache(maxsize=64)  # every log declares the same few
+def _channel(content: bytes) -> Channel:
+    channel: Channel = Channel.read(as_data_stream(content))
+    return channel
+
+
+@lru_cache(maxsize=64)
+def _schema(content: bytes) -> Schema:
+    schema: Schema = Schema.read(as_data_stream(content))
+    return schema
+
+
+def _number(text: str) -> int:
+    return int(text) if text.isdecimal() and len(text) < 10 else 0

@@ -1,0 +1,157 @@
+"""Read a log's first and last kilobytes: whose log it is and what it contains; no message is read.
+
+The summary section of a finished log is believed only if its checksum is right. What lies between is not looked at:
+readers of messages check them, and ``verify`` checks the whole. Knows neither protobuf nor NumPy, so that ``status``
+starts quickly.
+"""
+
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Container, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.opcode import Opcode
+
+from minihuman.errors import LogError
+from minihuman.log.names import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
+from minihuman.log.paths import MAGIC, open_regular_file
+
+_HEAD = struct.Struct("<BQ")  # of a record: its kind, how many bytes follow
+_FOOTER = struct.Struct("<QQI")  # where the summary begins, where its offsets do, its checksum
+_CRC = struct.Struct("<I")
+_LENGTH = struct.Struct("<I")
+_length = _LENGTH.unpack_from
+_CHANNEL = struct.Struct("<HHI")  # its number, its schema's, how long its topic is
+_PLACE = struct.Struct("<QQ")  # of a record that an index names: where it begins, how many bytes it has
+_COUNT = struct.Struct("<HQ")  # a channel, its messages
+_STATISTICS_BYTES = 46  # before the counts
+_FIRST_BYTES = 4096
+_LAST_BYTES = 48 * 1024  # a summary is most often shorter: it repeats the schemas
+_INDEXED_METADATA = (SEGMENT_METADATA, FACTS_METADATA, END_METADATA)
+_METADATA = frozenset({int(Opcode.METADATA)})
+_SUMMARY_OPCODES = frozenset(map(int, (Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA_INDEX)))  # in a summary
+_NAMES = {_LENGTH.pack(len(name)) + name.encode(): name for name in _INDEXED_METADATA}  # as an index states them
+
+
+@dataclass(frozen=True, slots=True)
+class LogSummary:
+    """A finished log's summary, checked by its checksum, and the metadata that it names."""
+
+    starts: tuple[dict[str, str], ...]  # per segment, in order
+    facts: tuple[dict[str, str], ...]  # of the station, per segment
+    ends: tuple[dict[str, str], ...]  # how each finished segment ended
+    counts: Counter[str]  # messages per topic
+
+
+def all_ended_cleanly(starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]) -> bool:
+    """Say whether every segment that started also ended by itself."""
+    return len(ends) == len(starts) and all(end["clean"] == "true" for end in ends)
+
+
+def read_first_metadata(path: Path) -> dict[str, str]:
+    """Read a log's first segment metadata: study, participant, session, start; {} where it cannot be read."""
+    try:
+        with open_regular_file(path) as file:
+            start = file.read(_FIRST_BYTES)
+    except (OSError, LogError):
+        return {}
+    if start.startswith(MAGIC):
+        with suppress(struct.error, ValueError):  # damaged: metadata has no checksum
+            for _, content in _records(start, len(MAGIC), among=_METADATA):
+                name, facts = _metadata(content)
+                if name == SEGMENT_METADATA:
+                    return facts
+    return {}
+
+
+def read_summary(path: Path) -> LogSummary | None:
+    """Read a finished log's summary; None where it has none or its checksum is wrong."""
+    try:
+        with open_regular_file(path) as file:
+            fd = file.fileno()
+            size = os.fstat(fd).st_size
+            data = os.pread(fd, _LAST_BYTES, max(0, size - _LAST_BYTES))
+            begin = _summary_begin(data, size)
+            if begin is None:
+                return None
+            ahead = _HEAD.size + _CRC.size  # of the record that ends the data
+            if (needed := size - begin + ahead) > len(data):
+                data = os.pread(fd, needed, begin - ahead)
+            return _parse_summary(fd, data[len(data) - (size - begin) - ahead :])
+    except (OSError, LogError, struct.error, ValueError):
+        return None
+
+
+def _summary_begin(data: bytes, size: int) -> int | None:
+    """The byte of the file at which its summary begins, by its last bytes; None if it does not end in a footer."""
+    at = len(data) - len(MAGIC) - _FOOTER.size - _HEAD.size
+    if not data.endswith(MAGIC) or at < 0 or _HEAD.unpack_from(data, at) != (Opcode.FOOTER, _FOOTER.size):
+        return None
+    begin: int = _FOOTER.unpack_from(data, at + _HEAD.size)[0]
+    return begin if len(MAGIC) + _HEAD.size + _CRC.size <= begin <= size - (len(data) - at) else None
+
+
+def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
+    """What the summary says; ``data`` is the file from the record that ends the data to its end."""
+    if _HEAD.unpack_from(data) != (Opcode.DATA_END, _CRC.size):
+        return None
+    last = len(data) - len(MAGIC) - _CRC.size
+    if zlib.crc32(memoryview(data)[_HEAD.size + _CRC.size : last]) != _CRC.unpack_from(data, last)[0]:
+        return None
+    topics: dict[int, str] = {}
+    found: dict[str, list[dict[str, str]]] = {name: [] for name in _INDEXED_METADATA}
+    counts = Counter[str]()
+    for kind, content in _records(data, _HEAD.size + _CRC.size, among=_SUMMARY_OPCODES):
+        if kind == Opcode.CHANNEL:
+            number, _, length = _CHANNEL.unpack_from(content)
+            topics[number] = content[_CHANNEL.size : _CHANNEL.size + length].decode()
+        elif kind == Opcode.STATISTICS:
+            for number, count in _COUNT.iter_unpack(content[_STATISTICS_BYTES:]):
+                counts[topics.get(number, "")] += count
+        elif kind == Opcode.METADATA_INDEX and (name := _NAMES.get(content[_PLACE.size :])) is not None:
+            offset, length = _PLACE.unpack_from(content)
+            record = os.pread(fd, length, offset)
+            if _HEAD.unpack_from(record) != (Opcode.METADATA, length - _HEAD.size):
+                return None
+            stated_name, facts = _metadata(record[_HEAD.size :])
+            if stated_name != name:
+                return None
+            found[name].append(facts)
+    starts, facts_of, ends = (tuple(found[name]) for name in _INDEXED_METADATA)
+    return LogSummary(starts, facts_of, ends, counts)
+
+
+def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
+    """A metadata record's name and facts, field by field: the library's own reader takes ten times as long."""
+    name, at = _text(content, 0)
+    at += _LENGTH.size
+    end, texts = at + _length(content, at - _LENGTH.size)[0], list[str]()
+    while at < end:  # a key and its value in turn, as ``_text`` reads them
+        begin = at + 4
+        at = begin + _length(content, at)[0]
+        texts.append(content[begin:at].decode())
+    return name, dict(zip(texts[::2], texts[1::2], strict=True))
+
+
+def _text(content: bytes, at: int) -> tuple[str, int]:
+    """The text at a place, and the place behind it."""
+    begin = at + 4
+    end = begin + _length(content, at)[0]
+    return content[begin:end].decode(), end
+
+
+def _records(data: bytes, at: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
+    """Every whole record's kind and content from a byte on, of these kinds."""
+    head, end = _HEAD.unpack_from, len(data)
+    while at + _HEAD.size <= end:
+        kind, length = head(data, at)
+        at += _HEAD.size
+        if at + length > end:
+            return
+        if kind in among:
+            yield kind, data[at : at + length]
+        at += length

@@ -1,1 +1,0 @@
-"""Measures: numbers from one episode or one session. Pure: no file, no clock, no drawing."""

@@ -1,1 +1,0 @@
-"""Players: whoever presses the keys when no human does."""

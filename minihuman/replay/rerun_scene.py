@@ -1,0 +1,379 @@
+"""What the replay shows of a session and when: timelines, facts, map, path, heading, keys, numbers and log lines.
+
+Sending whole columns makes a session's recording tens of times faster than logging it step by step.
+"""
+
+import io
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+from minihuman.dataset.measures import response_ms
+from minihuman.experiment.machine.events import KeyPressed, Paused, Resumed
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.log.model.teaching_events import NO_ADVICE
+from minihuman.replay.frames import render_frames
+
+SESSION_TIME = "session_time"  # since the session's first segment began
+PLAY_TIME = "play_time"  # since the session's first episode began, 0 before it: where a replay opens
+STEP = "step"  # counts on through the session; every episode's first picture counts as one too
+EPISODE = "episode"  # 1 for the session's first, 0 before it
+ALIGNED = "aligned_time"  # several sessions: their n-th episodes begin together
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayTimeline:
+    """One session's rows in time. ``aligned_ns`` is when each episode begins on the common timeline, or None."""
+
+    row_t_ns: NDArray[np.int64]  # every pose of every episode
+    start_t_ns: NDArray[np.int64]  # (episodes,)
+    numbers: NDArray[np.int64]  # (episodes,) 1 for the session's first
+    aligned_ns: NDArray[np.int64] | None
+
+    @classmethod
+    def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
+        """The moments of a session; ``aligned_ns`` maps an episode's number to its common beginning."""
+        numbers = [episode.number for episode in log.episodes]
+        rows = [episode.t_ns for episode in log.episodes]
+        return cls(
+            row_t_ns=np.concatenate(rows) if rows else np.zeros(0, np.int64),
+            start_t_ns=np.array([episode.t_ns[0] for episode in log.episodes], np.int64),
+            numbers=np.array(numbers, np.int64),
+            aligned_ns=None if aligned_ns is None else np.array([aligned_ns[n] for n in numbers], np.int64),
+        )
+
+    @property
+    def _first_ns(self) -> int:
+        return int(self.start_t_ns[0]) if len(self.start_t_ns) else 0
+
+    def columns(self, t_ns: ArrayLike) -> list[rr.TimeColumn]:
+        """The timelines' values at these times, ns since the session began."""
+        times = np.asarray(t_ns, np.int64)
+        place = np.searchsorted(self.start_t_ns, times, side="right") - 1
+        steps = np.searchsorted(self.row_t_ns, times, side="right") - 1
+        episodes = np.where(place < 0, 0, self.numbers[place]) if len(self.numbers) else np.zeros(len(times), np.int64)
+        columns = [
+            rr.TimeColumn(SESSION_TIME, duration=times.astype("timedelta64[ns]")),
+            rr.TimeColumn(PLAY_TIME, duration=np.maximum(times - self._first_ns, 0).astype("timedelta64[ns]")),
+            rr.TimeColumn(STEP, sequence=np.maximum(steps, 0)),
+            rr.TimeColumn(EPISODE, sequence=episodes),
+        ]
+        if self.aligned_ns is not None and len(self.numbers):
+            since = times - self.start_t_ns[np.maximum(place, 0)] + self.aligned_ns[np.maximum(place, 0)]
+            columns.append(rr.TimeColumn(ALIGNED, duration=since.astype("timedelta64[ns]")))
+        return columns
+
+
+def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
+    """When each episode begins on the common timeline, by number: a second after the longest one before it."""
+    longest: dict[int, int] = {}
+    for log in logs:
+        for episode in log.episodes:
+            number = episode.number
+            longest[number] = max(longest.get(number, 0), int(episode.t_ns[-1] - episode.t_ns[0]))
+    starts, now_ns = {}, 0
+    for number in sorted(longest):
+        starts[number] = now_ns
+        now_ns += longest[number] + 1_000_000_000
+    return starts
+
+
+def build_facts_page(log: SessionLog) -> str:
+    """Who, what, when, how it ended, and one row an episode."""
+    plan, participant = log.plan, log.plan.participant
+    clean = "finished" if log.clean else "cut off"
+    lines = [
+        f"# {participant.id}, session {plan.session}",
+        "",
+        f"**{plan.study}** {plan.study_version}, group *{participant.group}*, played by *{log.player}*.",
+        f"Started {log.started_at} ({_segments(log)}); the log is {clean}, the session ended: {log.end_reason}.",
+        "",
+        "| episode | attempt | block | world | keys | outcome | steps | return |",
+        "|--:|--:|---|---|---|---|--:|--:|",
+        *(_row(episode) for episode in log.episodes),
+        "",
+        "| fact | value |",
+        "|---|---|",
+        f"| protocol SHA-256 | `{plan.protocol_sha256}` |",
+        f"| study seed | {plan.study_seed} |",
+        *(f"| {name} | {value} |" for name, value in sorted(log.facts.items())),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _segments(log: SessionLog) -> str:
+    """Where each segment begins, on the session's clock."""
+    if len(log.segments) == 1:
+        return "one segment"
+    begins = ", ".join(f"{segment.start_ns / 1e9:.1f} s" for segment in log.segments)
+    return f"{len(log.segments)} segments, beginning at session time {begins}"
+
+
+def _row(episode: EpisodeLog) -> str:
+    plan = episode.plan
+    keys = ", ".join(f"{key}: {action}" for key, action in sorted(plan.key_map.keys.items()))
+    return (
+        f"| {episode.number} | {episode.attempt} | {plan.block_name} | {plan.world} (seed {plan.seed}) | {keys} "
+        f"| {episode.outcome_word} | {len(episode.actions)} | {episode.return_:.3f} |"
+    )
+
+
+WALL, PATH, TRAIL, AGENT = 0xC8C8C8FF, 0x0072B2FF, 0xE69F00FF, 0xD55E00FF
+_POINT = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
+_STRIP = pa.list_(pa.field("item", _POINT, nullable=False))
+_TRAIL_MOVES = 12
+_PATH_ROWS = 400  # a longer path is redrawn every few moves: the whole of it each time would grow with the square
+_HEADING = {"cell": 0.8, "m": 0.7}
+_KEY_STATES = {  # what became of a press: label, colour
+    "accepted": 0x009E73FF,
+    "queued": 0x56B4E9FF,
+    "spare": 0xE69F00FF,
+    "unmapped": 0xD55E00FF,
+    "repeat": 0x8A8A8AFF,
+    "not_playing": 0xCC79A7FF,
+}
+
+_ACTIONS = (0x0072B2FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0x56B4E9FF, 0xD55E00FF, 0xF0E442FF)
+
+
+def session_root(log: SessionLog) -> str:
+    """Where a session's things are in the recording: "sub-07_ses-01"."""
+    return f"{log.plan.participant.id}_ses-{log.plan.session:02d}"
+
+
+def send_session(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTimeline) -> None:
+    """Send everything but the participant's view."""
+    root = session_root(log)
+    recording.log(
+        f"{root}/facts", rr.TextDocument(build_facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True
+    )
+    _send_maps(recording, root, log, moments)
+    _send_motion(recording, root, log, moments)
+    _send_series(recording, root, log, moments)
+    _send_keys(recording, root, log, moments)
+    _send_steering(recording, root, log, moments)
+    _send_events(recording, root, log, moments)
+
+
+def send_views(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTimeline) -> None:
+    """Send the participant's view of every episode, checked against the log: drawn again, else as the log holds it.
+
+    Raises:
+        LogError: if what a world shows now is not what was seen, and the log holds no pictures.
+        WorldError: if a world cannot be run here, and the log holds no pictures.
+    """
+    for episode in log.episodes:
+        blobs = [_png(picture) for picture in render_frames(episode)]
+        columns = rr.EncodedImage.columns(blob=blobs, media_type=["image/png"] * len(blobs))
+        recording.send_columns(f"{session_root(log)}/view", moments.columns(episode.t_ns), columns)
+
+
+def _png(picture: NDArray[np.uint8]) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "png", compress_level=1)
+    return file.getvalue()
+
+
+def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    maps = [(episode.t_ns[0], episode.start.map) for episode in log.episodes if episode.start.map is not None]
+    if not maps:
+        return
+    times = moments.columns([t_ns for t_ns, _ in maps])
+    walls = [wall for _, floor in maps for wall in floor.walls]
+    strips = np.asarray(walls, np.float32).reshape(-1, 2, 2)
+    columns = rr.LineStrips2D.columns(strips=strips, colors=[WALL] * len(strips))
+    recording.send_columns(f"{root}/map/walls", times, columns.partition([len(floor.walls) for _, floor in maps]))
+    things = [thing for _, floor in maps for thing in floor.things]
+    points = rr.Points2D.columns(
+        positions=np.array([(thing.x, thing.z) for thing in things], np.float32).reshape(-1, 2),
+        radii=[thing.radius for thing in things],
+        colors=np.array([int(thing.colour.lstrip("#") + "ff", 16) for thing in things], np.uint32),
+        labels=[thing.name for thing in things],
+    )
+    recording.send_columns(f"{root}/map/things", times, points.partition([len(floor.things) for _, floor in maps]))
+
+
+def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    """The agent at every step; path and trail whenever it moved."""
+    placed = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
+    placed = [(episode, here) for episode, here in placed if here.any()]
+    if not placed:
+        return
+    times = np.concatenate([episode.t_ns[here] for episode, here in placed])
+    poses = np.concatenate([episode.poses[here] for episode, here in placed])
+    places = poses[:, [0, 2]].astype(np.float32)
+    length = np.concatenate([np.full(here.sum(), _heading(episode), np.float32) for episode, here in placed])
+    heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
+    arrows = rr.Arrows2D.columns(
+        origins=places,
+        vectors=(length[:, None] * heading).astype(np.float32),
+        colors=np.full(len(places), AGENT, np.uint32),
+        radii=length / 8,
+    )
+    recording.send_columns(f"{root}/map/agent", moments.columns(times), arrows)
+    ends = np.cumsum([here.sum() for _, here in placed])
+    moves = [start + _moves(places[start:end]) for start, end in pairwise([0, *ends])]
+    _send_lines(recording, root, moments, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
+
+
+def _send_lines(
+    recording: rr.RecordingStream,
+    root: str,
+    moments: ReplayTimeline,
+    times: NDArray[np.int64],
+    places: NDArray[np.float32],
+    moves: Sequence[NDArray[np.int64]],
+) -> None:
+    """Path and trail, from the rows of all episodes at which the agent moved, and their number in each."""
+    path: list[tuple[int, int]] = []
+    trail: list[tuple[int, int]] = []
+    for begin, end in pairwise(np.cumsum([0, *map(len, moves)]).tolist()):
+        stride = -(-(end - begin) // _PATH_ROWS)
+        path += [(begin, row + 1) for row in range(begin, end, stride)]
+        trail += [(max(begin, row - max(_TRAIL_MOVES, stride)), row + 1) for row in range(begin, end)]
+    for order, (name, windows, colour) in enumerate((("path", path, PATH), ("trail", trail, TRAIL)), 20):
+        columns = rr.LineStrips2D.columns(
+            strips=_strips(places, windows),
+            colors=np.full(len(windows), colour, np.uint32),
+            draw_order=np.full(len(windows), order, np.float32),  # the trail lies on the path
+        )
+        rows = moments.columns(times[[end - 1 for _, end in windows]])
+        recording.send_columns(f"{root}/map/{name}", rows, columns)
+
+
+def _moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
+    """The rows of one episode that stand elsewhere than the row before; the first always."""
+    return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
+
+
+def _heading(episode: EpisodeLog) -> float:
+    return _HEADING[episode.start.map.unit if episode.start.map else "m"]
+
+
+def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
+    """One line strip a window of rows [begin, end), as the Arrow array that rerun would make of them one by one."""
+    lengths = np.array([end - begin for begin, end in windows])
+    rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
+    points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
+    return pa.ListArray.from_arrays(np.cumsum([0, *lengths]).astype(np.int32), points, type=_STRIP)
+
+
+def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    """Reward and return a step, and reaction times where there are any."""
+    series: dict[str, tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]]] = defaultdict(lambda: ([], []))
+    carried = 0.0
+    for episode in log.episodes:
+        times_ms = response_ms(episode)
+        answered = ~np.isnan(times_ms)
+        returns = np.concatenate([[0.0], np.cumsum(episode.rewards)])
+        for name, times, values in (
+            ("reward", episode.t_ns[1:], episode.rewards),
+            ("return", np.repeat(episode.t_ns, 2), to_step_line(returns, carried)),
+            ("reaction_ms", episode.t_ns[1:][answered], times_ms[answered]),
+        ):
+            series[name][0].append(times)
+            series[name][1].append(values)
+        carried = float(returns[-1])
+    styles = {
+        "reward": rr.SeriesPoints(names="reward", colors=TRAIL, markers="circle", marker_sizes=3),
+        "return": rr.SeriesLines(names="return", colors=PATH, widths=2),
+        "reaction_ms": rr.SeriesPoints(
+            names="reaction time from onset (ms)", colors=AGENT, markers="circle", marker_sizes=3
+        ),
+    }
+    for name, (all_times, all_values) in series.items():
+        recording.log(f"{root}/{name}", styles[name], static=True)
+        rows = moments.columns(np.concatenate(all_times))
+        recording.send_columns(f"{root}/{name}", rows, rr.Scalars.columns(scalars=np.concatenate(all_values)))
+
+
+def to_step_line(values: NDArray[np.float64], before: float) -> NDArray[np.float64]:
+    """Each value beside the one before it, for a line that goes on level and then changes at once."""
+    return np.column_stack([[before, *values[:-1]], values]).ravel()
+
+
+def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    """A lane a physical key, with its actions' names: what became of each press, until it came up."""
+    lanes: dict[str, list[KeyPressed]] = defaultdict(list)
+    for press in log.keys:
+        if press.verdict != "repeat":
+            lanes[press.key].append(press)
+    actions: dict[str, dict[str, None]] = defaultdict(dict)  # of each key, in the order in which it got them
+    for episode in log.episodes:
+        for key, action in episode.plan.key_map.keys.items():
+            actions[key].setdefault(action)
+    states = list(_KEY_STATES)
+    for key, presses in sorted(lanes.items()):
+        lane = f"{root}/keys/{'-'.join((key, *actions.get(key, ())))}"
+        style = rr.StateConfiguration(values=states, labels=states, colors=list(_KEY_STATES.values()))
+        recording.log(lane, style, static=True)
+        columns = rr.StateChange.columns(state=[press.verdict if press.down else "" for press in presses])
+        recording.send_columns(lane, moments.columns([press.t_ns for press in presses]), columns)
+
+
+def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    """Two lanes: what the policy would have done after each picture, and what the person did where they steered."""
+    lanes: dict[str, list[tuple[int, str]]] = {"policy": [], "person": []}
+    names: dict[str, None] = {}
+    for episode in log.episodes:
+        if (taught := episode.taught) is None:
+            continue
+        said = episode.start.action_names
+        for step, t_ns in enumerate(episode.t_ns[:-1].tolist()):
+            policy = int(taught.policy_actions[step])
+            lanes["policy"].append((t_ns, "" if policy == NO_ADVICE else said[policy]))
+            lanes["person"].append((t_ns, said[int(episode.actions[step])] if taught.by_person[step] else ""))
+        for lane in lanes.values():
+            lane.append((int(episode.t_ns[-1]), ""))
+        names |= dict.fromkeys(said)
+    for name, changes in lanes.items():
+        if changes:
+            states, colours = list(names), [_ACTIONS[place % len(_ACTIONS)] for place in range(len(names))]
+            style = rr.StateConfiguration(values=states, labels=states, colors=colours)
+            recording.log(f"{root}/steering/{name}", style, static=True)
+            columns = rr.StateChange.columns(state=[action for _, action in changes])
+            recording.send_columns(f"{root}/steering/{name}", moments.columns([t for t, _ in changes]), columns)
+
+
+def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    """Readable lines: episodes, key presses, pauses and notes, in order of time."""
+    lines = [line for episode in log.episodes for line in _episode_lines(episode)]
+    lines += [
+        (press.t_ns, "INFO" if press.verdict in ("accepted", "queued") else "WARN", _press_line(press))
+        for press in _downs(log)
+    ]
+    for note in log.notes:
+        match note:
+            case Paused():
+                lines.append((note.t_ns, "WARN", f"paused: {note.reason}"))
+            case Resumed():
+                lines.append((note.t_ns, "INFO", "resumed"))
+            case _:
+                lines.append((note.t_ns, "ERROR" if "error" in note.kind else "INFO", f"{note.kind}: {note.text}"))
+    lines.sort(key=lambda line: line[0])
+    if lines:
+        columns = rr.TextLog.columns(text=[line[2] for line in lines], level=[line[1] for line in lines])
+        recording.send_columns(f"{root}/events", moments.columns([line[0] for line in lines]), columns)
+
+
+def _downs(log: SessionLog) -> list[KeyPressed]:
+    return [press for press in log.keys if press.down and press.verdict != "repeat"]
+
+
+def _press_line(press: KeyPressed) -> str:
+    return f"key {press.key}: {press.verdict.replace('_', ' ')} ({press.phase})"
+
+
+def _episode_lines(episode: EpisodeLog) -> list[tuple[int, str, str]]:
+    plan = episode.plan
+    steps = len(episode.actions)
+    began = f"{episode.name} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"
+    ended = f"{episode.name} ends: {episode.outcome_word}, {steps} steps, return {episode.return_:.3f}"
+    return [(int(episode.t_ns[0]), "INFO", began), (int(episode.t_ns[-1]), "INFO", ended)]

@@ -1,1 +1,0 @@
-"""Report: a folder of session logs into tables, statistics, figures and one page."""

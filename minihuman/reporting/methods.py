@@ -1,0 +1,226 @@
+"""The methods paragraphs: what was played by whom with what, in words to copy, with versions and hashes."""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from importlib.metadata import version
+
+from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.reporting.results import FORMULAS, MEASURES
+
+_STATISTICS = ("pandas", "scipy")
+_TO_FIND = "the actions of the keys had to be discovered"
+_SHOWN = "the keys and their actions were shown on the screen"
+_LABELS: dict[str, Callable[[PlanOutline], str]] = {
+    "group": lambda plan: f"group {plan.group}",
+    "session": lambda plan: f"in session {plan.session}",
+    "version": lambda plan: f"by version {plan.version} ({plan.protocol_sha256[:8]})",
+    "participant": lambda plan: f"participant {plan.participant}",
+}
+_DIVISIONS = (  # the fewest that tell how a block was had are named
+    (), ("group",), ("session",), ("version",), ("group", "session"), ("group", "version"), ("session", "version"),
+    ("group", "session", "version"), ("participant", "session"),
+)  # fmt: skip
+Cell = tuple[str, int, str]  # group, session, and the block before (of an earlier session too; "" for none)
+
+
+def build_methods(
+    plans: Sequence[PlanOutline],
+    qualities: Sequence[RecordingQuality],
+    simulated: int = 0,
+    *,
+    practice: Collection[tuple[str, str]] = (),
+) -> list[str]:
+    """The paragraphs; ``plans`` and ``qualities`` are the sessions', ``simulated`` of which no person played.
+
+    ``practice`` is group and block of what is not analysed.
+    """
+    return [
+        _people(plans, simulated),
+        *_blocks(plans, practice),
+        _measures(),
+        _software(plans, qualities),
+        _statistics(),
+    ]
+
+
+def find_known_keys(plans: Sequence[PlanOutline]) -> dict[str, list[str]]:
+    """By block, the groups who came to it with the keys of the one before, which they knew by then.
+
+    All participants of a group did, the first time that they played it.
+    """
+    known_keys: dict[str, dict[str, bool]] = {}
+    for block, cells in _find_known_cells(plans).items():
+        of_group = known_keys.setdefault(block, {})
+        first = {group: min(session for its, session, _ in cells if its == group) for group, _, _ in cells}
+        for (group, session, _), known in cells.items():
+            if session == first[group]:
+                of_group[group] = of_group.get(group, True) and known
+    found = {block: sorted(group for group, known in groups.items() if known) for block, groups in known_keys.items()}
+    return {block: groups for block, groups in found.items() if groups}
+
+
+def _find_known_cells(plans: Sequence[PlanOutline]) -> dict[str, dict[Cell, bool]]:
+    """By block and cell, whether all participants had the keys of the block before: of a few alone it is chance."""
+    found: dict[str, dict[Cell, bool]] = {}
+    last: dict[str, EpisodePlan] = {}
+    for plan in sorted(plans, key=lambda plan: plan.session):
+        for one in plan.blocks:
+            before = last.get(plan.participant)
+            cells = found.setdefault(one.block_name, {})
+            cell = plan.group, plan.session, before.block_name if before else ""
+            cells[cell] = cells.get(cell, True) and before is not None and _does(one) == _does(before)
+            last[plan.participant] = one
+    return found
+
+
+def _does(one: EpisodePlan) -> dict[str, int]:
+    """What each key does, by the action's place in the block's list: worlds call the same actions by other names."""
+    return {key: one.actions.index(action) for key, action in one.key_map.keys.items() if action in one.actions}
+
+
+def _people(plans: Sequence[PlanOutline], simulated: int) -> str:
+    groups = Counter({plan.participant: plan.group for plan in plans}.values())
+    parts = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
+    by_session = Counter(plan.session for plan in plans)
+    days = f" in {len(by_session)} sessions" if len(by_session) > 1 else ""
+    if len(set(by_session.values())) > 1:
+        days += f" ({', '.join(f'{count} in session {session}' for session, count in sorted(by_session.items()))})"
+    by_hand = sum(plan.by_hand for plan in plans)
+    chosen = f"; in {by_hand} sessions the participant or group was chosen by hand" if by_hand else ""
+    return (
+        f"{sum(groups.values())} participants took part{days} ({parts}{_nobody(plans, simulated)}). "
+        f"{'Groups and keys' if _are_keys_drawn(plans) else 'Groups'} came from an allocation list "
+        f"drawn before the first session from the study's seed, {plans[0].seed}{chosen}.{_strata(plans)}"
+    )
+
+
+def _are_keys_drawn(plans: Sequence[PlanOutline]) -> bool:
+    """Whether participants had different keys; one alone had drawn ones, as far as the plan says."""
+    keys: dict[tuple[str, str], list[dict[str, str]]] = {}
+    for plan in plans:
+        for one in plan.blocks:
+            keys.setdefault((plan.group, one.block_name), []).append(one.key_map.keys)
+    return any(len(each) == 1 or each.count(each[0]) < len(each) for each in keys.values())
+
+
+def _strata(plans: Sequence[PlanOutline]) -> str:
+    """Within which strata groups were drawn, and how many of each group each has."""
+    drawn = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
+    if not drawn:
+        return ""
+    many = Counter(drawn.values())
+    groups = sorted({group for _, group in many})
+    strata = "; ".join(
+        f"{stratum}: {', '.join(f'{group} {many[stratum, group]}' for group in groups)}"
+        for stratum in sorted({stratum for stratum, _ in many})
+    )
+    asked = next(plan.stratified_by for plan in plans if plan.stratified_by)
+    return f" Groups were stratified by the answer to {asked}, with one allocation list per stratum ({strata})."
+
+
+def _nobody(plans: Sequence[PlanOutline], simulated: int) -> str:
+    if not simulated:
+        return ""
+    return "; all simulated" if simulated == len(plans) else f"; {simulated} of the sessions simulated"
+
+
+def _blocks(plans: Sequence[PlanOutline], practice: Collection[tuple[str, str]]) -> list[str]:
+    """A paragraph per block; where groups, sessions or versions had it otherwise, a sentence for each."""
+    known = _find_known_cells(plans)
+    descriptions: dict[str, list[tuple[PlanOutline, str]]] = {}
+    for plan in sorted(plans, key=lambda plan: -len(plan.blocks)):  # in the order of those who played most
+        for one in plan.blocks:
+            is_practice = (plan.group, one.block_name) in practice
+            description = f"practice, not analysed: {_describe(one)}" if is_practice else _describe(one)
+            descriptions.setdefault(one.block_name, []).append((plan, description))
+    return [_block(name, described, known[name]) for name, described in descriptions.items()]
+
+
+def _block(name: str, described: Sequence[tuple[PlanOutline, str]], known: Mapping[Cell, bool]) -> str:
+    """A block's sentences: one where all had it alike, else one for each of the fewest kinds that tell them apart."""
+    for parts in _DIVISIONS:
+        kinds: dict[tuple[str, ...], set[str]] = {}
+        for plan, description in described:
+            kinds.setdefault(tuple(_LABELS[part](plan) for part in parts), set()).add(description)
+        if all(len(kind) == 1 for kind in kinds.values()):
+            break
+    who: dict[str, list[str]] = {}
+    for kind, (description,) in sorted(kinds.items()):
+        who.setdefault(description, []).append(" ".join(kind))
+    sentences = []
+    for description, labels in who.items():
+        of = f", {' and '.join(labels)}" if any(labels) else ""
+        theirs = {
+            cell: known[cell]
+            for cell in known
+            if any((plan.group, plan.session) == cell[:2] and had == description for plan, had in described)
+        }
+        sentences.append(f"Block {name}{of}: {description}{_carried(theirs) if _TO_FIND in description else ''}.")
+    return " ".join(sentences)
+
+
+def _carried(known: Mapping[Cell, bool]) -> str:
+    """Who had no keys to find: whole groups, or what tells those of a group who came with keys from others."""
+    groups_with_keys = []
+    for group in sorted({group for group, _, _ in known}):
+        cells = {cell: is_known for cell, is_known in known.items() if cell[0] == group}
+        if all(cells.values()):
+            groups_with_keys.append(group)
+            continue
+        for session in sorted({session for _, session, _ in cells}):
+            theirs = {before: is_known for (_, its, before), is_known in cells.items() if its == session}
+            if all(theirs.values()):
+                groups_with_keys.append(f"{group} in session {session}")
+            else:
+                groups_with_keys += [
+                    f"{group} in session {session} after block {before}"
+                    for before, is_known in sorted(theirs.items())
+                    if is_known
+                ]
+    return (
+        f" (except by {', '.join(groups_with_keys)}, who kept the keys of the previous block)"
+        if groups_with_keys
+        else ""
+    )
+
+
+def _describe(one: EpisodePlan) -> str:
+    """A block as one participant had it."""
+    options = "".join(f", {option} = {value!r}" for option, value in sorted(one.options.items()))
+    pace = (
+        f"one step every {one.step_period_ms:g} ms, reaction times from "
+        f"{'the first picture' if one.onset_at_reset else 'the onsets that the world names'}"
+        if one.pace == "real_time"
+        else "each press of a key made one step"
+    )
+    return (
+        f"{one.episodes_in_block} episodes in {one.world}{options}, {one.view} view, at most "
+        f"{one.max_steps} steps each; {pace}; actions {', '.join(one.actions)} on {len(one.key_map.keys)} keys of "
+        f"{len(one.key_map.keys) + len(one.key_map.spare_keys)}; {_SHOWN if one.show_keys else _TO_FIND}"
+    )
+
+
+def _measures() -> str:
+    parts = "; ".join(f"{MEASURES[name]} \N{EN DASH} {formula}" for name, formula in FORMULAS.items())
+    return f"Unless stated otherwise, a participant's value is the mean over the included episodes. {parts}."
+
+
+def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
+    protocols = sorted({(plan.version, plan.protocol_sha256) for plan in plans})
+    parts = "; ".join(f"version {name}, SHA-256 {sha}" for name, sha in protocols)
+    words = {
+        "version_minihuman": "minihuman", "git_commit": "commit", "rules": "rules of the worlds", "python": "Python",
+        "version_numpy": "NumPy", "system": "on", "window_version": "shown by",
+    }  # fmt: skip
+    made = []
+    for name, word in words.items():
+        values = sorted({run[name] for one in qualities for run in one.software if name in run})
+        if values:
+            made.append(f"{word} {' and '.join(values)}")
+    return f"Protocol of study {plans[0].study}: {parts}. Run with {', '.join(made)}."
+
+
+def _statistics() -> str:
+    versions = ", ".join(f"{name} {version(name)}" for name in ("minihuman", *_STATISTICS))
+    return f"This report: {versions}."

@@ -1,0 +1,374 @@
+"""Results of a study, block by block, with exclusions. From the tables, not the logs.
+
+Group comparisons, survival times until all keys were found and until the goal, the two-part comparison of rewards
+that are 0 after a timeout, growth, equivalence and power.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Literal, get_args
+
+import numpy as np
+import pandas as pd
+
+from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.statistics.comparison import (
+    Equivalence,
+    GroupComparison,
+    PowerAnalysis,
+    check_equivalence,
+    compare_groups,
+    compute_power,
+)
+from minihuman.statistics.growth import GrowthComparison, compare_growth, estimate_mean
+from minihuman.statistics.survival import SurvivalComparison, SurvivalTimes, compare_survival
+from minihuman.statistics.two_part_model import TwoPartComparison, compare_two_parts, has_mass_at_zero
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockSurvival:
+    """The survival times of one block by group; empty where there was nothing to wait for."""
+
+    keys: Mapping[str, SurvivalTimes]  # playing seconds until every key was found, one per participant
+    goal: Mapping[str, SurvivalTimes]  # steps until the goal, one per episode: a participant's are not independent
+    compared: tuple[tuple[str, str, SurvivalComparison], ...]  # of keys: which groups, and how
+
+    @property
+    def without_goal(self) -> list[str]:
+        """By group, how many episodes did not reach the goal; nothing where all did."""
+        missed = {group: int((~one.observed).sum()) for group, one in self.goal.items()}
+        return [
+            f"{group} {missed[group]} of {len(one.observed)}"
+            for group, one in self.goal.items()
+            if any(missed.values())
+        ]
+
+
+def collect_survival_times(rows: pd.DataFrame, begun: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
+    """Collect them from a block's rows of the block table and all of its episodes; the goal's from those included.
+
+    A participant who never found every key was watched for all of the block's playing time. An episode that failed will
+    not reach the goal any more: it waits to its step limit, as one that timed out; it is not censored before.
+    """
+    episodes = begun[begun["exclusion_reason"].isna()]
+    played = begun.groupby(["participant", "session"])["playing_s"].sum()
+    keys: dict[str, SurvivalTimes] = {}
+    goal: dict[str, SurvivalTimes] = {}
+    for group in order:
+        theirs = rows[(rows["group"] == group) & (rows["keys_total"] > 0)]
+        first = theirs.sort_values("session").drop_duplicates("participant")
+        who = zip(first["participant"], first["session"], strict=True)
+        watched = np.array([float(played.get(one, 0.0)) for one in who])
+        found = first["all_keys_discovered_s"].to_numpy(float)
+        if len(first):
+            keys[group] = SurvivalTimes(np.where(np.isnan(found), watched, found), ~np.isnan(found))
+        part = episodes[(episodes["group"] == group) & (episodes["steps"] > 0)]
+        if len(part):
+            waited = part["steps"].where(part["outcome"] != "failure", part["max_steps"])
+            goal[group] = SurvivalTimes(waited.to_numpy(float), part["success"].to_numpy(bool))
+    pairs = ((a, b, compare_survival(keys[a], keys[b])) for a, b in combinations(keys, 2))
+    return BlockSurvival(keys, goal, tuple((a, b, one) for a, b, one in pairs if one is not None))
+
+
+def compare_reward_parts(episodes: pd.DataFrame, order: Sequence[str]) -> tuple[TwoPartComparison, ...]:
+    """Every two groups compared in both parts of the reward; none where it has no mass at 0."""
+    if not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
+        return ()
+    return tuple(compare_two_parts(episodes, "reward", pair) for pair in combinations(order, 2))
+
+
+MEASURES = {  # columns of the block table that groups are compared on, and what they are called
+    "log_excess_steps_mean": "log of the excess steps over the shortest path (without the goal: at the limit)",
+    "spl_mean": "SPL: success weighted by path length",
+    "success": "success (share of episodes)",
+    "reward_mean": "reward",
+    "steps_at_limit_mean": "steps (without the goal: at the limit)",
+    "reward_first": "reward of the first episode",
+    "reward_slope": "learning: change of reward from one episode to the next, over the first five",
+    "excess_steps_mean": "excess steps over the shortest path (successes only)",
+    "playing_s_mean": "playing time per episode (s)",
+    "response_median_ms": "reaction time, median (ms)",
+    "path_efficiency_mean": "path efficiency (straight distance over ground covered)",
+    "ineffective_share": "share of ineffective steps",
+    "all_keys_discovered_s": "time until all keys were discovered (s)",
+    "log_steps_ratio_mean": "log of steps / shortest path (without the goal: at the limit)",
+    "reaction_median_ms": "key press after the latest picture, median (ms)",
+}
+# Compared only where the protocol names them: they repeat another measure, at a cost in Holm's correction.
+ONLY_IF_NAMED = frozenset({"log_steps_ratio_mean", "reaction_median_ms"})
+FORMULAS = {  # of one episode, where a measure's name does not tell it
+    "log_excess_steps_mean": "ln(1 + steps - shortest), shortest: steps of the shortest known path",
+    "log_steps_ratio_mean": "ln(steps / shortest)",
+    "spl_mean": "shortest / steps with the goal, 0 without",
+    "reward_mean": "the world's own, summed over the episode",
+    "reward_slope": "slope of a straight line",
+    "excess_steps_mean": "steps - shortest",
+    "response_median_ms": "key press minus stimulus onset: the flip of the latest picture; in real time, of the "
+    "onset that the world or the block names",
+    "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
+    "ineffective_share": "steps without a visible effect",
+}
+
+_LOG_EXCESS = "log of the excess steps over the shortest path"
+
+Role = Literal["primary", "secondary", "exploratory"]  # named in the protocol or not
+
+
+@dataclass(frozen=True, slots=True)
+class EquivalenceResult:
+    """The equivalence test of two groups."""
+
+    first: str
+    second: str
+    test: Equivalence
+
+
+@dataclass(frozen=True, slots=True)
+class SessionChange:
+    """A group's change of a measure from one session to another, over the participants who have it in both."""
+
+    measure: str
+    group: str
+    sessions: tuple[int, int]
+    n: int
+    estimate: float  # the later session's mean minus the first's
+    interval: tuple[float, float]  # t interval at 95 %; NaN where too few participants tell it
+    p: float  # paired t
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockResults:
+    """The results of one block, for the groups that played it."""
+
+    block: str
+    worlds: tuple[str, ...]
+    episodes: int  # included
+    subjects: pd.DataFrame  # group, participant, session, episodes, reward_mean, reward_sd
+    groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
+    measures: pd.DataFrame  # measure, group, n, mean, sd; of measures that have a value in this block
+    by_session: pd.DataFrame  # measure, group, session, n, mean, sd; the same, each session by itself
+    changes: tuple[SessionChange, ...]  # from the block's first session to each later one
+    changes_compared: tuple[tuple[tuple[int, int], GroupComparison], ...]  # which sessions, and groups on their change
+    comparisons: tuple[GroupComparison, ...]  # the primary measure first, then the secondary ones
+    roles: Mapping[str, Role]  # of each measure that is compared
+    set_aside: Mapping[str, str]  # measures that are not compared since they omit those who failed, and why
+    alike: tuple[EquivalenceResult, ...]  # of the primary measure, where the protocol gives a margin
+    waits: BlockSurvival  # until every key was found, and until the goal
+    parts: tuple[TwoPartComparison, ...]  # of the reward, where it has mass at 0
+    growth: GrowthComparison | None  # of the excess steps, or of the reward, over the block's episodes
+    powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
+
+    @property
+    def headline(self) -> tuple[GroupComparison, ...]:
+        """The comparisons on the primary measure, or on the first of ``MEASURES`` that has values."""
+        measure = next((one.measure for one in self.comparisons if self.roles[one.measure] == "primary"), None)
+        chosen = measure or next((name for name in MEASURES if name in self.roles), None)
+        return tuple(one for one in self.comparisons if one.measure == chosen)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Results:
+    """A study's results, block by block in the order of play."""
+
+    blocks: tuple[BlockResults, ...]
+    target: str  # the last block that all groups played; "" without any
+    order: tuple[str, ...]  # of the groups, in every comparison and figure
+    kept: tuple[int, int]  # participants and episodes included
+
+    @property
+    def target_block(self) -> BlockResults | None:
+        """The block that all groups are compared on."""
+        return next((one for one in self.blocks if one.block == self.target), None)
+
+
+def compute_results(
+    episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame, analysis: AnalysisSpec | None = None
+) -> Results:
+    """Compute the results from three tables; ``analysis`` is what the protocol names."""
+    analysis = analysis or AnalysisSpec()
+    counted_people = participants[participants["exclusion_reason"].isna()]
+    counted = episodes[episodes["exclusion_reason"].isna()]
+    kept = blocks[blocks["exclusion_reason"].isna()]
+    order = _most_prepared_first(blocks)
+    target = analysis.block or find_target_block(kept)
+    return Results(
+        blocks=tuple(
+            compute_block_results(
+                name,
+                kept[kept["block"] == name],
+                episodes[episodes["block"] == name],
+                order,
+                analysis if name == target else AnalysisSpec(),
+            )
+            for name in sort_blocks_by_play(kept)
+        ),
+        target=target,
+        order=tuple(order),
+        kept=(counted_people["participant"].nunique(), len(counted)),
+    )
+
+
+def compute_block_results(
+    block: str, rows: pd.DataFrame, begun: pd.DataFrame, order: list[str], analysis: AnalysisSpec
+) -> BlockResults:
+    """Compute one block's results from its included rows of the block table and all of its episodes."""
+    episodes = begun[begun["exclusion_reason"].isna()]
+    order = [group for group in order if (rows["group"] == group).any()]
+    rows = _groups_in(order, rows.sort_values(["participant", "session"]))
+    aside = {
+        name: why
+        for name, why in _set_aside(rows, episodes).items()
+        if name not in (analysis.primary_measure, *analysis.secondary_measures)
+    }
+    unasked = ONLY_IF_NAMED - {analysis.primary_measure, *analysis.secondary_measures}
+    measured = [name for name in MEASURES if rows[name].notna().any() and name not in aside and name not in unasked]
+    each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
+    roles = _roles(measured, analysis)
+    comparisons = _compare(each, roles, order)
+    changed = {
+        sessions: change.reset_index()
+        for sessions, change in _changes(rows, measured).items()
+        if change.notna().any(axis=None)
+    }
+    has_excess = "log_excess_steps" in episodes and episodes["log_excess_steps"].notna().any()
+    lines = episodes.rename(columns={"log_excess_steps": _LOG_EXCESS}) if has_excess else episodes
+    found = BlockResults(
+        block=block,
+        worlds=tuple(dict.fromkeys(episodes["world"])),
+        episodes=len(episodes),
+        subjects=rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]].reset_index(
+            drop=True
+        ),
+        groups=_groups_in(order, summarise_group_rewards(each)),
+        measures=_measures(_groups_in(order, each), measured, ["group"]),
+        by_session=_measures(_groups_in(order, rows), measured, ["group", "session"]),
+        changes=tuple(one for sessions, each in changed.items() for one in _estimate(each, measured, sessions, order)),
+        changes_compared=tuple(
+            (sessions, one) for sessions, each in changed.items() for one in _compare(each, roles, order)
+        ),
+        comparisons=comparisons,
+        roles=roles,
+        alike=_alike(each, analysis, order),
+        waits=collect_survival_times(rows, begun, order),
+        parts=compare_reward_parts(episodes, order),
+        set_aside=aside,
+        growth=compare_growth(lines, _LOG_EXCESS if has_excess else "reward", order=order),
+        powers=(),
+    )
+    return replace(found, powers=tuple(compute_power(one.n) for one in found.headline))
+
+
+def _compare(each: pd.DataFrame, roles: Mapping[str, Role], order: Sequence[str]) -> tuple[GroupComparison, ...]:
+    """Every two groups on every measure, each role corrected by itself; ``each`` has a row per participant."""
+    return tuple(
+        one
+        for role in get_args(Role)
+        for one in compare_groups(each, [name for name in roles if roles[name] == role], order=order)
+    )
+
+
+def _changes(rows: pd.DataFrame, measures: Sequence[str]) -> dict[tuple[int, int], pd.DataFrame]:
+    """By pair of sessions, the block's first and each later one, every participant's change; NaN who has only one."""
+    values = {
+        int(str(session)): part.set_index(["group", "participant"])[list(measures)].astype(float)
+        for session, part in rows.groupby("session")
+    }
+    first, *later = sorted(values) or [0]
+    return {(first, session): values[session] - values[first] for session in later}
+
+
+def _estimate(
+    each: pd.DataFrame, measures: Sequence[str], sessions: tuple[int, int], order: Sequence[str]
+) -> Iterator[SessionChange]:
+    for measure in measures:
+        for group in order:
+            values = each.loc[each["group"] == group, measure].dropna().to_numpy(np.float64)
+            if len(values):
+                found = estimate_mean(group, values)
+                yield SessionChange(measure, group, sessions, found.people, found.estimate, found.interval, found.p)
+
+
+def _set_aside(rows: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, str]:
+    """Find the measures that omit those who failed, where some did."""
+    late = int((~episodes["success"].astype(bool)).sum())
+    never = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
+    why = {
+        "excess_steps_mean": f"omits {late} episodes without success" if late else "",
+        "all_keys_discovered_s": f"omits {never} who never discovered them all; compared below with these censored"
+        if never
+        else "",
+    }
+    return {name: reason for name, reason in why.items() if reason and rows[name].notna().any()}
+
+
+def _roles(names: Sequence[str], analysis: AnalysisSpec) -> dict[str, Role]:
+    roles: dict[str, Role] = dict.fromkeys(names, "exploratory")
+    roles |= {name: "secondary" for name in analysis.secondary_measures if name in roles}
+    roles |= {name: "primary" for name in (analysis.primary_measure,) if name in roles}
+    return roles
+
+
+def _alike(each: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str]) -> tuple[EquivalenceResult, ...]:
+    if analysis.equivalence_margin is None:
+        return ()
+    bounds = -analysis.equivalence_margin, analysis.equivalence_margin
+    values = {
+        group: each.loc[each["group"] == group, analysis.primary_measure].dropna().to_numpy(np.float64)
+        for group in order
+    }
+    tested = ((a, b, check_equivalence(values[a], values[b], bounds)) for a, b in combinations(order, 2))
+    return tuple(EquivalenceResult(a, b, test) for a, b, test in tested if test is not None)
+
+
+def sort_blocks_by_play(blocks: pd.DataFrame) -> list[str]:
+    """Sort the blocks by their mean position in the sessions that contain them."""
+    place = blocks.groupby(["participant", "session"], sort=False).cumcount()
+    means = place.groupby(blocks["block"], sort=False).mean()
+    return [str(name) for name in means.sort_values(kind="stable").index]
+
+
+def find_target_block(blocks: pd.DataFrame) -> str:
+    """The last block that every group played; "" without any. Rows are in the order of play."""
+    played = [list(dict.fromkeys(part["block"])) for _, part in blocks.groupby("group")]
+    common = [block for block in (played[0] if played else []) if all(block in theirs for theirs in played)]
+    return str(common[-1]) if common else ""
+
+
+def _most_prepared_first(blocks: pd.DataFrame) -> list[str]:
+    """The groups, those with more blocks first: a transfer effect is of what came before."""
+    counts = blocks.groupby("group")["block"].nunique()
+    return sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
+
+
+def summarise_group_rewards(each: pd.DataFrame) -> pd.DataFrame:
+    """Mean and standard deviation, by group, of the subjects' mean rewards."""
+    grouped = each.groupby("group")["reward_mean"]
+    return grouped.agg(participants="count", reward_mean="mean", reward_sd="std").reset_index()
+
+
+def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
+    """List every row that is excluded, with its reason: participants first, then episodes of the others."""
+    people = participants.loc[participants["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session"]]
+    people = people.assign(level="participant")
+    whole = set(zip(people["exclusion_reason"], people["participant"], people["session"], strict=True))
+    theirs = zip(episodes["exclusion_reason"], episodes["participant"], episodes["session"], strict=True)
+    alone = np.array([pd.notna(key[0]) and key not in whole for key in theirs], bool)
+    single = episodes.loc[alone, ["exclusion_reason", "participant", "session", "episode", "attempt"]].assign(
+        level="episode"
+    )
+    both = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
+    return both.reindex(columns=["exclusion_reason", "level", "participant", "session", "episode", "attempt"])
+
+
+def _groups_in(order: Sequence[str], rows: pd.DataFrame) -> pd.DataFrame:
+    """The same rows, group after group."""
+    places = {group: place for place, group in enumerate(order)}
+    return rows.sort_values("group", key=lambda groups: groups.map(places), kind="stable").reset_index(drop=True)
+
+
+def _measures(rows: pd.DataFrame, names: list[str], by: list[str]) -> pd.DataFrame:
+    long = rows.melt(by, names, var_name="measure")
+    table = long.groupby(["measure", *by], sort=False)["value"].agg(n="count", mean="mean", sd="std").reset_index()
+    order = {name: place for place, name in enumerate(MEASURES)}
+    return table.sort_values("measure", key=lambda names: names.map(order), kind="stable").reset_index(drop=True)

@@ -1,0 +1,412 @@
+"""The agent host: answers what a session requests from outside, such as a policy, its advice, a clip or a group.
+
+Clips to compare are drawn uniformly from a session's episodes, never one against itself. Where a group is still to be
+drawn, the draw comes first and its host answers from then on.
+"""
+
+import logging
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from minihuman.admin.next_session import plan_drawn_session
+from minihuman.admin.policies import PolicyStore
+from minihuman.agents.agent import (
+    POLICY_AGENT,
+    BaseAgent,
+    is_registered_agent,
+    load_agent_class,
+    make_agent,
+    make_policy_agent,
+)
+from minihuman.errors import MinihumanError
+from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
+from minihuman.experiment.activities.agent_blocks import Advice, AdviceRequest, NewPolicy, PolicyGiven, PolicyRequest
+from minihuman.experiment.activities.block_plans import LATEST_POLICY, AgentPlayPlan
+from minihuman.experiment.activities.correction import CorrectionPlan, EpisodeRequest
+from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PreferencesPlan
+from minihuman.experiment.machine.events import Event
+from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.pending_allocation import SlotDrawn, SlotRequest, is_allocation_pending
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.plan.random_streams import draw_words
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.log.model.session_log import EpisodeLog
+from minihuman.log.paths import SegmentPath
+from minihuman.log.read.session_reader import read_log
+from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
+from minihuman.worlds.adapters.world import World
+
+_ClipStart = tuple[EpisodeLog, int]  # the episode, and the step whose picture is the first
+
+
+class ClipSampler:
+    """Draws from the episodes of a block, as the session's log has them.
+
+    Args:
+        logs: the session's logs so far.
+        seed: of the study.
+        index: of the participant.
+    """
+
+    def __init__(self, logs: Callable[[], list[Path]], *, seed: int, index: int) -> None:
+        self._logs = logs
+        self._seed = seed
+        self._index = index
+        self._part: int | None = None
+        self._places: list[_ClipStart] = []  # of that part; nothing is played while it compares
+
+    def candidates(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
+        """Draw ``count`` pairs of different clips; none where no two differ."""
+        found = []
+        for number in range(count):
+            first = self.draw(replace(want, place=0, again=None), candidate=number)
+            other = None if first is None else self.draw(replace(want, place=1, again=first), candidate=number)
+            if first is not None and other is not None:
+                found.append((first, other))
+        return found
+
+    def draw(self, want: ClipRequest, *, candidate: int = 0) -> EpisodeClip | None:
+        """Draw a clip; None where no two differ. Each candidate has a random stream of its own."""
+        if self._part != want.part:
+            self._part, self._places = want.part, self._found(want)
+        purpose = f"stretch-{want.source}-part-{want.part}-pair-{want.pair}-{want.place}"
+        purpose += f"-candidate-{candidate}" if candidate else ""
+        left = [place for place in self._places if _make_clip(place, want.steps) != want.again]
+        if len(self._places) < 2 or not left:
+            return None
+        word = int(draw_words(1, seed=self._seed, purpose=purpose, index=self._index)[0])
+        return _make_clip(left[word % len(left)], want.steps)
+
+    def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
+        """One of the block's latest episodes, all of it; None where there is no further one."""
+        if self._part != want.part:
+            self._part, self._places = want.part, [(episode, 0) for episode in self._episodes(want.source)]
+        latest = self._places[-want.count :]
+        if want.number >= len(latest):
+            return None
+        episode, _ = latest[want.number]
+        return _make_clip((episode, 0), len(episode.actions))
+
+    def _episodes(self, block: str) -> list[EpisodeLog]:
+        logs = self._logs()
+        if not logs:
+            return []
+        played = read_log(logs[0].parent).episodes
+        return [episode for episode in played if episode.plan.block_name == block and len(episode.actions)]
+
+    def _found(self, want: ClipRequest) -> list[_ClipStart]:
+        return [
+            (episode, first)
+            for episode in self._episodes(want.source)
+            for first in range(max(1, len(episode.actions) - want.steps + 1))
+        ]
+
+
+def _make_clip(place: _ClipStart, steps: int) -> EpisodeClip:
+    episode, first = place
+    plan = episode.plan
+    return EpisodeClip(
+        episode=plan.episode,
+        attempt=episode.attempt,
+        first=first,
+        world=plan.world,
+        options=msgspec.json.encode(plan.options).decode(),
+        seed=plan.seed,
+        actions=tuple(int(action) for action in episode.actions[: first + steps]),
+    )
+
+
+class GroupDrawHost(RequestHandler):
+    """Draws a slot of a study's allocation list.
+
+    Args:
+        protocol: the study.
+        undrawn: whose group is to be drawn.
+        data: the data folder.
+        then: makes the host that answers after the draw; None for none.
+    """
+
+    def __init__(
+        self, protocol: Protocol, undrawn: SessionPlan, data: Path, then: Callable[[SessionPlan], RequestHandler | None]
+    ) -> None:
+        self._protocol = protocol
+        self._undrawn = undrawn
+        self._data = data
+        self._then = then
+        self._next: RequestHandler | None = None
+
+    def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
+        """The plan of the group that was drawn; then the next host's answers.
+
+        Raises:
+            AllocationError: if there is no slot to draw.
+            OSError: if the data folder cannot be read or written.
+        """
+        if isinstance(want, SlotRequest):
+            plan = plan_drawn_session(self._protocol, self._data, self._undrawn, want.stratum)
+            self._next = self._then(plan)
+            return SlotDrawn(t_ns, plan)
+        return None if self._next is None else self._next.answer(want, play, t_ns)
+
+    def close(self) -> None:
+        """Close the next host."""
+        if self._next is not None:
+            self._next.close()
+
+
+LOG = logging.getLogger("minihuman")
+N_CANDIDATE_PAIRS = 10  # pairs that are looked at for one that is disagreed on
+
+
+class AgentHost(RequestHandler):
+    """Holds the agent that plays, and asks the learner for the next policy.
+
+    Args:
+        policies: where the study's policy files are kept.
+        files: those that the protocol names beside itself, by name.
+        logs: the session's logs so far, the live one among them; looked up whenever a learner is asked.
+        learner: the process that learns; None where no part of the session has any.
+        earlier: the policy that played last in each part of the session, after an interruption.
+        stretches: what is compared; None where no part of the session compares.
+        seed: of all learning.
+        patient: wait for the learner, as no participant waits.
+        unhurried: give the learner no time limit, so that its policy depends on its data alone.
+    """
+
+    def __init__(
+        self,
+        policies: PolicyStore,
+        files: Mapping[str, bytes],
+        *,
+        logs: Callable[[], list[Path]],
+        learner: LearnerProcess | None = None,
+        earlier: Mapping[int, str] | None = None,
+        stretches: ClipSampler | None = None,
+        seed: int = 0,
+        patient: bool = False,
+        unhurried: bool = False,
+    ) -> None:
+        self._policies = policies
+        self._files = files
+        self._logs = logs
+        self._learner = learner
+        self._earlier = dict(earlier or {})
+        self._stretches = stretches
+        self._seed = seed
+        self._patient = patient
+        self._unhurried = unhurried
+        self._latest = max(self._earlier.items(), default=(0, ""))[1]
+        self._disputed: list[tuple[EpisodeClip, EpisodeClip]] = []  # pairs that the learner was asked about
+        self._pair: tuple[EpisodeClip, EpisodeClip] | None = None  # of which the first was offered
+        self._agents: dict[str, BaseAgent] = {}  # the one that plays, by the name of its policy
+        self._begun: tuple[str, int] | None = None  # policy and episode of the last begin()
+
+    def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
+        """An input for the session; None where there is nothing to say yet."""
+        match want:
+            case PolicyRequest(learning=True):
+                return self._learnt(want, t_ns)
+            case PolicyRequest():
+                return self._first(want, t_ns)
+            case AdviceRequest() if play is not None:
+                return self._advice(want, play, t_ns)
+            case ClipRequest() if self._stretches is not None:
+                return self._offered(self._stretches, want, t_ns)
+            case EpisodeRequest() if self._stretches is not None:
+                return ClipOffered(t_ns, self._stretches.episode(want))
+        return None
+
+    def close(self) -> None:
+        """Close the learner."""
+        if self._learner is not None:
+            self._learner.close()
+
+    # Policies
+
+    def _first(self, want: PolicyRequest, t_ns: int) -> NewPolicy:
+        name = self._latest if want.policy == LATEST_POLICY else want.policy
+        if (earlier := self._earlier.get(want.part)) is not None:
+            return self._adopted(earlier, t_ns)
+        if not name or is_registered_agent(name) or name == self._latest:
+            return self._adopted(name, t_ns)
+        try:
+            return self._adopted(self._policies.keep(self._files[name]), t_ns)
+        except (KeyError, OSError) as error:
+            return NewPolicy(t_ns, want.policy, f"{name} is not there: {error}")
+
+    def _adopted(self, policy: str, t_ns: int) -> NewPolicy:
+        """Load a policy before it plays, so that one that cannot be loaded never does."""
+        if policy and policy not in self._agents:
+            try:
+                self._agents, self._begun = {policy: self._load(policy)}, None
+            except MinihumanError as error:
+                return NewPolicy(t_ns, "", str(error))
+        self._latest = policy or self._latest
+        return NewPolicy(t_ns, policy)
+
+    def _learnt(self, want: PolicyRequest, t_ns: int) -> NewPolicy | None:
+        if self._learner is None:
+            return NewPolicy(t_ns, want.policy, "there is no learner here")
+        if not self._learner.busy:
+            start = str(self._policies.checked(want.policy)) if self._policies.path(want.policy).is_file() else ""
+            request = LearnerRequest(
+                logs=[str(path) for path in self._logs()],
+                part=want.name,
+                episodes=want.episode,
+                learner=want.agent.learner,
+                seed=self._seed + want.episode,
+                start=start,
+                budget_s=math.inf if self._unhurried else want.agent.budget_s,
+            )
+            self._learner.ask(request)
+        answer = self._learner.answer(patient=self._patient)
+        if answer is None:
+            return None
+        if answer.failure:
+            LOG.warning("the learner gave no policy: %s", answer.failure)
+            return NewPolicy(t_ns, want.policy, answer.failure)
+        try:
+            policy = self._policies.keep(Path(answer.file).read_bytes())
+        except OSError as error:
+            return NewPolicy(t_ns, want.policy, f"the policy cannot be kept: {error}")
+        return self._adopted(policy, t_ns)
+
+    # Pairs
+
+    def _offered(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
+        """One side of a pair: any, or of the pair of several that the learner's ensemble disagrees on most."""
+        if want.pairing == "random" or self._learner is None:
+            return ClipOffered(t_ns, stretches.draw(want))
+        if want.place:
+            pair, self._pair = self._pair, None
+            return ClipOffered(t_ns, stretches.draw(want) if pair is None or pair[0] != want.again else pair[1])
+        if not self._disputed:
+            pairs = stretches.candidates(want, N_CANDIDATE_PAIRS)
+            if len(pairs) < 2 or self._learner.busy:
+                return ClipOffered(t_ns, stretches.draw(want))
+            request = LearnerRequest(
+                logs=[str(path) for path in self._logs()],
+                part=want.source,
+                episodes=0,
+                learner="",
+                seed=self._seed + want.pair,
+                start="",
+                budget_s=math.inf if self._unhurried else want.wait_s,
+                pairs=pairs,
+            )
+            self._learner.ask(request)
+            self._disputed = pairs
+        answer = self._learner.answer(patient=self._patient)
+        if answer is None:
+            return None
+        if answer.failure:
+            LOG.warning("any pair comes instead of one that is disagreed on: %s", answer.failure)
+        place = int(answer.file) if answer.file.isdecimal() else 0
+        self._pair = self._disputed[min(place, len(self._disputed) - 1)]
+        self._disputed = []
+        return ClipOffered(t_ns, self._pair[0])
+
+    # Advice
+
+    def _advice(self, want: AdviceRequest, play: RunningEpisode, t_ns: int) -> ActivityInput | None:
+        now = (want.policy, play.plan.episode)
+        try:
+            agent = self._agent(want.policy)
+            if self._begun != now:
+                self._begin(agent, play)
+                self._begun = now
+            chances = agent.action_probabilities(play.world)
+        except Exception as error:  # of a lab's own agent: the person can still play
+            LOG.warning("the agent gives no advice: %s: %s", type(error).__name__, error)
+            return NewPolicy(t_ns, want.policy, f"no advice: {type(error).__name__}: {error}")
+        return Advice(t_ns, want.step, tuple(float(chance) for chance in chances))
+
+    def _agent(self, policy: str) -> BaseAgent:
+        """The agent of a policy; loaded again where another was there in between, or another program had it.
+
+        Raises:
+            MinihumanError: if it cannot be.
+        """
+        if policy not in self._agents:
+            self._begun = None
+            self._agents = {policy: self._load(policy)}
+        return self._agents[policy]
+
+    def _load(self, policy: str) -> BaseAgent:
+        return make_agent(policy) if is_registered_agent(policy) else make_policy_agent(self._policies.checked(policy))
+
+    def _begin(self, agent: BaseAgent, play: RunningEpisode) -> None:
+        """Let it begin an episode; in the middle of one it is shown all that came before, as it may remember."""
+        if not play.actions:
+            agent.begin(play.plan, play.world)
+            return
+        with closing(World(play.plan.world, play.plan.options)) as world:
+            world.reset(play.plan.seed)
+            agent.begin(play.plan, world)
+            for action in play.actions:
+                agent.action_probabilities(world)
+                world.step(action)
+
+
+def make_agent_host(
+    protocol: Protocol, plan: SessionPlan, data: Path, *, patient: bool = False, logged: Sequence[Event] = ()
+) -> RequestHandler | None:
+    """Make the host of a session's agent; None where no part has one and the group is drawn.
+
+    Policies are kept in the study's folder. A learner's process is started at once, as it takes seconds; the policies
+    of a resumed session are those that its log names last.
+
+    Args:
+        protocol: the study.
+        plan: the session's segment.
+        data: the data folder.
+        patient: wait for the learner, as no participant waits.
+        logged: the events so far of a segment that is resumed.
+    """
+    if is_allocation_pending(plan):
+        return GroupDrawHost(
+            protocol, plan, data, lambda drawn: make_agent_host(protocol, drawn, data, patient=patient)
+        )
+    plans = [part.plan for part in plan.parts if isinstance(part.plan, AgentPlayPlan)]
+    if not plans and not any(isinstance(part.plan, PreferencesPlan | CorrectionPlan) for part in plan.parts):
+        return None
+    path = SegmentPath.of_plan(data, plan)
+
+    def logs() -> list[Path]:
+        return [file for file in (path.log, path.part) if file.exists()]
+
+    disputes = any(
+        isinstance(part.plan, PreferencesPlan) and part.plan.pairing == "disagreement" for part in plan.parts
+    )
+    learner = LearnerProcess() if disputes or any(its.agent.learner for its in plans) else None
+    if learner is not None:
+        learner.start()
+    if any(its.agent.learner or its.agent.policy in protocol.files for its in plans):
+        with suppress(MinihumanError):  # reported when a policy is to play
+            load_agent_class(POLICY_AGENT)  # seconds, for what it imports: now, and not between two episodes
+    return AgentHost(
+        PolicyStore(data / plan.study),
+        protocol.files,
+        logs=logs,
+        learner=learner,
+        earlier=(_policies_in_log(path.log) if plan.segment > 1 else {}) | _policies_by_episode(logged),
+        stretches=ClipSampler(logs, seed=plan.study_seed, index=plan.participant.index),
+        seed=plan.study_seed + 1_000_003 * plan.participant.index,
+        patient=patient,
+        unhurried=patient,
+    )
+
+
+def _policies_in_log(log: Path) -> dict[int, str]:
+    """The policy that a session's log names last for each part."""
+    return _policies_by_episode(read_log(log.parent).part_events)
+
+
+def _policies_by_episode(events: Iterable[object]) -> dict[int, str]:
+    return {event.part: event.policy for event in events if isinstance(event, PolicyGiven)}

@@ -1,0 +1,167 @@
+"""The device port, and the recorder that adds devices' samples to a session's log between its events.
+
+A protocol names a device under ``[[devices]]``; a lab registers its own by entry point. Samples follow the same rules
+of durability as events.
+"""
+
+import abc
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from minihuman.display.windows.window import Clock
+from minihuman.errors import DeviceError, LogError
+from minihuman.experiment.machine.events import Event, Sampled, SessionEnded, SessionStarted
+from minihuman.experiment.protocol.specs import DeviceSpec as Wanted
+from minihuman.log.record.recorder import Recorder, WrappedRecorder
+from minihuman.plugins import make_plugin
+
+DEVICE_GROUP = "minihuman.devices"
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSample:
+    """What a device measured at one time."""
+
+    t_ns: int  # when it was taken, on the session's clock
+    values: tuple[float, ...] = ()  # per channel; NaN where it has none
+    text: str = ""  # what it says in words
+
+
+class Device(abc.ABC):
+    """A source of samples. Its calls come from a thread of its own, one after the other: none holds up a picture."""
+
+    @abc.abstractmethod
+    def open(self, clock: Clock) -> dict[str, str]:
+        """Start sampling by the session's clock; return facts about the device for the log.
+
+        Raises:
+            DeviceError: if it is not there, or cannot be used.
+        """
+
+    @abc.abstractmethod
+    def read(self) -> Sequence[DeviceSample]:
+        """Return the samples since the last call, the oldest first, without waiting."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Release it. Called once, also after a failure."""
+
+
+def make_device(source: str) -> Device:
+    """Make a device by its plug-in's name; what follows a colon is the device's own ("lsl:EyeTracker").
+
+    Raises:
+        DeviceError: if there is no such plug-in, it cannot be imported, or its own part is wrong.
+    """
+    return make_plugin(DEVICE_GROUP, source, Device, DeviceError, what="device")  # type: ignore[type-abstract]
+
+
+POLL_INTERVAL_S = 0.02  # how often devices are polled
+MAX_SAMPLE_DELAY_S = 0.5  # samples wait so long for an event to go along with, before they are written by themselves
+
+
+@contextmanager
+def open_devices(wanted: Sequence[Wanted], clock: Clock) -> Iterator[tuple[dict[str, Device], dict[str, str]]]:
+    """Open a protocol's devices; yield them by name, and facts about them for the log.
+
+    Raises:
+        DeviceError: if one that the session cannot do without is not there.
+    """
+    devices: dict[str, Device] = {}
+    facts: dict[str, str] = {}
+    try:
+        for one in wanted:
+            try:
+                device = make_device(one.plugin)
+                devices[one.name] = device
+                device_facts = device.open(clock)
+            except DeviceError as error:
+                if one.required:
+                    raise DeviceError(f"device {one.name!r}: {error}") from error
+                gone = devices.pop(one.name, None)
+                if gone is not None:
+                    gone.close()
+                device_facts = {"missing": str(error)}
+            device_facts = device_facts or {"source": one.plugin}
+            facts |= {f"device_{one.name}_{name}": value for name, value in device_facts.items()}
+        yield devices, facts
+    finally:
+        for device in devices.values():
+            device.close()
+
+
+class DeviceRecorder(WrappedRecorder):
+    """Writes a session's events, and before them the samples that arrived meanwhile.
+
+    Args:
+        recorder: the log; closed with this one.
+        devices: open ones, by their names in the protocol.
+        from_ns: earlier samples are dropped.
+    """
+
+    def __init__(self, recorder: Recorder, devices: Mapping[str, Device], *, from_ns: int = 0) -> None:
+        super().__init__(recorder)
+        self._devices = devices
+        self._from_ns = from_ns
+        self._lock = threading.Lock()  # of the recorder and of what waits: the session's thread and the devices' write
+        self._waiting: list[Sampled] = []
+        self._since_s = 0.0  # when the first of those came
+        self._last_ns: dict[str, int] = {}  # of each device
+        self._running = False  # the session has begun and has not ended
+        self._failure: Exception | None = None
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="minihuman-devices", daemon=True)
+        self._thread.start()
+
+    def begin(self, events: Sequence[Event]) -> None:
+        """Forward the samples that wait, then the events; a device that failed stops the session as a full disk does.
+
+        Raises:
+            LogError: as the wrapped recorder does; or if a device failed.
+        """
+        if self._failure is not None:
+            raise LogError(f"a device failed: {self._failure}; fix it, then resume the session")
+        with self._lock:
+            if events and isinstance(events[0], SessionStarted):
+                self._recorder.begin(events[:1])  # a log begins with its plan
+                self._running, events = True, events[1:]
+            if events:
+                self._recorder.begin([*self._taken(), *events])
+            if any(isinstance(event, SessionEnded) for event in events):
+                self._running = False
+
+    def close(self) -> Path | None:
+        """Stop polling the devices, and finish the log."""
+        self._stopped.set()
+        self._thread.join()
+        return self._recorder.close()
+
+    def _taken(self) -> list[Sampled]:
+        """What waits, if it may be written; what came before the session or after it is no part of it."""
+        waiting, self._waiting = self._waiting, []
+        return waiting if self._running else []
+
+    def _run(self) -> None:
+        while not self._stopped.wait(POLL_INTERVAL_S):
+            try:
+                fresh = [sampled for name in self._devices for sampled in self._fresh(name)]
+                with self._lock:
+                    self._since_s = self._since_s if self._waiting else time.monotonic()
+                    self._waiting += fresh
+                    if self._running and self._waiting and time.monotonic() - self._since_s > MAX_SAMPLE_DELAY_S:
+                        self._recorder.begin(self._taken())  # settle() is the session's: it waits for its own events
+            except Exception as error:  # of a device's own code: raised at the next write, where the session can stop
+                self._failure = error
+                return
+
+    def _fresh(self, name: str) -> Iterator[Sampled]:
+        for sample in self._devices[name].read():
+            last_ns = self._last_ns.get(name, 0)
+            if sample.t_ns < self._from_ns:
+                continue  # before the session, or before its consent
+            self._last_ns[name] = max(last_ns, sample.t_ns)  # a device's time never goes back
+            yield Sampled(self._last_ns[name], name, tuple(map(float, sample.values)), sample.text)

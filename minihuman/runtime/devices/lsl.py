@@ -1,0 +1,200 @@
+"""The Lab Streaming Layer: a stream as a device, and a session's markers as a stream. Needs the extra ``lsl``.
+
+EEG, eye tracking and LabRecorder record the markers beside their own data. A marker is one JSON text in the words of
+the tables and of ``export bids``: ``{"trial_type": "step", "episode": 3}``. Its time is the event's own, as in the log,
+converted to LSL's clock: not the time of sending.
+"""
+
+import queue
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from minihuman.dataset.rows import table_key_name
+from minihuman.display.windows.window import Clock
+from minihuman.errors import DeviceError
+from minihuman.experiment.machine.events import (
+    EpisodeEnded,
+    EpisodeStarted,
+    Event,
+    FrameShown,
+    KeyPressed,
+    Paused,
+    Resumed,
+    SessionEnded,
+    SessionStarted,
+    Stepped,
+)
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.record.recorder import Recorder, WrappedRecorder
+from minihuman.runtime.devices.device import Device, DeviceSample
+
+STREAM_TIMEOUT_S = 5.0  # for a stream, before it counts as missing
+_MOST = 4096  # samples a call
+
+
+class LslDevice(Device):
+    """Samples of one LSL stream: numbers as values, texts as text. Times are the sender's, corrected by LSL.
+
+    Args:
+        name: the stream's name; "" takes the only stream that is not one of markers of ours.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._inlet: Any = None
+        self._offset_s = 0.0  # LSL's clock at session time 0
+
+    def open(self, clock: Clock) -> dict[str, str]:
+        """Find the stream and begin."""
+        lsl = pylsl()
+        if self._name:
+            found = lsl.resolve_byprop("name", self._name, timeout=STREAM_TIMEOUT_S)
+        else:
+            found = [one for one in lsl.resolve_streams(wait_time=STREAM_TIMEOUT_S) if one.name() != "minihuman"]
+        if len(found) != 1:
+            names = ", ".join(one.name() for one in found) or "none"
+            raise DeviceError(
+                f"LSL stream {self._name!r}: found {names} instead of one stream; start the stream or give its name"
+            )
+        info = found[0]
+        self._inlet = lsl.StreamInlet(info, processing_flags=lsl.proc_clocksync | lsl.proc_monotonize)
+        self._inlet.open_stream(timeout=STREAM_TIMEOUT_S)
+        self._offset_s = measure_lsl_at_zero_s(clock)
+        return {"stream": info.name(), "type": info.type(), "rate_hz": f"{info.nominal_srate():g}"}
+
+    def read(self) -> Sequence[DeviceSample]:
+        """What arrived."""
+        rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=_MOST)
+        return [self._sample(row, stamp_s) for row, stamp_s in zip(rows or (), stamps or (), strict=True)]
+
+    def close(self) -> None:
+        """Leave the stream."""
+        if self._inlet is not None:
+            self._inlet.close_stream()
+
+    def _sample(self, row: Sequence[Any], stamp_s: float) -> DeviceSample:
+        t_ns = round((stamp_s - self._offset_s) * 1e9)
+        if row and isinstance(row[0], str):
+            return DeviceSample(t_ns, text=" ".join(row))
+        return DeviceSample(t_ns, tuple(float(value) for value in row))
+
+
+def pylsl() -> Any:
+    """The library.
+
+    Raises:
+        DeviceError: if it is not installed.
+    """
+    try:
+        import pylsl as library
+    except (ImportError, RuntimeError) as error:  # RuntimeError: it is there, liblsl is not
+        raise DeviceError(
+            f"the Lab Streaming Layer is not available ({error}); run: pip install 'pylsl>=1.18'"
+        ) from error
+    return library
+
+
+def measure_lsl_at_zero_s(clock: Clock) -> float:
+    """LSL's clock, seconds, when the session's was 0: from the closest pair of looks at both."""
+    library = pylsl()
+    looks = []
+    for _ in range(20):
+        before_ns = time.monotonic_ns()
+        session_ns, lsl_s = clock(), library.local_clock()
+        looks.append((time.monotonic_ns() - before_ns, lsl_s - session_ns / 1e9))
+    return float(min(looks)[1])
+
+
+MARKER_STREAM_NAME = "minihuman"
+_NS = 1e-9
+
+
+class LslMarkerRecorder(WrappedRecorder):
+    """Forwards events to a recorder and sends them as LSL markers from a thread of its own.
+
+    Args:
+        recorder: the log; closed with this one. What it refuses is not marked.
+        plan: whose session it is; the stream says the participant's code.
+        clock: the session's.
+
+    Raises:
+        DeviceError: if the Lab Streaming Layer is not installed.
+    """
+
+    def __init__(self, recorder: Recorder, plan: SessionPlan, clock: Clock) -> None:
+        lsl = pylsl()
+        super().__init__(recorder)
+        self._at_zero_s = measure_lsl_at_zero_s(clock)
+        whose = f"{plan.study}-{plan.participant.id}-ses-{plan.session}-seg-{plan.segment}"
+        info = lsl.StreamInfo(MARKER_STREAM_NAME, "Markers", 1, lsl.IRREGULAR_RATE, lsl.cf_string, f"minihuman-{whose}")
+        about = info.desc().append_child("session")
+        for name, value in (("study", plan.study), ("participant", plan.participant.id)):
+            about.append_child_value(name, value)
+        for name, number in (("session", plan.session), ("segment", plan.segment)):
+            about.append_child_value(name, str(number))
+        self._outlet = lsl.StreamOutlet(info)
+        self._queue: queue.SimpleQueue[Sequence[Event] | None] = queue.SimpleQueue()
+        self._action_names: tuple[str, ...] = ()
+        self._thread = threading.Thread(target=self._run, name="minihuman-markers", daemon=True)
+        self._thread.start()
+
+    def begin(self, events: Sequence[Event]) -> None:
+        """Forward the events and queue their markers.
+
+        Raises:
+            LogError: as the wrapped recorder does; these events then have no markers.
+        """
+        self._recorder.begin(events)
+        self._queue.put(tuple(events))
+
+    def close(self) -> Path | None:
+        """Mark what is left, and finish the log."""
+        self._queue.put(None)
+        self._thread.join()
+        return self._recorder.close()
+
+    def has_listener(self, timeout_s: float) -> bool:
+        """Wait for a listener; False if none came."""
+        return bool(self._outlet.wait_for_consumers(timeout_s))
+
+    def _run(self) -> None:
+        while (events := self._queue.get()) is not None:
+            for event in events:
+                if isinstance(event, EpisodeStarted):
+                    self._action_names = event.action_names
+                marker = build_marker(event, self._action_names)
+                if marker is not None:
+                    t_ns, words = marker
+                    text = msgspec.json.encode(words).decode()
+                    self._outlet.push_sample([text], self._at_zero_s + t_ns * _NS)
+
+
+def build_marker(event: Event, action_names: Sequence[str]) -> tuple[int, dict[str, Any]] | None:
+    """When an event was, ns of segment time, and its marker; None for events that are none. Episodes count from 1."""
+    match event:
+        case SessionStarted():
+            return event.t_ns, {"trial_type": "session", "segment": event.plan.segment}
+        case EpisodeStarted(plan=plan):
+            return event.t_ns, {"trial_type": "episode", "episode": plan.episode + 1, "block": plan.block_name}
+        case Stepped():
+            words = {"trial_type": "step", "episode": event.episode + 1, "step": event.step}
+            return event.t_ns, words | {"action": action_names[event.action], "reward": event.reward}
+        case FrameShown():
+            return event.flip_ns, {"trial_type": "flip", "episode": event.episode + 1, "step": event.step}
+        case KeyPressed(down=True):
+            return event.t_ns, {"trial_type": "key", "key": table_key_name(event.key), "verdict": event.verdict}
+        case Paused():
+            return event.t_ns, {"trial_type": "pause", "detail": event.reason}
+        case Resumed():
+            return event.t_ns, {"trial_type": "resume"}
+        case EpisodeEnded():
+            words = {"trial_type": "episode_end", "episode": event.episode + 1}
+            return event.t_ns, words | {"outcome": event.outcome}
+        case SessionEnded():
+            return event.t_ns, {"trial_type": "session_end", "detail": event.reason}
+    return None

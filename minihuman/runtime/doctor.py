@@ -1,0 +1,201 @@
+"""Check whether this machine is fit to run participants: measure its display, keyboard path, disk and worlds.
+
+For a study it also measures how long step, picture and flip take in each block's world.
+"""
+
+import os
+import platform
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+
+from minihuman.display.windows.blocking_window import BlockingWindow, open_window
+from minihuman.errors import WindowError
+from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.worlds.adapters.world import World
+
+_STEPS = 60
+_WARM = 10  # steps before any is counted
+MAX_PICTURE_MS = 1000 / 30  # two frames of the commonest display
+
+
+def _times_ms(window: BlockingWindow, block: BlockSpec, world: World) -> list[float]:
+    times_ms, over, actions = [], True, cycle(block.actions)
+    for number in range(_STEPS):
+        if over:
+            world.reset(number)
+        started_ns = time.monotonic_ns()
+        happened = world.step(world.action_names.index(next(actions)))
+        picture = world.frame(block.view, window.picture_px, block.palette)
+        flip_ns = window.show(PlayScreen(picture, "measuring this study's pictures", block.name, step=number)).flip_ns
+        times_ms.append((flip_ns - started_ns) / 1e6)
+        over = happened.terminated or happened.truncated
+    return times_ms
+
+
+_FRAMES = 90
+_KEYS = 30
+_SYNCS = 100
+_SYNC_BYTES = 4096  # about one step of a session
+_LATENESS_MS = 5.0  # a key's picture may come this much later than the display's own period
+_SLOWEST_FRAME_MS = 50.0  # 99 of 100 frames; longer is seen as a stutter
+_SLOWEST_SYNC_MS = 250.0  # 99 of 100; the writer's queue rides out less
+_LEAST_FREE_BYTES = 2 * 10**9
+_UNKNOWN_PERIOD_MS = 1000 / 60  # where no display refreshes
+_PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "rerun-sdk")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing looked at. ``unfit_because`` is "" where it is good enough or only for the record."""
+
+    name: str
+    value: str
+    unfit_because: str = ""
+
+    def line(self) -> str:
+        """For the terminal."""
+        verdict = "NOT FIT" if self.unfit_because else "ok"
+        return f"{verdict:8} {self.name:22} {self.value}"
+
+
+def examine_machine(
+    *, window: str, data: Path, fullscreen: bool = False, protocol: Protocol | None = None
+) -> Iterator[Finding]:
+    """Look at this machine, finding by finding; what cannot be looked at is a finding too.
+
+    Args:
+        window: "auto", "pygame" or "pyglet".
+        data: where sessions are to be kept; made if absent.
+        fullscreen: measure the whole screen, as participants will see it.
+        protocol: a study whose own worlds are to be drawn, too.
+    """
+    yield _versions()
+    yield _clock_resolution()
+    yield from _display(window, protocol, fullscreen=fullscreen)
+    yield from _disk(data)
+
+
+def format_verdict(findings: list[Finding]) -> str:
+    """The last line: fit, or not and why."""
+    reasons = [finding.unfit_because for finding in findings if finding.unfit_because]
+    if not reasons:
+        return "This machine is fit to run participants."
+    return f"This machine is not fit to run participants, because {'; '.join(reasons)}."
+
+
+def _versions() -> Finding:
+    found = [f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"]
+    for package in _PACKAGES:
+        try:
+            found.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            found.append(f"{package} missing")
+    return Finding("versions", ", ".join(found))
+
+
+def _clock_resolution() -> Finding:
+    resolution_ns = time.get_clock_info("monotonic").resolution * 1e9
+    coarse = "its clock ticks slower than once a millisecond" if resolution_ns > 1e6 else ""
+    return Finding("clock", f"monotonic, {resolution_ns:.0f} ns", coarse)
+
+
+def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
+    try:
+        window = open_window(name, time.monotonic_ns, fullscreen=fullscreen)
+    except WindowError as error:
+        yield Finding("display", str(error), "no window can be opened")
+        return
+    try:
+        facts = window.facts()
+        yield Finding("display", ", ".join(f"{key} {value}" for key, value in facts.items() if key != "key_identity"))
+        by_symbol = "keys are known by symbol only, which a keyboard layout changes; use --window pygame"
+        identity = facts.get("key_identity", "unknown")
+        yield Finding("keys", f"known by {identity}", "" if identity.startswith("position") else by_symbol)
+        if isinstance(window, BlockingWindow):
+            yield from _frames(window, synced=facts["vsync"] == "on" and facts["refresh_hz_reported"] != "unknown")
+            yield from _pictures(window, protocol) if protocol is not None else ()
+    finally:
+        window.close()
+
+
+def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
+    """Measure from a step to its picture's flip in the study's own worlds, in this window's size."""
+    for block in protocol.blocks:
+        with closing(World(block.world, block.options)) as world:
+            median, p95 = np.percentile(_times_ms(window, block, world)[_WARM:], (50, 95))
+        late = f"a picture of block {block.name} takes {median:.0f} ms, over {MAX_PICTURE_MS:.0f}"
+        found = f"step to flip: median {median:.1f} ms, 95 % {p95:.1f} ms"
+        yield Finding(f"block {block.name}", found, late if median > MAX_PICTURE_MS else "")
+
+
+def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
+    flips_ns = [window.show(screen).flip_ns for screen in _flicker(window, _FRAMES)]
+    between_ms = np.diff(flips_ns[_FRAMES // 6 :]) / 1e6
+    p50, p95, p99 = np.percentile(between_ms, (50, 95, 99))
+    slow = f"1 frame in 100 takes over {_SLOWEST_FRAME_MS:.0f} ms" if p99 > _SLOWEST_FRAME_MS else ""
+    refresh = f"{1000 / p50:.1f} Hz measured" if synced else "the flip does not wait for the display"
+    yield Finding("refresh", refresh)
+    yield Finding("frame time", f"median {p50:.2f} ms, 95 % {p95:.2f} ms, 99 % {p99:.2f} ms", slow)
+    late_ms = _key_to_flip_ms(window)
+    median, p95 = np.percentile(late_ms, (50, 95))
+    allowed_ms = (float(p50) if synced else _UNKNOWN_PERIOD_MS) + _LATENESS_MS
+    too_late = f"a key's picture takes {median:.1f} ms" if median > allowed_ms else ""
+    yield Finding("key to flip", f"median {median:.2f} ms, 95 % {p95:.2f} ms, {_KEYS} synthetic keys", too_late)
+
+
+def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
+    """From a key put into the toolkit's queue, by another thread while the window sleeps, to the flip it caused."""
+    late_ms = []
+    for screen in _flicker(window, _KEYS):
+        sent_ns: list[int] = []
+
+        def send(sent_ns: list[int] = sent_ns) -> None:
+            sent_ns.append(time.monotonic_ns())
+            window.post_key("space")
+
+        finger = threading.Timer(0.02, send)
+        finger.start()
+        until_ns = time.monotonic_ns() + 2_000_000_000
+        while not any(isinstance(happened, KeyDown) for happened in window.wait(until_ns)):
+            assert time.monotonic_ns() < until_ns, "a key put into the toolkit's queue did not come out of it"
+        late_ms.append((window.show(screen).flip_ns - sent_ns[0]) / 1e6)
+        finger.join()
+    return late_ms
+
+
+def _flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
+    """Play screens of the size of real ones, each different from the one before."""
+    width, height = window.picture_px
+    for number in range(count):
+        picture = np.full((height, width, 3), 60 + 60 * (number % 2), np.uint8)
+        yield PlayScreen(picture, "measuring the display", "this takes a few seconds")
+
+
+def _disk(data: Path) -> Iterator[Finding]:
+    data.mkdir(parents=True, exist_ok=True)
+    free = shutil.disk_usage(data).free
+    full = f"only {free / 1e9:.1f} GB are free under {data}" if free < _LEAST_FREE_BYTES else ""
+    yield Finding("free space", f"{free / 1e9:.1f} GB under {data}", full)
+    times_ms = []
+    with tempfile.TemporaryFile(dir=data) as file:
+        for _ in range(_SYNCS):
+            file.write(os.urandom(_SYNC_BYTES))
+            file.flush()
+            started_ns = time.monotonic_ns()
+            os.fsync(file.fileno())
+            times_ms.append((time.monotonic_ns() - started_ns) / 1e6)
+    median, p99 = np.percentile(times_ms, (50, 99))
+    slow = f"1 fsync in 100 takes over {_SLOWEST_SYNC_MS:.0f} ms under {data}" if p99 > _SLOWEST_SYNC_MS else ""
+    yield Finding("fsync", f"median {median:.2f} ms, 99 % {p99:.2f} ms, worst {max(times_ms):.2f} ms", slow)

@@ -1,0 +1,153 @@
+"""The learner process, which makes policies between episodes. Whatever becomes of it, the session continues.
+
+One line of JSON asks it, one line answers. It is niced, is the first that the system may kill for its memory, and is
+ended when its time is over; the next request starts another.
+"""
+
+import json
+import os
+import selectors
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+
+from minihuman.experiment.activities.preferences import EpisodeClip
+
+LEARNER_COMMAND = ("-m", "minihuman.learn.teaching.learner_main")
+FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has to start
+
+
+@dataclass(frozen=True, slots=True)
+class LearnerRequest:
+    """What a policy is to be made of."""
+
+    logs: list[str]  # of the session so far; the live one may be among them
+    part: str  # the block's name
+    episodes: int  # those of the session before this one
+    learner: str  # its name and settings
+    seed: int
+    start: str  # the policy file to start from; "" for none
+    budget_s: float
+    pairs: Sequence[tuple[EpisodeClip, EpisodeClip]] = ()  # to choose one from, instead of a policy
+
+
+@dataclass(frozen=True, slots=True)
+class LearnerAnswer:
+    """What a learner says in the end."""
+
+    file: str  # the policy's, until the next question; the place of a pair in words, where pairs were asked about
+    failure: str  # why there is none; "" where there is one
+
+
+class LearnerProcess:
+    """Asks one question at a time.
+
+    Args:
+        command: what is started, behind Python's own name.
+    """
+
+    def __init__(self, command: Sequence[str] = LEARNER_COMMAND) -> None:
+        self._command = [sys.executable, *command]
+        self._process: subprocess.Popen[bytes] | None = None
+        self._until_s: float | None = None  # the question's last moment
+        self._heard = b""
+
+    @property
+    def busy(self) -> bool:
+        """Whether a question has no answer yet."""
+        return self._until_s is not None
+
+    @property
+    def pid(self) -> int:
+        """The process's number."""
+        assert self._process is not None, "it was not started"
+        return self._process.pid
+
+    def start(self) -> None:
+        """Start the process, which takes seconds, before it is needed."""
+        if self._process is None or self._process.poll() is not None:
+            self._end()
+            self._process = subprocess.Popen(
+                self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            )
+            assert self._process.stdout is not None
+            os.set_blocking(self._process.stdout.fileno(), False)
+
+    def ask(self, request: LearnerRequest) -> None:
+        """Ask for a policy."""
+        fresh = self._process is None or self._process.poll() is not None
+        self.start()
+        assert self._process is not None
+        assert self._process.stdin is not None
+        self._heard = b""
+        self._until_s = time.monotonic() + request.budget_s + (FIRST_ANSWER_TIMEOUT_S if fresh else 0.0)
+        with suppress(OSError):  # of a process that has died, as the answer will say
+            self._process.stdin.write(json.dumps(asdict(request)).encode() + b"\n")
+            self._process.stdin.flush()
+
+    def answer(self, *, patient: bool = False) -> LearnerAnswer | None:
+        """What came of the question; None: nothing yet. With ``patient`` this waits for it."""
+        assert self._until_s is not None, "nothing was asked"
+        while True:
+            found = self._look()
+            if found is not None:
+                self._until_s = None
+                return found
+            if not patient:
+                return None
+            self._wait(0.2)
+
+    def close(self) -> None:
+        """End the process."""
+        self._end()
+        self._until_s = None
+
+    def _look(self) -> LearnerAnswer | None:
+        assert self._process is not None
+        assert self._process.stdout is not None
+        assert self._until_s is not None
+        died = self._process.poll()
+        self._heard += self._process.stdout.read() or b""
+        line, newline, _ = self._heard.partition(b"\n")
+        if newline:
+            return _read(line)
+        if died is not None:
+            self._end()
+            return LearnerAnswer("", f"the learner died ({_describe_exit(died)})")
+        if time.monotonic() >= self._until_s:
+            self._end()
+            return LearnerAnswer("", "the learner took too long and was ended")
+        return None
+
+    def _wait(self, timeout_s: float) -> None:
+        assert self._process is not None
+        assert self._process.stdout is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._process.stdout, selectors.EVENT_READ)
+            selector.select(timeout_s)
+
+    def _end(self) -> None:
+        if self._process is None:
+            return
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                with suppress(OSError):  # of what could not be written any more
+                    stream.close()
+        self._process = None
+
+
+def _read(line: bytes) -> LearnerAnswer:
+    try:
+        answer = json.loads(line)
+        return LearnerAnswer(str(answer["file"]), str(answer["failure"]))
+    except (ValueError, KeyError, TypeError):
+        return LearnerAnswer("", f"the learner answered {line[:200]!r}")
+
+
+def _describe_exit(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"exit status {code}"

@@ -1,0 +1,111 @@
+"""Facts about the machine that a session runs on, and the session's clock. Nothing that names a person or a machine."""
+
+import hashlib
+import platform
+import re
+import subprocess
+import time
+from collections.abc import Iterable
+from datetime import datetime, timedelta
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+
+import minihuman
+from minihuman.experiment.activities.questions.number import NUMBER_RULES
+from minihuman.experiment.machine.pending_allocation import is_allocation_pending
+from minihuman.experiment.machine.session import CONSENT_RULES
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import decode_logged_protocol
+from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
+from minihuman.worlds.source_digest import rules_digest
+
+_PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
+
+
+class SessionClock:
+    """The session's monotonic clock, 0 when it was made; ``started_unix_ns`` is the wall clock at that moment."""
+
+    def __init__(self) -> None:
+        self.started_unix_ns = time.time_ns()
+        self.started_monotonic_ns = time.monotonic_ns()
+
+    def __call__(self) -> int:
+        """Nanoseconds since it was made."""
+        return time.monotonic_ns() - self.started_monotonic_ns
+
+    def facts(self) -> dict[str, str]:
+        """What the machine's monotonic clock showed, which clock that is, and how far local time is ahead of UTC.
+
+        Any other recording of this machine by that clock can be laid beside the log to the nanosecond. The offset says
+        which calendar day it was; no zone is named, as that would tell where the participant lives.
+        """
+        local = datetime.fromtimestamp(self.started_unix_ns / 1e9).astimezone()
+        return {
+            "utc_offset_min": str(round((local.utcoffset() or timedelta()) / timedelta(minutes=1))),
+            "started_monotonic_ns": str(self.started_monotonic_ns),
+            "monotonic_clock": time.get_clock_info("monotonic").implementation,
+        }
+
+
+def collect_machine_facts() -> dict[str, str]:
+    """A digest of the worlds' rules, versions, platform, processor, the commit of a checked-out minihuman; by name."""
+    facts = {
+        "rules": rules_digest(),
+        "pictures": str(PICTURES_VERSION),
+        "clauses": str(CLAUSES_VERSION),
+        "number_rules": NUMBER_RULES,
+        "consent_rules": CONSENT_RULES,
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {_numbers(platform.release())}",
+        "machine": platform.machine(),
+    }
+    for package in _PACKAGES:
+        try:
+            facts[f"version_{package}"] = version(package)
+        except PackageNotFoundError:
+            continue
+    if commit := _git_commit(Path(minihuman.__file__).parents[1]):
+        facts["git_commit"] = commit
+    return facts
+
+
+def list_world_ids(plan: SessionPlan) -> set[str]:
+    """The ids of the worlds that a session may play; of any group where it is not drawn yet."""
+    if is_allocation_pending(plan):
+        return {block.world for block in decode_logged_protocol(plan.protocol_toml).blocks}
+    return {episode.world for episode in plan.episodes}
+
+
+def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
+    """The SHA-256 of every file that a world id names as its module, "lab_worlds:lab/Corridor-v0"; by name.
+
+    Installed packages are left to their versions.
+    """
+    facts = {}
+    for module in sorted({world.partition(":")[0] for world in worlds if ":" in world}):
+        spec = find_spec(module)
+        origin = Path(spec.origin) if spec and spec.origin and spec.has_location else None
+        if origin is not None and not {"site-packages", "dist-packages"}.intersection(origin.parts):
+            facts[f"world_sha256_{module}"] = hashlib.sha256(origin.read_bytes()).hexdigest()
+    return facts
+
+
+def _numbers(release: str) -> str:
+    """A kernel's version without what its builder added, which may name a machine or a person."""
+    found = re.match(r"[0-9.]+", release)
+    return found[0] if found else ""
+
+
+def _git_commit(folder: Path) -> str:
+    """The commit that a checkout is at, with "+" where files were changed; "" where the folder is none.
+
+    A folder inside another project's checkout is none: an environment often lies in the repository of a lab's study.
+    """
+    if not (folder / ".git").exists():
+        return ""
+    command = ("git", "-C", str(folder), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""

@@ -1,0 +1,234 @@
+"""The loop around a session: wait for inputs, receive them, write the events, show the screen.
+
+Every effect is here; every decision is the session's.
+"""
+
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from minihuman.display.windows.window import Clock, Window
+from minihuman.errors import LogError
+from minihuman.experiment.activities.activity import RequestHandler
+from minihuman.experiment.machine.events import SessionEnded
+from minihuman.experiment.machine.inputs import ExperimenterCommand, Input, KeyDown, ScreenShown, Stop, Tick
+from minihuman.experiment.machine.screens import Screen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.log.record.recorder import Recorder
+from minihuman.runtime.command_inbox import CommandInbox
+
+LOG = logging.getLogger("minihuman")
+# A toolkit that blocks in C lets no Python signal handler run: come up for air this often.
+SIGNAL_CHECK_INTERVAL_NS = 200_000_000
+# Python's threads take turns every 5 ms: the log's could keep a picture waiting for that long.
+SWITCH_INTERVAL_S = 0.0002
+_NS_PER_S = 1_000_000_000
+
+
+def run_session(
+    session: SessionMachine,
+    window: Window,
+    recorder: Recorder,
+    clock: Clock,
+    *,
+    inbox: CommandInbox | None = None,
+    agent: RequestHandler | None = None,
+    finished: Callable[[Path], object] | None = None,
+    last_screen_s: float = 60.0,
+) -> Path | None:
+    """Run a session to its end, whatever ends it; the log is finished before this returns or raises.
+
+    Args:
+        inbox: the experimenter's commands; None: there are none.
+        agent: answers what a part requests from outside; None: no part does. It is closed at the end.
+        finished: called with the finished log's path, while signals still wait.
+        last_screen_s: how long a screen that says what failed waits for a key, seconds.
+
+    Returns:
+        Where the log is; None if it was kept in memory.
+
+    Raises:
+        LogError: if the log could not be written; what was written before is kept.
+        Exception: what the window or a bug of ours raised.
+    """
+    loop = _SessionLoop(session, window, recorder, clock, inbox, agent)
+    with _signals(loop):  # up to the end: a second Ctrl-C must not break the log off while it is being finished
+        try:
+            with _short_switch_interval():
+                try:
+                    loop.run()
+                except Exception as error:
+                    loop.take(Stop(clock(), "internal_error", f"{type(error).__name__}: {error}"))
+                    raise
+                loop.hold_last_screen(last_screen_s)
+        finally:
+            if agent is not None:
+                agent.close()
+            try:
+                session.close()
+            except Exception as error:  # the world is done with; its log is not
+                LOG.warning("the world did not close: %s: %s", type(error).__name__, error)
+            path = recorder.close()
+            if finished is not None and path is not None:
+                finished(path)
+    if loop.log_error:
+        raise loop.log_error
+    return path
+
+
+class _SessionLoop:
+    """A session between its window and its log."""
+
+    def __init__(
+        self,
+        session: SessionMachine,
+        window: Window,
+        recorder: Recorder,
+        clock: Clock,
+        inbox: CommandInbox | None,
+        agent: RequestHandler | None,
+    ) -> None:
+        self.log_error: LogError | None = None
+        self.signal_name = ""
+        self._session = session
+        self._window = window
+        self._recorder = recorder
+        self._clock = clock
+        self._inbox = inbox
+        self._agent = agent
+        self._look_ns = 0  # when to read the inbox again
+        self._shown: Screen | None = None
+        self._failed = False
+
+    def run(self) -> None:
+        """Run until the session is over."""
+        self.take(Tick(self._clock()))
+        while not self._session.over:
+            self._show()
+            self._answer()
+            for happened in self._next_inputs():
+                self.take(happened)
+                if not self._session.over:
+                    self._show()  # each step's picture, though the next key is there already
+                    self._answer()
+        try:
+            self._written()
+        except LogError as error:
+            self._stop(error)
+
+    def take(self, happened: Input) -> None:
+        """Pass an input to the session and begin to write its events; no picture is shown before they are written.
+
+        A log that cannot be written stops the session.
+        """
+        events = self._session.receive(happened)
+        self._failed |= any(isinstance(event, SessionEnded) and event.reason == "world_error" for event in events)
+        if self.log_error:
+            return
+        try:
+            self._recorder.begin(events)
+        except LogError as error:
+            self._stop(error)
+
+    def hold_last_screen(self, last_screen_s: float) -> None:
+        """Leave on the screen what failed, until a key, the window's cross, a signal or the time ends it."""
+        if not (self._failed or self.log_error):
+            return
+        if self._display(self._session.screen) is None:  # the error has a screen of its own
+            self._window.show(self._session.screen)
+        until_ns = self._clock() + round(last_screen_s * _NS_PER_S)
+        while self._clock() < until_ns and not self.signal_name:
+            inputs = self._window.wait(min(until_ns, self._clock() + SIGNAL_CHECK_INTERVAL_NS))
+            if any(isinstance(happened, KeyDown | Stop) for happened in inputs):
+                return
+
+    def _show(self) -> None:
+        """Show the session's screen if it is a new one; what it answers to was written before."""
+        screen = self._session.screen
+        if screen is not self._shown:
+            self._shown = screen
+            if (shown := self._display(screen)) is not None:
+                self.take(shown)
+
+    def _display(self, screen: Screen) -> ScreenShown | None:
+        """Draw a screen while the log is written, and flip when it is; None if it could not be written."""
+        try:
+            return self._window.show_after(screen, self._written)
+        except LogError as error:
+            self._stop(error)
+            return None
+
+    def _written(self) -> None:
+        if not self.log_error:
+            self._recorder.settle()
+
+    def _stop(self, error: LogError) -> None:
+        """End the session: what is done cannot be logged."""
+        self.log_error = error
+        self.take(Stop(self._clock(), "disk_full", str(error)))
+
+    def _answer(self) -> None:
+        """Give the part that runs what it waits for. After the picture, which nothing is to hold up."""
+        while self._agent is not None and not self._session.over and (want := self._session.request) is not None:
+            given = self._agent.answer(want, self._session.play, self._clock())
+            if given is None:
+                return
+            self.take(given)
+            self._show()
+
+    def _next_inputs(self) -> list[Input]:
+        tick_ns = self._session.next_tick_ns
+        air_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
+        inputs = self._window.wait(air_ns if tick_ns is None else min(air_ns, tick_ns))
+        if self.signal_name:
+            inputs.append(Stop(self._clock(), "signal", self.signal_name))
+        elif commands := self._new_commands():
+            inputs += commands
+        elif not inputs and tick_ns is not None and self._clock() >= tick_ns:
+            inputs.append(Tick(self._clock()))
+        return inputs
+
+    def _new_commands(self) -> list[ExperimenterCommand]:
+        """The experimenter's new requests, looked up several times per second."""
+        now_ns = self._clock()
+        if self._inbox is None or now_ns < self._look_ns:
+            return []
+        self._look_ns = now_ns + SIGNAL_CHECK_INTERVAL_NS
+        return [ExperimenterCommand(now_ns, one.what, one.text) for one in self._inbox.read_new()]
+
+
+@contextmanager
+def _short_switch_interval() -> Iterator[None]:
+    """Let the loop have the interpreter back soon after it asks for it."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
+
+@contextmanager
+def _signals(loop: _SessionLoop) -> Iterator[None]:
+    """SIGINT, SIGTERM and SIGHUP (the terminal was closed) end the session instead of the process.
+
+    Only the main thread receives signals.
+    """
+
+    def remember(number: int, _: FrameType | None) -> None:
+        loop.signal_name = signal.Signals(number).name
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

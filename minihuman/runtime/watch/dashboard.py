@@ -1,0 +1,155 @@
+"""The dashboard's HTTP server: on this machine only, behind a secret path, from the standard library."""
+
+import json
+import secrets
+from collections.abc import Callable
+from datetime import UTC, datetime
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from pathlib import Path
+from threading import Lock
+from urllib.parse import parse_qs, urlsplit
+
+import msgspec
+
+from minihuman.admin.recruitment import Recruitment
+from minihuman.admin.status import format_status
+from minihuman.errors import LogError
+from minihuman.runtime.command_inbox import CommandRequest, send_command
+from minihuman.runtime.watch.running_sessions import IdleWorker, RunningSessions, ThrottledCall
+
+ADDRESS = "127.0.0.1"
+_LONGEST = 10_000  # bytes of a request
+_KINDS = {"": "text/html", "css": "text/css", "js": "text/javascript"}
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Content-Security-Policy": "default-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'",
+}
+
+
+class _RecruitmentSwitch(msgspec.Struct, frozen=True):
+    open: bool
+
+
+class DashboardServer:
+    """Serves the page of one study until it is stopped.
+
+    Args:
+        study_dir: the study's folder.
+        port: 0 takes a free one.
+
+    Raises:
+        LogError: if there is no such folder, or the port is taken.
+    """
+
+    def __init__(self, study_dir: Path, port: int = 0) -> None:
+        self._study_dir = study_dir
+        self._sessions = RunningSessions(study_dir)
+        self._recruits = Recruitment(study_dir)
+        self._status = ThrottledCall(self._lines)
+        self._one_at_a_time = Lock()
+        self._aside = IdleWorker()  # the participants come first
+        word = secrets.token_urlsafe(16)
+        try:
+            self._server = ThreadingHTTPServer((ADDRESS, port), _handler(f"/{word}/", self._answer))
+        except OSError as error:
+            raise LogError(f"port {port} is not available ({error.strerror}); choose another with --port") from error
+        self.url = f"http://{ADDRESS}:{self._server.server_port}/{word}/"
+
+    def serve(self) -> None:
+        """Answer until ``stop``, or for ever."""
+        self._server.serve_forever()
+
+    def stop(self) -> None:
+        """End ``serve``, from another thread."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _answer(self, path: str, query: dict[str, list[str]], body: bytes | None) -> tuple[str, bytes] | None:
+        """Content type and content; None for what there is not."""
+        name = query.get("session", [""])[0]
+        with self._one_at_a_time:
+            match path, body:
+                case "" | "page.css" | "page.js" as asked, None:
+                    kind = _KINDS[asked.rpartition(".")[2]]
+                    return f"{kind}; charset=utf-8", (files(__package__) / (asked or "page.html")).read_bytes()
+                case "state", None:
+                    return "application/json", self._aside(lambda: json.dumps(self._state()).encode())
+                case "picture", None:
+                    return "image/png", self._aside(lambda: self._sessions.picture(name))
+                case "ask", bytes():
+                    log = self._sessions.log_of(name)
+                    if log is None:
+                        return None
+                    at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+                    send_command(log, msgspec.structs.replace(msgspec.json.decode(body, type=CommandRequest), at=at))
+                    return "application/json", b"{}"
+                case "recruit", bytes():
+                    self._recruits.recruit(msgspec.json.decode(body, type=_RecruitmentSwitch).open)
+                    return "application/json", b"{}"
+        return None
+
+    def _lines(self) -> list[str]:
+        try:
+            return list(format_status(self._study_dir))
+        except LogError as error:
+            return [str(error)]
+
+    def _state(self) -> dict[str, object]:
+        return {
+            "study": self._study_dir.name,
+            "sessions": self._sessions.look(),
+            "status": self._status(),
+            "recruiting": self._recruiting(),
+        }
+
+    def _recruiting(self) -> dict[str, object] | None:
+        """Whether new people may come, and how many did; None for a study that offers no links."""
+        if not self._recruits.begun:
+            return None
+        standing = self._recruits.standing()
+        came = set(standing.came.values())
+        unread = sum(not (self._study_dir / code).exists() for code in came)
+        return {"open": standing.recruiting, "links": len(standing.issued), "came": len(came), "reading": unread}
+
+
+AnswerRequest = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, bytes] | None]
+
+
+def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        """Hands requests below the prefix on; the rest is not there."""
+
+        def do_GET(self) -> None:
+            """Look."""
+            self._respond(None)
+
+        def do_POST(self) -> None:
+            """Ask."""
+            length = int(self.headers.get("Content-Length", 0))
+            self._respond(self.rfile.read(length) if length <= _LONGEST else b"")
+
+        def log_message(self, format: str, *arguments: object) -> None:
+            """Say nothing on the terminal."""
+
+        def _respond(self, body: bytes | None) -> None:
+            url = urlsplit(self.path)
+            found = None
+            if url.path.startswith(prefix):
+                try:
+                    found = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
+                except msgspec.DecodeError:
+                    found = None
+            kind, content = found or ("text/plain", b"there is nothing here")
+            self.send_response(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(content)))
+            for header in _HEADERS.items():
+                self.send_header(*header)
+            self.end_headers()
+            self.wfile.write(content)
+
+    return Handler

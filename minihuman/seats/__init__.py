@@ -1,1 +1,0 @@
-"""Seats: seating somebody at a session: a person at a window, a simulated one, a rehearsal, the demo."""

@@ -1,1 +1,0 @@
-"""The experimenter's view of running sessions: read from their live logs, shown on a page of this machine only."""

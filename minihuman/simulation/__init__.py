@@ -1,0 +1,1 @@
+"""Simulation: who uses the interface instead of a person."""

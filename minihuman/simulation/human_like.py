@@ -1,0 +1,246 @@
+"""A simulated human: finds its keys by trial, searches with what it has seen, forgets, errs and improves.
+
+It is no model of any person: its parameters are known, so an analysis can be tested on data whose truth is known
+before the first participant. It acts only on what it was shown. Each parameter has a population median and a spread
+(the standard deviation of its logarithm between people). Times follow the literature named with each. What determines
+search time (`wrong_turn`, `forgetting_rate_per_s`, `judgement_sd_steps`) was fitted to the ten people of
+Chevalier-Boisvert et al. (2023), whose ten episodes in first-person FourRooms gave a mean reward of 0.88, about 4 %
+time-outs, about 2.4 times the shortest path, and a standard deviation of 0.066 between people's means.
+"""
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from minihuman.agents.goal_search import GoalSearch, build_search
+from minihuman.errors import SimulationError, WorldError
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.plugins import read_settings
+from minihuman.simulation.participant import KeyPress, SimulatedParticipant
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.hashing import hash64
+
+_CHANCES = ("lapse", "wrong_turn", "practice", "key_forgetting")
+_LONGEST_S = 60.0  # that a press may take
+
+
+EARLIER_NAMES = {
+    "astray": "wrong_turn",
+    "detour_steps": "wrong_turn_steps",
+    "misjudge": "judgement_sd_steps",
+    "forget": "forgetting_rate_per_s",
+    "forget_keys": "key_forgetting",
+    "repeat": "repeat_factor",
+    "post_error_ms": "post_error_slowing_ms",
+    "orient_ms": "orientation_ms",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ParticipantParameters:
+    """The parameters of one simulated person; the defaults are the population's medians.
+
+    Reaction times are ex-Gaussian, as choice reaction times are (Luce, 1986).
+    """
+
+    mu_ms: float = 330.0  # mean of the normal part before practice; 300 to 400 are usual (Luce, 1986)
+    sigma_ms: float = 50.0  # its standard deviation
+    tau_ms: float = 150.0  # mean of the exponential part
+    floor_ms: float = 160.0  # minimum; simple reactions take 213 ms on average (Woods et al., 2015)
+    repeat_factor: float = 0.55  # relative time of the same key again: no choice any more (Card et al., 1983)
+    orientation_ms: float = 700.0  # mean time to look at a new episode's first picture
+    post_error_slowing_ms: float = 50.0  # added after an ineffective press (Rabbitt, 1966)
+    practice: float = 0.35  # share of time and of wrong turns that practice removes in the end
+    practice_presses: float = 150.0  # 63 % of it is gone by then: exponential (Heathcote et al., 2000)
+    fatigue: float = 0.04  # relative slowing per 1,000 presses
+    lapse: float = 0.015  # probability per press of a random key of the pool; practice does not reduce it
+    wrong_turn: float = 0.05  # probability per press, before practice, of setting off in a wrong direction
+    wrong_turn_steps: float = 4.0  # mean length of a wrong turn
+    judgement_sd_steps: float = 4.0  # error in the value of a viewpoint: a limited horizon (Kryven et al., 2024)
+    forgetting_rate_per_s: float = 0.002  # of each cell, or square metre, that was seen
+    key_forgetting: float = 0.05  # probability that a key's meaning is forgotten between blocks
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of range.
+
+        Raises:
+            SimulationError: if a parameter is out of range.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in _CHANCES and not 0 <= value <= 1:
+                raise SimulationError(f"{field.name} is {value}; use a probability from 0 to 1")
+            if not 0 <= value < math.inf:
+                raise SimulationError(f"{field.name} is {value}; use 0 or more")
+        if self.wrong_turn_steps < 1:
+            raise SimulationError(f"wrong_turn_steps is {self.wrong_turn_steps}; use 1 or more")
+        if self.practice_presses < 1:
+            raise SimulationError(f"practice_presses is {self.practice_presses}; use 1 or more")
+
+    def practice_factor(self, presses: int) -> float:
+        """1 before the first press, falling to ``1 - practice``."""
+        return 1 - self.practice * -math.expm1(-presses / self.practice_presses)
+
+    def reaction_ms(self, rng: np.random.Generator, *, presses: int, again: bool, extra_ms: float = 0.0) -> float:
+        """A reaction time after so many presses; ``again`` is one to the key pressed last."""
+        drawn = rng.normal(self.mu_ms, self.sigma_ms) + rng.exponential(self.tau_ms)
+        factor = self.practice_factor(presses) * (1 + self.fatigue * presses / 1000)
+        factor *= self.repeat_factor if again else 1.0
+        return float(min(max(self.floor_ms, drawn * factor + extra_ms), _LONGEST_S * 1000))
+
+
+PARAMETER_SPREADS = {  # the standard deviation of each parameter's logarithm between people
+    "mu_ms": 0.15,
+    "sigma_ms": 0.3,
+    "tau_ms": 0.4,
+    "repeat_factor": 0.1,
+    "orientation_ms": 0.4,
+    "post_error_slowing_ms": 0.4,
+    "practice": 0.25,
+    "practice_presses": 0.5,
+    "fatigue": 0.5,
+    "lapse": 0.6,
+    "wrong_turn": 0.8,
+    "judgement_sd_steps": 0.5,
+    "forgetting_rate_per_s": 0.8,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ParticipantPopulation:
+    """A population: fixed parameters apply to everybody, the others vary around the median."""
+
+    median: ParticipantParameters = ParticipantParameters()  # frozen
+    fixed: frozenset[str] = frozenset()
+    spread: float = 1.0  # times PARAMETER_SPREADS; 0 removes all variation
+
+    @classmethod
+    def parse(cls, text: str) -> "ParticipantPopulation":
+        """Read ``lapse=0.1,tau_ms=300``: what is named is fixed; ``spread=0`` fixes the rest too.
+
+        Raises:
+            SimulationError: if a name is no parameter, or a value no number.
+        """
+        defaults = {field.name: field.default for field in fields(ParticipantParameters)} | {"spread": 1.0}
+        values = read_settings(text, defaults, SimulationError, of="human-like", aliases=EARLIER_NAMES)
+        spread = values.pop("spread", 1.0)
+        if not 0 <= spread < math.inf:
+            raise SimulationError(f"spread is {spread}; use 0 or more")
+        return cls(ParticipantParameters(**values), frozenset(values), spread)
+
+    def draw(self, rng: np.random.Generator) -> ParticipantParameters:
+        """Draw one person."""
+        drawn = {}
+        for name, spread in PARAMETER_SPREADS.items():
+            factor = math.exp(self.spread * spread * float(rng.standard_normal()))  # the same draws whatever is fixed
+            if name not in self.fixed:
+                value = getattr(self.median, name) * factor
+                drawn[name] = min(value, 0.9) if name in _CHANCES else value
+        return replace(self.median, **drawn)
+
+
+class HumanLikeParticipant(SimulatedParticipant):
+    """Plays as a person drawn from a population; it knows a key once it has seen its effect."""
+
+    def __init__(self, argument: str, rng: np.random.Generator) -> None:
+        self.person = ParticipantPopulation.parse(argument).draw(rng)
+        self._rng = rng
+        self._presses = 0
+        self._lost = False
+        self._pool: tuple[str, ...] = ()
+        self._plan: EpisodePlan | None = None
+        self._understood: dict[str, str] = {}  # key -> action
+        self._fruitless: dict[str, int] = {}  # key -> number of presses without a visible effect
+        self._search: GoalSearch | None = None
+        self._detour: list[str] = []
+        self._last: tuple[str, int] | None = None  # the last key, and what was seen when it was pressed
+        self._passed_ms = 0.0  # since it was pressed
+        self._no_effect = False  # nothing came of it
+
+    def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
+        """Start an episode; known keys carry over if the key map is the same."""
+        before, self._plan, self._pool = self._plan, plan, pool
+        if before is None or _key_positions(plan) != _key_positions(before):
+            self._understood, self._fruitless = {}, {}
+        elif plan.block != before.block:
+            kept = [key for key in self._understood if self._rng.random() >= self.person.key_forgetting]
+            self._understood, self._fruitless = {key: plan.key_map.keys[key] for key in kept}, {}
+        if plan.show_keys:
+            self._understood = dict(plan.key_map.keys)
+        self._detour, self._last, self._lost, self._no_effect = [], None, False, False
+        self._search = build_search(world, plan.view, self._judgement_errors, self._rng)
+
+    def press(self, world: World) -> KeyPress:
+        """Look, learn from the last key, then press one.
+
+        Raises:
+            SimulationError: if the world is of no kind that has a planner.
+        """
+        assert self._search is not None, "begin() comes first"
+        seen = hash64([repr(world.pose()), world.observation])
+        extra_ms = self.person.post_error_slowing_ms if self._no_effect else 0.0
+        if self._last is None:
+            extra_ms = float(self._rng.exponential(self.person.orientation_ms))
+        else:
+            self._learn(*self._last, seen)
+            self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._passed_ms / 1000))
+        key = self._choose(self._search)
+        again = self._last is not None and key == self._last[0]
+        self._passed_ms = self.person.reaction_ms(self._rng, presses=self._presses, again=again, extra_ms=extra_ms)
+        self._last = key, seen
+        self._presses += 1
+        return KeyPress(key, self._passed_ms)
+
+    def _learn(self, key: str, before: int, seen: int) -> None:
+        """Learn from what the last key did."""
+        assert self._plan is not None
+        assert self._search is not None
+        action = self._plan.key_map.keys.get(key)
+        self._no_effect = seen == before or action is None
+        if self._no_effect:
+            self._fruitless[key] = self._fruitless.get(key, 0) + 1
+        if action is not None:
+            self._search.observe_action(action, no_effect=self._no_effect)
+            if not self._no_effect:
+                self._understood[key] = action
+
+    def _choose(self, search: GoalSearch) -> str:
+        path = self._plan_path(search)
+        if self._rng.random() < self.person.lapse:
+            return self._any(self._pool)
+        wrong_turn = self.person.wrong_turn * self.person.practice_factor(self._presses)
+        if not self._detour and self._understood and self._rng.random() < wrong_turn:
+            length = int(self._rng.geometric(1 / self.person.wrong_turn_steps))
+            self._detour = [self._any(sorted(self._understood)) for _ in range(length)]
+        if self._detour:
+            return self._detour.pop()
+        known = [key for key, action in self._understood.items() if path[:1] == [action]]
+        return known[0] if known else self._untried()
+
+    def _plan_path(self, search: GoalSearch) -> list[str]:
+        """Plan from here; give up for the episode once a search took too long."""
+        if not self._lost:
+            try:
+                return search.plan()
+            except WorldError:
+                self._lost = True
+        return []
+
+    def _untried(self) -> str:
+        """Choose a key not understood yet, those that seemed dead last."""
+        unknown = [key for key in self._pool if key not in self._understood] or list(self._pool)
+        fewest = min(self._fruitless.get(key, 0) for key in unknown)
+        return self._any([key for key in unknown if self._fruitless.get(key, 0) == fewest])
+
+    def _judgement_errors(self, count: int) -> np.ndarray:
+        """Draw the errors of so many judgements, in actions."""
+        return self._rng.normal(0.0, self.person.judgement_sd_steps, count)
+
+    def _any(self, keys: list[str] | tuple[str, ...]) -> str:
+        return keys[int(self._rng.integers(len(keys)))]
+
+
+def _key_positions(plan: EpisodePlan) -> dict[str, int]:
+    """The position of each key's action in the block's list of actions, which stays when keys are carried over."""
+    return {key: plan.actions.index(action) for key, action in plan.key_map.keys.items() if action in plan.actions}

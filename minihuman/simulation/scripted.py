@@ -1,0 +1,124 @@
+"""Simulated participants that know their keys: random, optimal (the shortest path, the reference for all others) and
+exploring.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from minihuman.agents.goal_search import find_shortest_path
+from minihuman.errors import SimulationError
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.simulation.participant import KeyPress, SimulatedParticipant
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.grid.engine import GridEngine
+
+
+class RandomParticipant(SimulatedParticipant):
+    """Presses the keys that have an action, all equally often."""
+
+    def __init__(self, argument: str, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._keys: list[str] = []
+
+    def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
+        """Collect the keys that have an action."""
+        self._keys = sorted(plan.key_map.keys)
+
+    def press(self, world: World) -> KeyPress:
+        """Press one at random, 100 to 500 ms after the picture."""
+        return KeyPress(self._keys[self._rng.integers(len(self._keys))], self._rng.uniform(100.0, 500.0))
+
+
+DELAY_MS = 250.0
+
+
+class OptimalParticipant(SimulatedParticipant):
+    """Follows the shortest path from reset to goal."""
+
+    def __init__(self, argument: str, rng: np.random.Generator) -> None:
+        self._key_of: dict[str, str] = {}
+        self._path: list[str] = []
+
+    def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
+        """Drop the last path."""
+        self._key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
+        self._path = []
+
+    def press(self, world: World) -> KeyPress:
+        """Press the next key of the path.
+
+        Raises:
+            SimulationError: if there is no path, or it needs an action without a key.
+        """
+        if not self._path:
+            self._path = find_shortest_path(world)
+        if not self._path:
+            raise SimulationError(
+                f"{world.id}: no path leads to the goal from {world.pose()}; use the random participant"
+            )
+        return press_action(self._path.pop(0), self._key_of, world, DELAY_MS)
+
+
+def press_action(action: str, key_of: Mapping[str, str], world: World, delay_ms: float) -> KeyPress:
+    """Press the key of an action.
+
+    Raises:
+        SimulationError: if the action has no key.
+    """
+    if action not in key_of:
+        raise SimulationError(
+            f"{world.id}: the path needs action {action!r}, which has no key; add it to the block's actions"
+        )
+    return KeyPress(key_of[action], delay_ms)
+
+
+class GridExplorer:
+    """The exploring expert in one episode of a grid world; plans in action names."""
+
+    def __init__(self, world: World) -> None:
+        from minihuman.worlds.grid.babyai.exploring_expert import Explorer  # compiled: only where it is used
+
+        env = world.unwrapped
+        if not isinstance(env, GridEngine):
+            raise SimulationError(
+                f"{world.id} is not a grid world; the exploring participant plays grid worlds only, so choose another"
+            )
+        self._env = env
+        self._explorer = Explorer(env.state, env.image_shape[0])
+
+    @property
+    def n_seen_cells(self) -> int:
+        """The number of cells that were in sight so far."""
+        return int(self._explorer.memory.seen.sum())
+
+    def plan(self) -> list[str]:
+        """Plan the next actions, as far as they are decided."""
+        return [self._env.action_names[action] for action in self._explorer.way(self._env.state)]
+
+
+class ExploringParticipant(SimulatedParticipant):
+    """Explores what it has not seen yet, and carries out the mission once it knows how."""
+
+    def __init__(self, argument: str, rng: np.random.Generator) -> None:
+        self._key_of: dict[str, str] = {}
+        self._searcher: GridExplorer | None = None
+
+    def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
+        """Start exploring."""
+        self._key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
+        self._searcher = GridExplorer(world)
+
+    def press(self, world: World) -> KeyPress:
+        """Press the next key of the plan.
+
+        Raises:
+            SimulationError: if nothing is left to try, or it needs an action without a key.
+        """
+        assert self._searcher is not None, "begin() comes first"
+        path = self._searcher.plan()
+        if not path:
+            raise SimulationError(
+                f"{world.id}: explored all and cannot complete the mission; choose another participant"
+            )
+        return press_action(path[0], self._key_of, world, DELAY_MS)

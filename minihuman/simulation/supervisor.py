@@ -1,0 +1,333 @@
+"""A simulated supervisor: watches an agent, takes over, hands back, corrects, rates and compares.
+
+It knows what an exploring expert knows: what has been seen so far; with `full_knowledge`, the shortest path. As critic
+and
+rater it follows the planner; in a world without one it presses nothing and cannot tell. Settings are those of
+`SupervisorParameters`, of `CriticParameters` after `critic_` and of `RaterParameters` after `rater_`:
+`--player supervisor:patience_steps=6,critic_response_rate=0.5,rater_lapse=0`.
+"""
+
+import json
+import math
+from contextlib import closing
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+
+from minihuman.agents.goal_search import find_shortest_path
+from minihuman.errors import SimulationError
+from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.plugins import read_settings
+from minihuman.simulation.participant import KeyPress, SimulatedTeacher, WatchedStep
+from minihuman.simulation.scripted import GridExplorer, press_action
+from minihuman.worlds.adapters.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisorParameters:
+    """The parameters of one supervisor. Delays are ex-Gaussian, as people's reaction times are."""
+
+    patience_steps: int = 4  # excess steps of the agent at which it takes over
+    min_control_steps: int = 4  # of its own before it hands back
+    mu_ms: float = 400.0  # mean of the normal part, from noticing to the key
+    sigma_ms: float = 60.0  # its standard deviation
+    tau_ms: float = 180.0  # mean of the exponential part
+    full_knowledge: bool = False  # plan with the whole world, not only with what was seen
+
+
+class Supervisor:
+    """Watches one episode after the other. Call ``plan`` once after the reset and once after every step of either.
+
+    The agent's excess steps are its steps plus the path left now, less the path that was left when something new
+    last came into sight or the supervisor handed back. Looking around a new corner costs nothing; going to and fro
+    costs a step each.
+    """
+
+    def __init__(self, supervising: SupervisorParameters, rng: np.random.Generator) -> None:
+        self._is = supervising
+        self._rng = rng
+        self._searcher: GridExplorer | None = None
+        self._path: list[str] = []
+        self._left = 0  # steps of the way when counting began
+        self._made = 0  # steps made since
+        self._begun = False  # whether counting has begun in this episode
+        self._due_ms: float | None = None  # when the key will go down
+        self._steered = 0
+
+    def begin(self, world: World) -> None:
+        """Start an episode; the agent is in control."""
+        self._searcher = None if self._is.full_knowledge else GridExplorer(world)
+        self._path, self._begun, self._due_ms, self._steered = [], False, None, 0
+
+    def plan(self, world: World) -> list[str]:
+        """Look at the world and plan the next actions, as far as it knows; empty where it knows nothing."""
+        more = False
+        if self._searcher is None:
+            self._path = find_shortest_path(world)
+        else:
+            seen = self._searcher.n_seen_cells
+            self._path = list(self._searcher.plan())
+            more = self._searcher.n_seen_cells > seen
+        self._made += 1
+        if more or not self._begun:
+            self._count_anew()
+        return self._path
+
+    @property
+    def patience_steps(self) -> int:
+        """The excess steps at which it takes over."""
+        return self._is.patience_steps
+
+    @property
+    def excess_steps(self) -> int:
+        """The steps by which the agent is worse than the supervisor would have been."""
+        return self._made + len(self._path) - self._left
+
+    @property
+    def exceeds_patience(self) -> bool:
+        """Whether the agent is bad enough for a takeover, and the supervisor has a plan."""
+        return bool(self._path) and self.excess_steps >= self._is.patience_steps
+
+    def takes_over(self, t_ms: float) -> bool:
+        """Whether it has pressed a key by this time; the agent is in control."""
+        if self._due_ms is None and self.exceeds_patience:
+            normal = self._rng.normal(self._is.mu_ms, self._is.sigma_ms)
+            self._due_ms = t_ms + max(0.0, float(normal + self._rng.exponential(self._is.tau_ms)))
+        if self._due_ms is None or t_ms < self._due_ms:
+            return False
+        self._due_ms, self._steered = None, 0
+        return bool(self._path)
+
+    def hands_back(self) -> bool:
+        """Whether it has steered enough; call it after each of its own steps and ``plan``."""
+        self._steered += 1
+        if self._steered < self._is.min_control_steps:
+            return False
+        self._count_anew()
+        return True
+
+    def _count_anew(self) -> None:
+        self._left, self._made, self._begun = len(self._path), 0, True
+
+
+@dataclass(frozen=True, slots=True)
+class CriticParameters:
+    """The parameters of one critic. Delays are ex-Gaussian with mean ``mu_ms + tau_ms``."""
+
+    mu_ms: float = 500.0  # mean of the normal part, from the picture to the key
+    sigma_ms: float = 60.0  # its standard deviation
+    tau_ms: float = 100.0  # mean of the exponential part
+    response_rate: float = 0.3  # probability of a press per step
+    error_rate: float = 0.05  # probability of the wrong key
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of range.
+
+        Raises:
+            SimulationError: if a parameter is out of range.
+        """
+        for name in ("response_rate", "error_rate"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise SimulationError(f"{name} is {getattr(self, name)}; use a probability from 0 to 1")
+        for name in ("mu_ms", "sigma_ms", "tau_ms"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise SimulationError(f"{name} is {getattr(self, name)}; use 0 or more")
+
+    @property
+    def delay_ms(self) -> float:
+        """The mean delay, which a learner has to find."""
+        return self.mu_ms + self.tau_ms
+
+
+class Critic:
+    """Rates steps by how many they gained."""
+
+    def __init__(self, criticising: CriticParameters, rng: np.random.Generator) -> None:
+        self._is = criticising
+        self._rng = rng
+
+    def press(self, gained_steps: float, shown_ms: float) -> tuple[float, float] | None:
+        """Return the time of a press and its value (1 good, -1 bad); None for no press.
+
+        Args:
+            gained_steps: By how much the action shortened the path.
+            shown_ms: When the picture of its outcome was shown.
+        """
+        if self._rng.random() >= self._is.response_rate:
+            return None
+        value = 1.0 if gained_steps > 0 else -1.0
+        if self._rng.random() < self._is.error_rate:
+            value = -value
+        delay = self._rng.normal(self._is.mu_ms, self._is.sigma_ms) + self._rng.exponential(self._is.tau_ms)
+        return shown_ms + max(100.0, float(delay)), value
+
+
+@dataclass(frozen=True, slots=True)
+class RaterParameters:
+    """The parameters of one rater: P("right") is 1 / (1 + exp(-beta (right - left))), but for lapses."""
+
+    beta: float = 3.0  # sensitivity to the difference of returns (Bradley and Terry, 1952)
+    lapse: float = 0.05  # probability of a random answer
+    indifference: float = 0.0  # returns that differ by no more are equal
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of range.
+
+        Raises:
+            SimulationError: if a parameter is out of range.
+        """
+        if not 0 <= self.lapse <= 1:
+            raise SimulationError(f"lapse is {self.lapse}; use a probability from 0 to 1")
+        for name in ("beta", "indifference"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise SimulationError(f"{name} is {getattr(self, name)}; use 0 or more")
+
+
+class Rater:
+    """Compares pairs of returns."""
+
+    def __init__(self, judging: RaterParameters, rng: np.random.Generator) -> None:
+        self._judging = judging
+        self._rng = rng
+
+    def answer(self, left: float, right: float) -> Literal["left", "right", "equal"]:
+        """Choose the better of two true returns."""
+        if self._rng.random() < self._judging.lapse:
+            return "right" if self._rng.random() < 0.5 else "left"
+        if abs(right - left) <= self._judging.indifference:
+            return "equal"
+        chance = 1 / (1 + math.exp(-max(-500.0, min(500.0, self._judging.beta * (right - left)))))
+        return "right" if self._rng.random() < chance else "left"
+
+
+REPEAT_MS = 250.0  # between keys while in control
+COMPARISON_MS = 1_000.0  # from the end of a pair to the answer
+PARAMETERS_BY_PREFIX: dict[str, type[SupervisorParameters | CriticParameters | RaterParameters]] = {
+    "": SupervisorParameters,
+    "critic_": CriticParameters,
+    "rater_": RaterParameters,
+}  # by the prefix of the settings' names
+
+
+EARLIER_NAMES = {
+    "least_steps": "min_control_steps",
+    "knows_all": "full_knowledge",
+    "critic_rate": "critic_response_rate",
+    "critic_mistakes": "critic_error_rate",
+    "rater_equal_within": "rater_indifference",
+}
+
+
+class SupervisorParticipant(SimulatedTeacher):
+    """A supervisor with keys for its actions, a critic and a rater in one."""
+
+    def __init__(self, argument: str, rng: np.random.Generator) -> None:
+        settings = _parse_settings(argument)
+        self._supervisor = Supervisor(SupervisorParameters(**settings[""]), rng)
+        self._critic = Critic(CriticParameters(**settings["critic_"]), rng)
+        self._rater = Rater(RaterParameters(**settings["rater_"]), rng)
+        self._key_of: dict[str, str] = {}
+        self._judged: tuple[int, int | None] | None = None  # the step it looked at last as a critic; steps left then
+
+    def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
+        """Start an episode."""
+        self._key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
+        self._supervisor.begin(world)
+        self._steered_to: int | None = None  # the step that its own key led to
+        self._judged = None
+
+    def press(self, world: World) -> KeyPress:
+        """Press the next key of its plan.
+
+        Raises:
+            SimulationError: if it has no plan, or the action has no key.
+        """
+        return self._next(world, self._supervisor.plan(world))
+
+    def watch(self, world: World, watched: WatchedStep) -> KeyPress | None:
+        """Take over, steer, hand back or rate."""
+        if watched.good:
+            return self._rate(world, watched)
+        path = self._supervisor.plan(world)
+        if watched.who == "agent":
+            takes_over = bool(watched.hand_back) and self._supervisor.takes_over(watched.t_ms)
+            return self._next(world, path) if takes_over else None
+        if watched.hand_back and watched.step == self._steered_to and self._supervisor.hands_back():
+            return KeyPress(watched.hand_back, REPEAT_MS)
+        self._steered_to = watched.step + 1
+        return self._next(world, path)
+
+    def correct(self, episode: EpisodeClip) -> int | None:
+        """Correct from the step at which it would have taken over, less the excess steps."""
+        with closing(World(episode.world, json.loads(episode.options))) as world:
+            world.reset(episode.seed)
+            self._supervisor.begin(world)
+            for step in range(len(episode.actions) + 1):
+                self._supervisor.plan(world)
+                if self._supervisor.exceeds_patience:
+                    return max(0, step - self._supervisor.patience_steps)
+                if step < len(episode.actions):
+                    world.step(episode.actions[step])
+        return None
+
+    def prefer(self, left: EpisodeClip, right: EpisodeClip) -> tuple[PairAnswer, float]:
+        """Prefer the clip that shortened the path by more steps."""
+        gained = _count_gained_steps(left), _count_gained_steps(right)
+        if gained[0] is None or gained[1] is None:
+            return "cannot_tell", COMPARISON_MS
+        return self._rater.answer(gained[0], gained[1]), COMPARISON_MS
+
+    def _rate(self, world: World, watched: WatchedStep) -> KeyPress | None:
+        """Rate the last step. Steps made while a press was due are not rated."""
+        before, left = self._judged, 0 if watched.reached else _count_steps_left(world)
+        self._judged = watched.step, left
+        if before is None or before[0] + 1 != watched.step or before[1] is None or left is None:
+            return None
+        pressed = self._critic.press(before[1] - left, watched.t_ms)
+        if pressed is None:
+            return None
+        t_ms, value = pressed
+        return KeyPress(watched.good if value > 0 else watched.bad, t_ms - watched.t_ms)
+
+    def _next(self, world: World, path: list[str]) -> KeyPress:
+        if not path:
+            raise SimulationError(
+                f"{world.id}: the supervisor has no plan; show it the whole world with full_knowledge=1"
+            )
+        return press_action(path[0], self._key_of, world, REPEAT_MS)
+
+
+def _count_steps_left(world: World) -> int | None:
+    path = world.shortest_path()
+    return None if path is None else len(path)
+
+
+def _count_gained_steps(stretch: EpisodeClip) -> int | None:
+    """The steps by which a clip shortened the path; None in a world without a planner."""
+    with closing(World(stretch.world, json.loads(stretch.options))) as world:
+        world.reset(stretch.seed)
+        before, reached = None, False
+        for step, action in enumerate(stretch.actions):
+            if step == stretch.first:
+                before = _count_steps_left(world)
+            came = world.step(action)
+            reached = came.terminated and came.reward > 0
+        left = 0 if reached else _count_steps_left(world)
+    return None if before is None or left is None else before - left
+
+
+def _parse_settings(argument: str) -> dict[str, dict[str, Any]]:
+    """The settings given of each role, by the role's prefix."""
+    role_of = {
+        prefix + field.name: (prefix, field) for prefix, role in PARAMETERS_BY_PREFIX.items() for field in fields(role)
+    }
+    defaults = {name: field.default for name, (_, field) in role_of.items()}
+    values: dict[str, dict[str, Any]] = {prefix: {} for prefix in PARAMETERS_BY_PREFIX}
+    for name, value in read_settings(
+        argument, defaults, SimulationError, of="supervisor", aliases=EARLIER_NAMES
+    ).items():
+        prefix, field = role_of[name]
+        values[prefix][field.name] = value
+    return values

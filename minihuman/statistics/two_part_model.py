@@ -1,0 +1,204 @@
+"""A two-part comparison of a measure with mass at 0: how often it is above 0, and how large it is then.
+
+The mean of a reward that is 0 after a timeout mixes both: groups can differ in it and one cannot tell in what.
+Episodes of one person belong together: generalised estimating equations (Liang and Zeger, 1986) with an
+exchangeable correlation in each group, the bias-reduced covariance of Mancl and DeRouen (2001), and Welch's t.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import special
+
+from minihuman.statistics.comparison import RESAMPLES, SEED, Values
+
+LEVEL = 0.95
+LEAST = 3  # people a group, below whom no covariance between people is told
+_NOTHING = (math.nan, math.nan)
+_AT_ONCE = 500_000
+_ROUNDS = 30
+_LEAST_CORRELATION = -0.9  # over the most episodes of a person: what a correlation between so many cannot be below
+
+
+@dataclass(frozen=True, slots=True)
+class PartComparison:
+    """One part of a comparison, first against second; NaN and a reason where the data do not tell."""
+
+    estimate: float  # an odds ratio, or a difference
+    interval: tuple[float, float]
+    p: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TwoPartComparison:
+    """Two groups compared in both parts."""
+
+    first: str
+    second: str
+    n: tuple[int, int]  # people
+    shares: tuple[float, float]  # of episodes above 0
+    any: PartComparison  # the odds of an episode above 0, as a ratio
+    amount: PartComparison  # how much in the episodes above 0, as a difference
+    p: float  # of no difference in either: permutation of the sum of both squared Welch's t, people regrouped
+
+
+def has_mass_at_zero(values: Values) -> bool:
+    """Whether a measure of single episodes is 0 in some and above 0 in others."""
+    told = values[~np.isnan(values)]
+    return bool(len(told) and (told == 0).any() and (told > 0).any() and told.min() >= 0)
+
+
+def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str]) -> TwoPartComparison:
+    """Compare two groups; ``rows`` has one row an episode, with group, participant and the measure."""
+    told = {group: _each(rows[rows["group"].astype(str) == group], measure) for group in groups}
+    above = {group: _above(each) for group, each in told.items()}
+    a, b = groups
+    n = len(told[a]), len(told[b])
+    shares = tuple(
+        float(np.mean([one > 0 for each in told[g] for one in each])) if told[g] else math.nan for g in groups
+    )
+    few = next((f"fewer than {LEAST} people in {name}" for name in groups if len(told[name]) < LEAST), "")
+    stuck = next(
+        (f"no episode of {name} is at 0" for name, share in zip(groups, shares, strict=True) if share == 1), ""
+    )
+    stuck = stuck or next(
+        (f"every episode of {name} is at 0" for name, share in zip(groups, shares, strict=True) if share == 0), ""
+    )
+    thin = next((f"fewer than {LEAST} people of {name} are above 0" for name in groups if len(above[name]) < LEAST), "")
+    happened = {group: [(each > 0).astype(float) for each in told[group]] for group in groups}
+    people = {group: summarise_people(rows[rows["group"].astype(str) == group], measure) for group in groups}
+    return TwoPartComparison(
+        first=a,
+        second=b,
+        n=n,
+        shares=(shares[0], shares[1]),
+        any=_missing(few or stuck)
+        if few or stuck
+        else _compared(fit_gee(happened[a], odds=True), fit_gee(happened[b], odds=True)),
+        amount=_missing(few or thin) if few or thin else _compared(fit_gee(above[a]), fit_gee(above[b])),
+        p=math.nan if few else two_parts_p(people[a], people[b]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Marginal:
+    """One group's mean over its people's episodes, on the line of its link."""
+
+    at: float  # the mean, or its log odds
+    error: float
+    people: int
+    odds: bool
+
+
+def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
+    """A group's marginal mean by generalised estimating equations, of each of its people's episodes.
+
+    With nothing but the group to tell episodes apart by, the equations come to a mean of people's means whose weights
+    depend on the correlation of one person's episodes; Mancl and DeRouen's correction divides each person's residual by
+    one less its weight.
+    """
+    n, means = np.array([len(one) for one in people], float), np.array([one.mean() for one in people])
+    pairs = float((n * (n - 1) / 2).sum())
+    correlation = 0.0
+    for _ in range(_ROUNDS):
+        weights = n / (1 + (n - 1) * correlation)
+        weights /= weights.sum()
+        mean = float(weights @ means)
+        apart = [one - mean for one in people]
+        scale = sum(float((one**2).sum()) for one in apart) / max(n.sum() - 1, 1)
+        products = sum((float(one.sum()) ** 2 - float((one**2).sum())) / 2 for one in apart)
+        if scale <= 0 or pairs <= 1:
+            break
+        correlation = min(max(products / scale / (pairs - 1), _LEAST_CORRELATION / n.max()), 0.99)
+    error = math.sqrt(float((((means - mean) * weights / (1 - weights)) ** 2).sum()))
+    if odds:
+        return Marginal(math.log(mean / (1 - mean)), error / (mean * (1 - mean)), len(people), odds)
+    return Marginal(mean, error, len(people), odds)
+
+
+def _compared(a: Marginal, b: Marginal) -> PartComparison:
+    parts = a.error**2, b.error**2
+    if not sum(parts) > 0:
+        return _missing("nobody differs from the others of the group")
+    freedom = sum(parts) ** 2 / (parts[0] ** 2 / (a.people - 1) + parts[1] ** 2 / (b.people - 1))
+    apart, error = a.at - b.at, math.sqrt(sum(parts))
+    half = float(special.stdtrit(freedom, (1 + LEVEL) / 2)) * error
+    told: Callable[[float], float] = math.exp if a.odds else float
+    p = float(2 * special.stdtr(freedom, -abs(apart) / error))
+    return PartComparison(told(apart), (told(apart - half), told(min(apart + half, 700.0))), p)
+
+
+def _each(rows: pd.DataFrame, measure: str) -> list[Values]:
+    """Each person's episodes."""
+    told = rows.dropna(subset=[measure])
+    return [part.to_numpy(np.float64) for _, part in told.groupby("participant")[measure]]
+
+
+def _above(people: Sequence[Values]) -> list[Values]:
+    return [one[one > 0] for one in people if (one > 0).any()]
+
+
+def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
+    """One row a person, (n, 2): the share of episodes above 0, and the mean of those; NaN for who has none."""
+    above = rows[measure].where(rows[measure] > 0)
+    each = pd.DataFrame({"who": rows["participant"], "any": above.notna().astype(float), "amount": above}).groupby(
+        "who"
+    )
+    return np.column_stack([each["any"].mean(), each["amount"].mean()])
+
+
+def two_parts_p(a: Values, b: Values) -> float:
+    """The p of no difference in either part; ``a`` and ``b`` have one row a person, (n, 2)."""
+    together = np.concatenate([a, b])
+    n, total = len(a), len(a) + len(b)
+    observed = _sum_of_squares(together[None, :, :], n)[0]
+    if math.comb(total, n) <= RESAMPLES:
+        every = [
+            [*one, *(place for place in range(total) if place not in one)] for one in combinations(range(total), n)
+        ]
+        return float((_sum_of_squares(together[np.array(every)], n) >= observed - 1e-9).mean())
+    rng = np.random.default_rng(SEED)
+    at_once = max(1, _AT_ONCE // total)
+    as_far, left = 1, RESAMPLES  # the grouping that was observed is one of those that chance could have made
+    while left:
+        now = min(left, at_once)
+        orders = rng.random((now, total)).argsort(axis=1)
+        as_far += int((_sum_of_squares(together[orders], n) >= observed - 1e-9).sum())
+        left -= now
+    return as_far / (RESAMPLES + 1)
+
+
+def _sum_of_squares(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Squared Welch's t of both parts added up; ``values`` is (regroupings, people, 2)."""
+    parts = [_welch_squared(values[:, :n, part], values[:, n:, part]) for part in (0, 1)]
+    return parts[0] + parts[1]
+
+
+def _welch_squared(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    (mean_a, error_a), (mean_b, error_b) = _mean_and_error(a), _mean_and_error(b)
+    apart, error = mean_a - mean_b, error_a + error_b
+    found = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
+    return np.where(np.isnan(found), 0.0, found)
+
+
+def _mean_and_error(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of each row its mean and the squared error of it, NaNs excluded; NaN where fewer than two are left."""
+    known = ~np.isnan(values)
+    n = known.sum(axis=1)
+    enough = n > 1
+    counted = np.where(enough, n, 2)
+    filled = np.where(known, values, 0.0)
+    mean = filled.sum(axis=1) / counted
+    squares = (np.where(known, values - mean[:, None], 0.0) ** 2).sum(axis=1)
+    error = squares / (counted - 1) / counted
+    return np.where(enough, mean, np.nan), np.where(enough, error, np.nan)
+
+
+def _missing(reason: str) -> PartComparison:
+    return PartComparison(math.nan, _NOTHING, math.nan, reason)

@@ -1,1 +1,0 @@
-"""The study: protocol, key maps, allocation, session machine, screens. No I/O."""

@@ -1,1 +1,0 @@
-"""The kinds of part that a session can have, one module each."""

@@ -1,0 +1,67 @@
+"""Contract errors, and the short study in which participants and exporters are tested."""
+
+from contextlib import closing
+from typing import Any
+
+import msgspec
+
+from minihuman.errors import MinihumanError
+from minihuman.experiment.keys import DIGITS
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.worlds.adapters.world import World
+
+
+class ContractError(MinihumanError, AssertionError):
+    """Something does not keep what everything of its kind promises."""
+
+    exit_code = 1  # a check failed
+
+
+def require(kept: bool, broken: str) -> None:
+    """Raise `ContractError`, saying what is broken, unless the promise is kept."""
+    if not kept:
+        raise ContractError(broken)
+
+
+def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, max_steps: int) -> Protocol:
+    """A protocol of one block, with every action of the world on a digit key."""
+    with closing(World(world_id, options)) as world:
+        actions = world.action_names
+    require(len(actions) <= len(DIGITS), f"{world_id}: {len(actions)} actions; a check has {len(DIGITS)} keys to give")
+    block = {
+        "name": "block",
+        "world": world_id,
+        "options": options,
+        "episodes": episodes,
+        "actions": actions,
+        "max_steps": max_steps,
+        "key_map": "new",
+    }
+    return build_study(
+        {
+            "study": {"name": "contract", "version": "1", "seed": 5, "participants": 8},
+            "keys": {"pool": DIGITS[: len(actions)]},
+            "groups": [{"name": "everyone", "blocks": ["block"]}],
+            "blocks": [block],
+        }
+    )
+
+
+def build_study(tables: dict[str, Any]) -> Protocol:
+    """A protocol from the tables of its TOML file, lists for arrays of tables.
+
+    Raises:
+        ProtocolError: if the protocol is wrong.
+    """
+    text = "".join(f"{name} = {_format_value(table)}\n" for name, table in tables.items())
+    return decode_protocol(text.encode(), "the study of a check")
+
+
+def _format_value(value: Any) -> str:
+    """A value in TOML, on one line."""
+    match value:
+        case dict():
+            return "{ " + ", ".join(f"{name} = {_format_value(one)}" for name, one in value.items()) + " }"
+        case list() | tuple():
+            return f"[{', '.join(map(_format_value, value))}]"
+    return msgspec.json.encode(value).decode()

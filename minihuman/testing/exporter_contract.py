@@ -1,0 +1,74 @@
+"""Contract test of exporters: export exactly the given episodes, write only to the output folder, and report the files
+written.
+"""
+
+import hashlib
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from minihuman.dataset.caches import is_cache
+from minihuman.dataset.episode_stream import IncludedEpisodes
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import StudySessions
+from minihuman.exporters.exporter import Exporter, ExportResult, find_exporter
+from minihuman.runtime.simulated_session import simulate
+from minihuman.testing.checks import build_short_study, require
+from minihuman.testing.participant_contract import WORLD
+
+PARTICIPANTS, EPISODES = 2, 2
+
+
+def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[str, Any] | None = None) -> None:
+    """Record a small study and export it.
+
+    Args:
+        exporter: its name in ``minihuman export``, or the function itself.
+        world: what is played, an id.
+        options: of the world.
+
+    Raises:
+        ContractError: if a promise is not kept; it says which.
+        ExportError: if it cannot export this world.
+    """
+    write = find_exporter(exporter) if isinstance(exporter, str) else exporter
+    with TemporaryDirectory() as name:
+        folder = Path(name).resolve()
+        protocol = build_short_study(world, options or {}, episodes=EPISODES, max_steps=40)
+        list(simulate(protocol, folder / "data", participants=PARTICIPANTS, seed=1, player="random"))
+        before = _files(folder / "data")
+        (folder / "out").mkdir()
+        study = folder / "data" / protocol.study.name
+        played = [episode for counted in StudySessions(study, Selection()) for episode in counted.episodes]
+        written = write(IncludedEpisodes(StudySessions(study, Selection())), folder / "out")
+        _look_at(written, folder / "out", len(played), sum(len(episode.actions) for episode in played))
+        require(_files(folder / "data") == before, "the exporter changed what is beside the logs")
+        others = {path.name for path in folder.iterdir()} - {"data", "out"}
+        require(not others, f"the exporter wrote beside its folder: {', '.join(sorted(others))}")
+        (folder / "again").mkdir()
+        write(IncludedEpisodes(StudySessions(study, Selection())), folder / "again")
+        require(
+            set(_files(folder / "again")) == set(_files(folder / "out")), "a second export of the same has other files"
+        )
+
+
+def _look_at(written: ExportResult, out: Path, episodes: int, steps: int) -> None:
+    require(isinstance(written, ExportResult), f"the exporter gave a {type(written).__name__}, not a Written")
+    require(bool(written.paths), "the exporter says that it wrote no file")
+    for path in written.paths:
+        require(path.exists(), f"the exporter says that it wrote {path}, which does not exist")
+        require(path.resolve().is_relative_to(out), f"the exporter wrote {path}, outside the folder it was given")
+    require(
+        written.episodes == episodes,
+        f"{episodes} episodes count, and it says that it wrote {written.episodes}",
+    )
+    require(written.steps == steps, f"they have {steps} steps, and it says that it wrote {written.steps}")
+
+
+def _files(folder: Path) -> dict[str, str]:
+    """Every file but the caches, with its hash."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not is_cache(Path(*path.relative_to(folder).parts[1:]))  # which is a study's name
+    }

@@ -1,0 +1,184 @@
+"""Contract test of learners: the same data and seed give the same policy, the inputs stay as they are, and the
+settings returned reproduce what a time limit ended.
+"""
+
+import json
+from collections.abc import Callable
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from minihuman.errors import LearnError
+from minihuman.testing.checks import require
+from minihuman.worlds.adapters.world import World
+
+if TYPE_CHECKING:  # PyTorch is imported only where a learner is checked
+    from minihuman.learn.policy.network import Policy
+    from minihuman.learn.teaching.dataset import Dataset, Lesson
+    from minihuman.learn.teaching.learner import Learner, LearningResult
+
+WORLD = "minihuman/MiniGrid-Empty-5x5-v0"
+EPISODES, MAX_STEPS, N_ACTIONS = 6, 20, 3
+STEP_NS = 600 * 10**6  # between pictures
+DELAY_NS = 500 * 10**6  # from a picture to the press that rates it
+SHORT_S = 0.05  # so short that a learner of many updates does not finish
+
+
+def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", dataset: "Dataset | None" = None) -> None:
+    """Let a learner learn several times, and compare the policies.
+
+    Args:
+        make: The learner's registered name, or its class.
+        settings: The text after the colon, such as ``updates=20``: few updates make a quick check.
+        dataset: What to learn from; by default a small one that has demonstrations, a takeover, ratings and
+            comparisons.
+
+    Raises:
+        ContractError: if a promise is not kept; it says which.
+        LearnError: if the learner cannot learn from the dataset.
+    """
+    from minihuman.learn.teaching.learner import make_fresh_policy
+
+    dataset = dataset or build_teaching_dataset()
+    start, digest = make_fresh_policy(dataset, np.random.default_rng(5)), dataset.sha256()
+    before = _weights(start)
+    for policy in (None, start):
+        first = _learn(make, settings, dataset, policy, noise=1)
+        again = _learn(make, settings, dataset, policy, noise=2)
+        require(
+            np.array_equal(_weights(first.policy), _weights(again.policy)),
+            "the same data and seed gave other weights; it draws from something else than request.rng",
+        )
+        require(np.array_equal(before, _weights(start)), "learn() changed request.policy; copy it with copy_policy")
+        require(dataset.sha256() == digest, "learn() changed request.dataset")
+    stopped = _learn(make, settings, dataset, None, noise=3, budget_s=SHORT_S)
+    reproduced = _learn(make, ",".join(f"{k}={v}" for k, v in stopped.settings.items()), dataset, None, noise=4)
+    require(
+        np.array_equal(_weights(stopped.policy), _weights(reproduced.policy)),
+        f"after {SHORT_S} s it returned the settings {stopped.settings}, which give another policy without a limit",
+    )
+    _refuse_nothing(make, settings, dataset)
+
+
+def build_teaching_dataset() -> "Dataset":
+    """Demonstrations, a takeover, ratings and comparisons in a small grid, from its planner."""
+    from minihuman.learn.policy.observation import ObservationEncoder
+    from minihuman.learn.teaching.dataset import Comparison, Dataset, LessonFragment, LessonRating
+
+    with closing(World(WORLD)) as world:
+        world.reset(0)
+        eyesight = ObservationEncoder(missions=False)
+        empty = Dataset(WORLD, {}, world.action_names[:N_ACTIONS], MAX_STEPS, eyesight, eyesight.space(world.unwrapped))
+        lessons = [_play_lesson(world, empty, number) for number in range(EPISODES)]
+    ratings = [
+        LessonRating(int(t_ns) + DELAY_NS, 1.0 if by_person else -1.0, lesson.name)
+        for lesson in lessons
+        for t_ns, by_person in zip(lesson.shown_ns[1:], lesson.by_person[:-1], strict=True)
+    ]
+    good, bad = lessons[0].name, lessons[-1].name
+    pairs = [Comparison(LessonFragment(good, k, k + 1), LessonFragment(bad, k, k + 1), "left") for k in range(3)]
+    return empty.with_more(lessons, ratings, pairs)
+
+
+def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
+    """One episode: a policy turns on the spot in its first steps where the number is odd, then the planner steers."""
+    from minihuman.learn.teaching.dataset import NO_QUERY, Lesson
+
+    world.reset(number)
+    encoder = dataset.eyesight.episode_encoder()
+    n_agent = 4 if number % 2 else 0
+    images, actions, rewards = [], list[int](), list[float]()
+    ended = False
+    while not ended:
+        images.append(encoder.encode(world.unwrapped, world.observation)["image"])
+        path = world.shortest_path()
+        assert path
+        actions.append(0 if len(actions) < n_agent else world.action_names.index(path[0]))
+        came = world.step(actions[-1])
+        rewards.append(came.reward)
+        ended = came.terminated or came.truncated
+    n = len(actions)
+    by_person = np.arange(n) >= n_agent
+    return Lesson(
+        name=f"sub-{number % 2 + 1:02}_ses-01:{number + 1}",
+        participant=f"sub-{number % 2 + 1:02}",
+        seed=number,
+        observations={"image": np.stack(images)},
+        actions=np.array(actions, np.int64),
+        by_person=by_person,
+        policy_actions=np.full(n, 0 if n_agent else NO_QUERY, np.int64),
+        shown_ns=(number * MAX_STEPS + np.arange(n, dtype=np.int64)) * STEP_NS,
+        rewards=np.array(rewards),
+        policy_probabilities=np.full((n, N_ACTIONS), 1 / N_ACTIONS, np.float32) if n_agent else None,
+    )
+
+
+def _make(make: "str | Callable[[str], Learner]", settings: str) -> "Learner":
+    from minihuman.learn.teaching.learner import Learner, make_learner
+
+    learner = make_learner(f"{make}:{settings}") if isinstance(make, str) else make(settings)
+    require(isinstance(learner, Learner), f"{type(learner).__name__} is not a minihuman.ext.Learner")
+    return learner
+
+
+def _learn(
+    make: "str | Callable[[str], Learner]",
+    settings: str,
+    dataset: "Dataset",
+    policy: "Policy | None",
+    *,
+    noise: int,
+    budget_s: float = float("inf"),
+) -> "LearningResult":
+    """Learn once; the global random streams begin with ``noise``, and nothing may depend on it."""
+    import torch
+
+    from minihuman.learn.policy.network import Policy
+    from minihuman.learn.teaching.learner import LearningRequest, LearningResult, copy_policy
+
+    learner = _make(make, settings)
+    state = np.random.get_state()
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(noise)
+        np.random.seed(noise)
+        try:
+            result = learner.learn(LearningRequest(dataset, np.random.default_rng(1), policy, budget_s))
+        finally:
+            np.random.set_state(state)
+    require(isinstance(result, LearningResult), f"learn() gave a {type(result).__name__}, not a LearningResult")
+    require(isinstance(result.policy, Policy), f"its policy is a {type(result.policy).__name__}, not a Policy")
+    try:
+        copy_policy(result.policy, dataset)
+    except LearnError as error:
+        require(False, f"its policy cannot play the dataset's world ({error}); begin with make_fresh_policy")
+    require(bool(np.isfinite(_weights(result.policy)).all()), "a weight of its policy is not finite")
+    _require_plain(result.settings, "settings")
+    _require_plain(result.notes, "notes")
+    return result
+
+
+def _require_plain(values: dict[str, Any], what: str) -> None:
+    try:
+        json.dumps(values)
+    except TypeError as error:
+        require(False, f"{what} cannot be written into the policy's file ({error}); use numbers, text and lists")
+
+
+def _refuse_nothing(make: "str | Callable[[str], Learner]", settings: str, dataset: "Dataset") -> None:
+    from dataclasses import replace
+
+    from minihuman.learn.teaching.learner import LearningRequest
+
+    nothing = replace(dataset, lessons=(), ratings=(), comparisons=())
+    try:
+        _make(make, settings).learn(LearningRequest(nothing, np.random.default_rng(1)))
+    except LearnError:
+        return
+    except Exception as error:
+        require(False, f"without a lesson it raised {type(error).__name__}: {error}; raise a LearnError")
+    require(False, "without a lesson it returned a policy; raise a LearnError")
+
+
+def _weights(policy: "Policy") -> np.ndarray[Any, Any]:
+    return np.concatenate([values.detach().cpu().numpy().ravel() for values in policy.state_dict().values()])

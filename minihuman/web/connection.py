@@ -1,0 +1,530 @@
+"""A participant's connection: the session host, its recorder, its streams, and the newest socket. asyncio and disk.
+
+A page gets the host that is running, one resumed at its exact step from the log of a killed server, or one for a new
+segment. Making one waits for the disk.
+"""
+
+import asyncio
+import contextlib
+import hashlib
+import itertools
+import logging
+import re
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from weakref import WeakValueDictionary
+
+from minihuman.admin.manifest import record_log_end
+from minihuman.admin.remote_store import RemoteStoreError
+from minihuman.errors import LogError, MinihumanError
+from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
+from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
+from minihuman.experiment.machine.pending_allocation import build_session
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.replay import resume_from_events
+from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder
+from minihuman.log.record.disk import GroupCommit, RecorderSettings
+from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
+from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
+from minihuman.log.record.recorder import DeferredRecorder, Recorder
+from minihuman.runtime.agent_host import make_agent_host
+from minihuman.runtime.command_inbox import CommandInbox, inbox_path
+from minihuman.web import messages
+from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection
+from minihuman.web.completion import build_completion, classify_ending, get_page_texts
+from minihuman.web.eligibility import BrowserProperties, check_eligibility, collect_browser_facts
+from minihuman.web.messages import KEY_CODES, IncomingStream
+from minihuman.web.outbox import PageSettings
+from minihuman.web.session_host import SessionHost
+from minihuman.worlds.adapters.world import World
+
+_RULES = (
+    "version_minihuman",
+    "rules",
+    "pictures",
+    "clauses",
+    "number_rules",
+    "consent_rules",
+)  # facts that say by what a session was played
+_OF_A_WORLD = "world_sha256_"
+
+
+@dataclass(frozen=True, slots=True)
+class HostStorage:
+    """Where sessions are recorded.
+
+    Args:
+        protocol: the study; the policies of its agents lie beside it.
+        data: the data folder.
+        group_commit: writes for all sessions of a process.
+    """
+
+    protocol: Protocol
+    data: Path
+    group_commit: GroupCommit
+
+
+@dataclass(slots=True)
+class HostedSession:
+    """A session host, and what it records to."""
+
+    host: SessionHost
+    recorder: Recorder
+    started_ns: int  # the wall clock at the segment's time 0, ns since 1970
+    segment: str  # what the page calls the segment: it says nothing of whose it is
+    files: list[McapRecorder] = field(default_factory=list)  # its log, once there is one
+
+    @property
+    def agreed(self) -> bool:
+        """Whether there was a consent, or none was asked for: whether anything is recorded."""
+        return bool(self.files)
+
+
+def start_host(
+    plan: SessionPlan,
+    disk: HostStorage,
+    facts: Mapping[str, str],
+    settings: PageSettings,
+    *,
+    at_sync: Callable[[], None],
+) -> HostedSession:
+    """Start a host for a new segment; nothing is on the disk before the consent.
+
+    Raises:
+        LogError: if the log exists already or cannot be written.
+    """
+    started_ns = time.time_ns()
+    files: list[McapRecorder] = []
+
+    def opened() -> Recorder:
+        files.append(
+            McapRecorder(
+                disk.data,
+                session.plan,
+                started_ns=started_ns,
+                settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
+            )
+        )
+        return files[0]
+
+    require_unclaimed(SegmentPath.of_plan(disk.data, plan))
+    session = build_session(plan, World, facts, picture_px=settings.picture_px, renders_steps=False)
+    recorder = DeferredRecorder(plan, opened)
+    host = SessionHost(session, recorder, World, settings, agent=make_agent_host(disk.protocol, plan, disk.data))
+    return HostedSession(host, recorder, started_ns, _name(disk.data, plan), files)
+
+
+def resume_host(
+    part: Path, disk: HostStorage, facts: Mapping[str, str], settings: PageSettings, *, at_sync: Callable[[], None]
+) -> HostedSession:
+    """Resume the segment of a live file: the session is fed its own log.
+
+    Raises:
+        LogError: if that cannot be, or if the segment began by other rules than are here, which its facts say of all of
+            it; then the file is to be recovered, and the session resumes in another segment.
+        WorldError: if its world cannot be made here.
+    """
+    left = resume_segment(part)
+    try:
+        _refuse_other_rules(part, left.events, facts)
+        session, unwritten = resume_from_events(left.events, World, picture_px=settings.picture_px, renders_steps=False)
+    except BaseException:
+        left.close()
+        raise
+    plan = session.plan
+    recorder = McapRecorder(
+        disk.data,
+        plan,
+        started_ns=left.started_ns,
+        left=left,
+        settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
+    )
+    agent = make_agent_host(disk.protocol, plan, disk.data, logged=left.events)
+    host = SessionHost(session, recorder, World, settings, agent=agent, logged=left.events, unwritten=unwritten)
+    return HostedSession(host, recorder, left.started_ns, _name(disk.data, plan), [recorder])
+
+
+def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str, str]) -> None:
+    """Refuse what another release began, or another state of the worlds."""
+    began = events[0].facts if events and isinstance(events[0], SessionStarted) else {}
+    for name in {*began, *facts}:
+        if (name in _RULES or name.startswith(_OF_A_WORLD)) and began.get(name) != facts.get(name):
+            raise LogError(
+                f"{part} was recorded with {name} {began.get(name)!r}, but this server has {facts.get(name)!r}"
+            )
+
+
+def _name(data: Path, plan: SessionPlan) -> str:
+    return hashlib.sha256(str(SegmentPath.of_plan(data, plan).part).encode()).hexdigest()[:16]
+
+
+LOG = logging.getLogger("minihuman")
+_AHEAD_NS = 5_000_000_000  # a page's clock may be so far before ours, and a thousandth more with time
+
+
+class Connection:
+    """One participant's.
+
+    Args:
+        admission: whose it is.
+        hosted: their session.
+        inbox: the experimenter's commands.
+    """
+
+    def __init__(self, admission: Admission, hosted: HostedSession, inbox: CommandInbox) -> None:
+        self.key = admission.key
+        self.admission = admission
+        self.segment = hosted.segment
+        self.host: SessionHost = hosted.host
+        self.changed = asyncio.Event()  # there is something to send
+        self.finishing = False
+        self.delayed = False  # its end is, since the enrolment log is unavailable
+        self.finished = False  # its log is on the disk, or never will be
+        self.seen_s = time.monotonic()  # when a socket was here last
+        self.acted_s = self.seen_s  # when something was pressed last
+        self.sockets = 0  # how many there have been; the newest counts
+        self.here = False  # the newest is open
+        self.life = ""
+        self.blind = False  # what keys lead to cannot be found out
+        self.broken = False  # something of its log is lost
+        self._hosted = hosted
+        self._inbox = inbox
+        self._closed = False  # its log is
+        self._zero_ns = time.monotonic_ns() - (time.time_ns() - hosted.started_ns)
+        self._incoming = IncomingStream()
+        self._stream = ""
+        self.loop = asyncio.get_running_loop()
+        self.path: Path | None = None
+        self.over: messages.SessionOver | None = None  # the last message to the page
+
+    @property
+    def agreed(self) -> bool:
+        """Whether anything is recorded."""
+        return self._hosted.agreed
+
+    def gone(self, number: int) -> None:
+        """A socket is closed."""
+        self.here = self.here and number != self.sockets
+
+    def forget(self) -> None:
+        """Keep nothing for the page: it begins anew when it comes again."""
+        self.life = ""
+        self.host.restart()
+
+    def now_ns(self) -> int:
+        """The session's time, by the server's clock."""
+        return time.monotonic_ns() - self._zero_ns
+
+    def greet(self, hello: messages.Hello) -> tuple[messages.Welcome, int]:
+        """Welcome a page on a new socket; return the answer and the last of our messages that it has."""
+        self.sockets += 1
+        self.here = True
+        self.seen_s = time.monotonic()
+        if hello.stream != self._stream:
+            self._stream, self._incoming = hello.stream, IncomingStream(hello.first - 1)
+        again = bool(self.life) and hello.life == self.life and hello.heard <= self.host.outgoing.last_number
+        if again:
+            self.host.outgoing.acknowledge(hello.heard)
+        else:
+            self.life = secrets.token_hex(4)
+            self.host.restart()
+            if self.over is not None:
+                self.host.outgoing.add(self.over)
+        now_ns = max(self.now_ns(), self.host.last_at_ns + 1)
+        words = get_page_texts(self.host.session.plan.language)
+        welcome = messages.Welcome(
+            segment=self.segment,
+            life=self.life,
+            again=again,
+            heard=self._incoming.received,
+            now=now_ns,
+            keys=dict(KEY_CODES),
+            token=self.admission.token,
+            words=words,
+            taken=self.host.last_at_ns,
+        )
+        return welcome, hello.heard if again else 0
+
+    def take(self, numbered: messages.NumberedMessage) -> None:
+        """Take a message of the page's stream. A log that cannot be written ends the session.
+
+        Raises:
+            MessageError: if it is out of order, or of another time.
+        """
+        if not self._incoming.take(numbered.n):
+            return
+        now_ns = self.now_ns()
+        if numbered.at > now_ns + _AHEAD_NS + now_ns // 1000:
+            raise messages.MessageError(
+                f"message {numbered.n} has time {numbered.at} ns, but the session is at {now_ns} ns"
+            )
+        if self.host.over:
+            return
+        if isinstance(numbered.what, messages.KeyMessage | messages.PointerMessage | messages.TextMessage):
+            self.acted_s = time.monotonic()
+        self._guarded(lambda: self.host.receive(numbered.n, numbered.at, numbered.what))
+        self.changed.set()
+
+    def poll(self) -> bool:
+        """See whether a learner has made something; True if there is something to tell the page."""
+        if not self.host.has_agent:
+            return False
+        found = False
+
+        def look() -> None:
+            nonlocal found
+            found = self.host.poll()
+
+        self._guarded(look)
+        if found:
+            self.changed.set()
+        return found
+
+    def grow(self) -> bool:
+        """Look one scene further ahead; False if nothing is left. Where that fails the session goes on without."""
+        if self.blind:
+            return False
+        try:
+            return self.host.grow()
+        except Exception:  # a bug of ours or of a world's: this page alone waits for the network
+            LOG.exception("nothing is looked for ahead of a session any more")
+            self.blind = True
+            return False
+
+    def send_prefetched(self) -> None:
+        """Tell the page what was found ahead."""
+        self.host.send_prefetched()
+        self.changed.set()
+
+    def read_inbox(self) -> None:
+        """Hand on what the experimenter asks for: to the page, or at once where there is none."""
+        for request in self._inbox.read_new():
+            if self.here:
+                self.host.ask(request.what, request.text)
+            else:
+                asked = ExperimenterCommand(max(self.now_ns(), self.host.last_at_ns + 1), request.what, request.text)
+                self._guarded(lambda asked=asked: self.host.stop(asked))  # type: ignore[misc]
+            self.changed.set()
+
+    def stop(self, reason: str, detail: str) -> None:
+        """End the session from outside."""
+        at_ns = max(self.now_ns(), self.host.last_at_ns + 1)
+        self._guarded(lambda: self.host.stop(Stop(at_ns, reason, detail)))  # type: ignore[arg-type]
+        self.changed.set()
+
+    def _guarded(self, do: Callable[[], None]) -> None:
+        try:
+            do()
+        except LogError as error:
+            self.host.session.receive(Stop(self.host.last_at_ns, "disk_full", str(error)))
+        except messages.MessageError:
+            raise
+        except Exception as error:  # a bug of ours: this session ends, the others go on
+            LOG.exception("a session failed")
+            stop = Stop(self.host.last_at_ns, "internal_error", f"{type(error).__name__}: {error}")
+            with suppress(Exception):
+                self.host.stop(stop)
+
+    def finish(self) -> None:
+        """Finish the log and seal it; blocks for the disk. After an ``OSError`` it can be called again.
+
+        Raises:
+            OSError: if the enrolment log cannot be written; the log is whole.
+        """
+        if not self._closed:
+            self._closed = True
+            try:
+                self.path = self._hosted.recorder.close()
+            except LogError:
+                self.broken = True
+            finally:
+                self.host.close_agent()
+        if self.path is not None:
+            _record_end(self.path)
+        self.finished = True
+
+    def leave(self) -> None:
+        """Make it durable and go: the next server goes on with it. Blocks for the disk."""
+        if not self._closed:
+            self.host.close_agent()
+            for file in self._hosted.files:
+                file.leave()
+
+
+def _record_end(log: Path) -> None:
+    """Seal a log, and copy it to the remote store. A failure costs no participant their code, as the log is here."""
+    try:
+        record_log_end(log)
+    except RemoteStoreError as error:
+        LOG.warning("%s; `minihuman gather` puts it there later", error)
+    except LogError as error:
+        LOG.warning("%s is whole, but was not sealed: %s", log, error)
+
+
+_FOR_GOOD = (
+    "browser",
+    "keyboard",
+    "latency",
+)  # ineligible for good, so the page gives a code; a window can be made larger
+_SIZE = re.compile(r"(\d{1,5}) x (\d{1,5})")
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedAway:
+    """A visitor who is refused, and what the page says."""
+
+    reason: str
+    words: str
+
+
+class ConnectionFactory:
+    """Makes the connections of a study.
+
+    Args:
+        arrivals: the study, and who comes.
+        data: where sessions are kept.
+        connections: the open ones; new ones are added.
+    """
+
+    def __init__(self, arrivals: Arrivals, data: Path, connections: dict[str, Connection]) -> None:
+        self.facts: Mapping[str, str] = {}  # of this machine
+        self._arrivals, self._data, self._connections = arrivals, data, connections
+        self._disk = HostStorage(arrivals.protocol, data, GroupCommit())
+        self._wakes = _WakeQueue()
+        web = arrivals.protocol.web
+        self._web = web
+        self._settings = PageSettings(web.image_size_px, web.image_encoding)
+        self._words = get_page_texts(arrivals.protocol.study.language)
+        self._apart = itertools.count(1)
+        self._connection_keys: dict[bytes, str] = {}  # by a digest of a hello's link
+        self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
+
+    async def connect(self, hello: messages.Hello) -> Connection | TurnedAway:
+        """Find or make the connection for a hello."""
+        if hello.version != messages.MESSAGE_VERSION:
+            return TurnedAway("old", self._words["busy"])  # it is loaded again by itself
+        if reason := check_eligibility(self._web, _browser_properties(hello.facts)):
+            return self._turned(reason)
+        came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
+        turn = self._turns.setdefault(came_with, asyncio.Lock())
+        async with turn:
+            there = self._connections.get(self._connection_keys.get(came_with, ""))
+            if there is not None:
+                return there
+            if len(self._connections) >= self._web.max_concurrent_sessions:
+                return self._turned("busy")
+            connection = await self._admit_page(hello)
+            if isinstance(connection, Connection):
+                self._connection_keys[came_with] = connection.key
+            return connection
+
+    def isolate(self, connection: Connection) -> None:
+        """Keep a connection for its own page alone: the participant's code is free for the next one."""
+        if connection.key != connection.admission.key:  # it was, and its end is tried again
+            return
+        del self._connections[connection.key]
+        own = f"{connection.key} left {next(self._apart)}"
+        self._connection_keys = {
+            came: own if key == connection.key else key for came, key in self._connection_keys.items()
+        }
+        connection.key = own
+        self._connections[own] = connection
+
+    async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
+        admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+        if isinstance(admission, Rejection):
+            return self._refused(admission)
+        if admission.key in self._connections:
+            return self._connections[admission.key]
+        facts = {**self.facts, **collect_browser_facts(hello.facts)}
+        facts["picture_px"] = "{} x {}".format(*self._settings.picture_px)
+        facts["picture_encoding"] = self._settings.encoding
+        opened: list[Connection] = []  # none before its recorder is open
+
+        def wake() -> None:
+            for connection in opened:
+                self._wakes.wake(connection)
+
+        try:
+            hosted = await asyncio.to_thread(self._hosted, admission, facts, wake)
+        except (MinihumanError, OSError):
+            return self._turned("broken")
+        connection = self._connections[admission.key] = Connection(admission, hosted, self._inbox(admission))
+        opened.append(connection)
+        return connection
+
+    def _hosted(self, admission: Admission, facts: dict[str, str], wake: Callable[[], None]) -> HostedSession:
+        """Start or resume a host; blocks for the disk."""
+        if admission.part is not None:
+            if is_being_recorded(admission.part):
+                raise LogError(f"{admission.part} is being written by another server")
+            with contextlib.suppress(LogError, FileNotFoundError):
+                if time.time() - admission.part.stat().st_mtime <= self._web.reconnect_timeout_s:
+                    return resume_host(admission.part, self._disk, facts, self._settings, at_sync=wake)
+        plan = admission.plan or self._arrivals.plan(admission)
+        return start_host(plan, self._disk, facts, self._settings, at_sync=wake)
+
+    def _inbox(self, admission: Admission) -> CommandInbox:
+        """Where the experimenter asks for something."""
+        folder = session_folder(
+            self._data, self._arrivals.protocol.study.name, admission.participant, admission.session
+        )
+        return CommandInbox(inbox_path(folder / f"{admission.participant}_ses-{admission.session:02d}{LOG_SUFFIX}"))
+
+    def _refused(self, refused: Rejection) -> TurnedAway:
+        """Whoever has taken part and comes again gets the code again."""
+        if not refused.ended:
+            return self._turned(refused.reason)
+        end = classify_ending("complete" if refused.ended not in FINAL_END_REASONS else refused.ended, agreed=True)  # type: ignore[arg-type]
+        code, words = build_completion(self._web, end).code, self._words[end]
+        return TurnedAway(end, f"{words} {self._words['code']}: {code}" if code else words)
+
+    def _turned(self, reason: str) -> TurnedAway:
+        width, height = self._web.min_window_size_px
+        fields = {"browsers": ", ".join(self._web.allowed_browsers), "width": width, "height": height}
+        words = self._words[reason].format(**fields)
+        code = self._web.completion_codes.screened_out
+        return TurnedAway(reason, f"{words} {self._words['code']}: {code}" if code and reason in _FOR_GOOD else words)
+
+
+class _WakeQueue:
+    """Wakes connections whose data became durable; one call of the loop wakes all that wait."""
+
+    def __init__(self) -> None:
+        self._woken: deque[Connection] = deque()
+        self._called = False
+
+    def wake(self, connection: Connection) -> None:
+        """Something became durable; called by the log's thread."""
+        self._woken.append(connection)
+        if not self._called:
+            self._called = True
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                connection.loop.call_soon_threadsafe(self._set_changed)
+
+    def _set_changed(self) -> None:
+        self._called = False
+        while self._woken:
+            self._woken.popleft().changed.set()
+
+
+def _browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:
+    """Convert a page's facts to what eligibility depends on."""
+    family = str(facts.get("browser", "other")).lower()
+    size = _SIZE.fullmatch(str(facts.get("window_px", "")))
+    known = next((name for name in ("chrome", "edge", "firefox", "safari") if name in family), "other")
+    if "chromium" in family:
+        known = "chrome"
+    rtt = facts.get("rtt_ms")
+    return BrowserProperties(
+        browser=known,
+        window_px=(int(size[1]), int(size[2])) if size else (0, 0),
+        rtt_ms=float(rtt) if isinstance(rtt, int | float) else None,
+        keyboard=facts.get("mouse") is not False or facts.get("touch") is not True,
+    )

@@ -1,0 +1,436 @@
+"""The messages between page and server: their fields, limits and version, and the numbered streams of them. No I/O.
+
+Times are ns on the session's clock. The page repeats its messages until they are acknowledged, which happens when they
+are on the disk; the server repeats its own until the page has them. A numbered message of the page has a time of its
+own, later than the one before, so that the log's last time shows what is in it. A stream outlives its sockets: a gap
+is an error, since a socket keeps its order. Key positions are `KeyboardEvent.code`; one unknown to us is `code_...`.
+"""
+
+import struct
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Generic, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from minihuman.errors import MinihumanError
+from minihuman.experiment.keys import DIGITS, FUNCTION, LETTERS
+
+KEY_CODES: Mapping[str, str] = (
+    {f"Digit{digit}": digit for digit in DIGITS}
+    | {f"Key{letter.upper()}": letter for letter in LETTERS}
+    | {f"Numpad{digit}": f"kp_{digit}" for digit in DIGITS}
+    | {name.upper(): name for name in FUNCTION}
+    | {f"Arrow{name.capitalize()}": name for name in ("up", "down", "left", "right")}
+    | {"NumpadEnter": "kp_enter", "NumpadAdd": "kp_plus", "NumpadSubtract": "kp_minus"}
+    | {"NumpadMultiply": "kp_multiply", "NumpadDivide": "kp_divide", "NumpadDecimal": "kp_period"}
+    | {"Space": "space", "Enter": "enter", "Escape": "escape", "Tab": "tab", "Backspace": "backspace"}
+    | {"Insert": "insert", "Delete": "delete", "Home": "home", "End": "end"}
+    | {"PageUp": "page_up", "PageDown": "page_down"}
+    | {"Minus": "minus", "Equal": "equals", "BracketLeft": "left_bracket", "BracketRight": "right_bracket"}
+    | {"Backslash": "backslash", "Semicolon": "semicolon", "Quote": "quote", "Backquote": "grave"}
+    | {"Comma": "comma", "Period": "period", "Slash": "slash"}
+    | {"ShiftLeft": "left_shift", "ShiftRight": "right_shift", "ControlLeft": "left_ctrl"}
+    | {"ControlRight": "right_ctrl", "AltLeft": "left_alt", "AltRight": "right_alt"}
+    | {"CapsLock": "caps_lock", "NumLock": "num_lock"}
+)
+
+MESSAGE_VERSION = 3
+MAX_PAGE_MESSAGE_BYTES = 16 * 1024  # of a message of the page's
+_PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
+_PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
+
+Ns = Annotated[int, Meta(ge=0, le=2**53)]
+Number = Annotated[int, Meta(ge=0, le=2**31)]
+ShortText = Annotated[str, Meta(max_length=64)]
+LongText = Annotated[str, Meta(max_length=2000)]
+Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class MessageError(MinihumanError, ValueError):
+    """A message that our page never sends."""
+
+
+class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields=True):
+    """A key went down or came up at ``stamp``, by the event's own time."""
+
+    key: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_]{1,32}$")]
+    down: bool
+    stamp: Ns
+    symbol: ShortText = ""
+    repeat: bool = False
+    trusted: bool = True  # False: a script made it, no keyboard
+
+
+class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknown_fields=True):
+    """A screen, or in an episode a step's picture, reached the display."""
+
+    submit: Ns
+    flip: Ns
+    screen: Number = 0  # as the server numbered it; 0: the page went there ahead of it
+    name: Ns = 0  # of the screen that the page went to
+    episode: int = -1
+    step: int = -1
+    node: int = -1
+
+
+class TickMessage(msgspec.Struct, tag="tick", tag_field="t", forbid_unknown_fields=True):
+    """The time came at which the session asked for a tick."""
+
+
+class TextMessage(msgspec.Struct, tag="typed", tag_field="t", forbid_unknown_fields=True):
+    """The keyboard's layout or the input method made text."""
+
+    text: LongText
+
+
+class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknown_fields=True):
+    """Mouse or finger."""
+
+    what: Literal["pressed", "moved", "released"]
+    x: Fraction
+    y: Fraction
+    target: ShortText = ""
+    along: Fraction = 0.0
+
+
+class FocusMessage(msgspec.Struct, tag="focus", tag_field="t", forbid_unknown_fields=True):
+    """The page lost or found the keyboard, or was hidden or seen again."""
+
+    focused: bool
+
+
+class RoundTripMessage(msgspec.Struct, tag="link", tag_field="t", forbid_unknown_fields=True):
+    """The quickest of the latest messages there and back: its ends by the page's clock, in between the server's."""
+
+    sent: Ns
+    received: int
+    answered: int
+    back: Ns
+    latest: Ns  # how long the last one took
+
+
+class CommandEcho(msgspec.Struct, tag="asked", tag_field="t", forbid_unknown_fields=True):
+    """The experimenter's command reached the page, at the message's time."""
+
+    number: Number
+
+
+class LateInputMessage(msgspec.Struct, tag="unheard", tag_field="t", forbid_unknown_fields=True):
+    """Inputs of a segment that had ended before the server received them."""
+
+    text: LongText
+
+
+PageMessage = (
+    KeyMessage
+    | DisplayedMessage
+    | TickMessage
+    | TextMessage
+    | PointerMessage
+    | FocusMessage
+    | RoundTripMessage
+    | CommandEcho
+    | LateInputMessage
+)
+
+
+class Hello(msgspec.Struct, tag="hello", tag_field="t", forbid_unknown_fields=True):
+    """The first message on every socket."""
+
+    version: int
+    token: Annotated[str, Meta(max_length=200)] = ""
+    platform: Annotated[dict[ShortText, Annotated[str, Meta(max_length=200)]], Meta(max_length=12)] = {}
+    stream: ShortText = ""  # names the page's numbering; the same over reloads
+    first: Number = 1  # the first message that was not acknowledged
+    life: ShortText = ""  # the server's numbering that the page follows; "" after a reload
+    heard: Number = 0  # the last message of that numbering that it has
+    segment: ShortText = ""  # the segment that its times belong to
+    last: Ns = 0  # its last time
+    facts: Annotated[dict[ShortText, bool | float | Annotated[str, Meta(max_length=200)]], Meta(max_length=40)] = {}
+
+
+class NumberedMessage(msgspec.Struct, tag="n", tag_field="t", forbid_unknown_fields=True):
+    """A message of the page's stream."""
+
+    n: Annotated[int, Meta(ge=1, le=2**31)]
+    at: Annotated[int, Meta(ge=1, le=2**53)]
+    what: PageMessage
+
+
+class PageAck(msgspec.Struct, tag="heard", tag_field="t", forbid_unknown_fields=True):
+    """The page has all of the server's messages up to this."""
+
+    n: Number
+
+
+class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True):
+    """Ask for the server's time."""
+
+    sent: Ns
+
+
+_FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping)
+
+
+def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping:
+    """A message of the page's.
+
+    Raises:
+        MessageError: if it is none, or over its limits.
+    """
+    if len(text) > MAX_PAGE_MESSAGE_BYTES:
+        raise MessageError(f"a message has {len(text)} bytes; at most {MAX_PAGE_MESSAGE_BYTES} are allowed")
+    try:
+        message: Hello | NumberedMessage | PageAck | Ping = _FROM_PAGE.decode(text)
+        return message
+    except (msgspec.DecodeError, msgspec.ValidationError, UnicodeError, RecursionError) as error:
+        raise MessageError(f"a message from a page cannot be decoded: {error}") from error
+
+
+class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
+    """The answer to a hello: whose turn it is in both streams, and the session's time."""
+
+    segment: str
+    life: str  # names the server's numbering
+    again: bool  # the stream resumes; else it starts anew
+    heard: int  # the last of the page's messages that was taken
+    now: int  # the session's time, about
+    keys: dict[str, str]  # a browser's name of a key's place -> ours
+    token: str  # of a link made just now, to come back by; "" if the page had one
+    words: dict[str, str]  # what the page says around a session
+    taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
+
+
+class Refusal(msgspec.Struct, tag="refused", tag_field="t"):
+    """The server refuses the page, which does not come again by itself."""
+
+    reason: str
+    words: str
+
+
+class ServerAck(msgspec.Struct, tag="acked", tag_field="t"):
+    """All of the page's messages up to this are on the disk."""
+
+    through: int
+
+
+class Pong(msgspec.Struct, tag="pong", tag_field="t"):
+    """The answer to a ping, by the server's clock."""
+
+    sent: int
+    received: int
+    answered: int
+
+
+class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
+    """A screen, as `drawn` makes it."""
+
+    id: int
+    through: int  # the page's messages that led to it
+    at: int  # the session's time then
+    tick: int | None  # when the session wants a tick
+    screen: dict[str, Any]
+    name: int = 0  # of what is shown, and where in the session
+
+
+class PrefetchedScreen(msgspec.Struct):
+    """A screen that an input may lead to."""
+
+    name: int
+    screen: dict[str, Any]
+    after: int | None  # ns from the input until the session wants a tick
+    episode: int = -1  # that begins with it
+    scene: int = -1  # in which it begins
+
+
+class ScreenPrefetch(msgspec.Struct, tag="onward", tag_field="t"):
+    """What would come outside of episodes: screens, and which input leads from one to another."""
+
+    screens: list[PrefetchedScreen]
+    edges: list[tuple[int, str, int]]  # screen, "key:enter", "point:go_on" or "tick", screen
+
+
+class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
+    """A picture of the film on the screen, drawn since the screen was sent."""
+
+    name: int  # of the screen
+    side: int  # which of its films
+    place: int  # in it
+    picture: int
+
+
+class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
+    """What keys and time do in the episode that is played: what the page needs to go ahead of the session."""
+
+    episode: int
+    actions: dict[str, int]  # key -> action
+    real_time: bool
+    period: int
+    noop: int | None
+    auto_repeat: bool
+    most_steps: int
+    held: bool  # the last picture stays for a while
+    keep: int  # pictures before this number are of no use any more, but for those on a screen
+
+
+class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
+    """Where the session stands in an episode."""
+
+    through: int
+    tick: int | None
+    episode: int = -1
+    step: int = -1
+    node: int = -1
+    who: str = ""  # steers, "agent" or "person"; "" where an agent never does
+    action: int = -1  # that the agent makes next, unless the person takes over
+    limit: int | None = None  # beside an agent: from when on keys do nothing
+
+
+class AgentControl(msgspec.Struct, tag="beside", tag_field="t"):
+    """An agent plays an episode: what keys and time do then, and the texts below the picture."""
+
+    episode: int
+    period: int  # ns from the picture of one of its steps to the next step
+    takes_over: bool  # by a key that has an action
+    hand_back: str  # the key; "" where control cannot be handed back
+    good: str  # the keys that rate it; "" where it is not rated
+    bad: str
+    flash: int  # ns that such a press is seen
+    apart: int  # ns in which a held key counts once
+    controller_texts: dict[str, str]  # controller -> text
+
+
+class LookAheadUpdate(msgspec.Struct, tag="ahead", tag_field="t"):
+    """What would come: scenes with their pictures, and which action leads from one to another."""
+
+    episode: int
+    nodes: list[tuple[int, int]]  # scene, picture
+    edges: list[tuple[int, int, int, bool]]  # scene, action, scene, whether the episode ends by it
+
+
+class CommandMessage(msgspec.Struct, tag="ask", tag_field="t"):
+    """The experimenter asks for something; the page says when that was."""
+
+    number: int
+
+
+class SessionOver(msgspec.Struct, tag="over", tag_field="t"):
+    """The session's log is on the disk; where to go from here."""
+
+    end: str
+    words: str
+    your_code: str  # what stands before the code
+    code: str  # "" for none
+    leave: str  # what leads to the address
+    url: str  # "" for none
+
+
+class PictureMessage(msgspec.Struct, frozen=True):
+    """A picture, for the page to keep under its number."""
+
+    number: int
+    encoding: int  # 0: zlib of RGB, 1: JPEG
+    width: int
+    height: int
+    data: bytes
+
+
+ServerMessage = (
+    ScreenMessage
+    | FilmFrame
+    | EpisodeRules
+    | AgentControl
+    | EpisodeState
+    | LookAheadUpdate
+    | ScreenPrefetch
+    | CommandMessage
+    | SessionOver
+)
+_ENCODER = msgspec.json.Encoder()
+
+
+class _NumberedServerMessage(msgspec.Struct):
+    n: int
+    m: ServerMessage
+
+
+def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> bytes:
+    """A message of the server's stream, as part of a batch."""
+    if isinstance(message, PictureMessage):
+        head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
+        return _PART.pack(1, len(head) + len(message.data)) + head + message.data
+    return _text(_NumberedServerMessage(number, message))
+
+
+def encode_ack(through: int) -> bytes:
+    """An acknowledgement of what is on the disk, as part of a batch."""
+    return _text(ServerAck(through))
+
+
+def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
+    """A message beside the stream."""
+    return _ENCODER.encode(message).decode()
+
+
+def _text(message: _NumberedServerMessage | ServerAck) -> bytes:
+    text = _ENCODER.encode(message)
+    return _PART.pack(0, len(text)) + text
+
+
+Message = TypeVar("Message")
+
+
+class OutgoingStream(Generic[Message]):
+    """This side's messages, from 1 on."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[int, Message]] = deque()
+        self.last_number = 0  # of the last message
+
+    @property
+    def kept(self) -> int:
+        """How many messages are not acknowledged yet."""
+        return len(self._kept)
+
+    def add(self, message: Message) -> None:
+        """Number a message and keep it until it is acknowledged."""
+        self.last_number += 1
+        self._kept.append((self.last_number, message))
+
+    def acknowledge(self, number: int) -> None:
+        """Forget the messages up to a number: the other side has them.
+
+        Raises:
+            MessageError: if that number was never sent.
+        """
+        if number > self.last_number:
+            raise MessageError(f"message {number} was acknowledged, but the last one sent is {self.last_number}")
+        while self._kept and self._kept[0][0] <= number:
+            self._kept.popleft()
+
+    def after(self, number: int) -> Iterator[tuple[int, Message]]:
+        """The kept messages behind a number."""
+        return (kept for kept in tuple(self._kept) if kept[0] > number)
+
+
+class IncomingStream:
+    """The other side's messages, received up to a number."""
+
+    def __init__(self, received: int = 0) -> None:
+        self.received = received
+
+    def take(self, number: int) -> bool:
+        """Whether a message is new.
+
+        Raises:
+            MessageError: if one before it is missing.
+        """
+        if number > self.received + 1:
+            raise MessageError(
+                f"message {number} arrived after message {self.received}; the messages in between are missing"
+            )
+        new = number == self.received + 1
+        self.received = max(self.received, number)
+        return new

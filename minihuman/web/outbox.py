@@ -1,0 +1,316 @@
+"""The outbox of a session: screens, the state of an episode, and what was prefetched. No socket, no clock.
+
+Messages stay here, numbered, until the page has them. Along the keys of an episode the future is computed in a world of
+its own, outside of episodes in copies of the session. The page learns in advance what an agent will do, so that keys
+and the agent's steps show at once.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.experiment.activities.activity import WorldFactory
+from minihuman.experiment.activities.agent_blocks import FLASH_NS, REPEAT_INTERVAL_NS, AgentPlayActivity
+from minihuman.experiment.activities.correction import CorrectionBegun, CorrectionEnded, CorrectionStepped
+from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, Event, Stepped
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import Screen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.web import messages
+from minihuman.web.image_cache import ImageCache, ImageEncoding
+from minihuman.web.limits import PREFETCH_BACKLOG
+from minihuman.web.look_ahead import LookAheadGraph, compute_depth
+from minihuman.web.messages import AgentControl, OutgoingStream
+from minihuman.web.prefetch import FilmPrefetcher, ScreenPrefetcher, advances_by_itself, describe_screen
+from minihuman.worlds.adapters.world import World
+
+
+def describe_agent_control(part: AgentPlayActivity, episode: int) -> AgentControl:
+    """What the page has to know to go ahead of the session."""
+    good, bad = part.rating_keys
+    return AgentControl(
+        episode=episode,
+        period=part.period_ns,
+        takes_over=part.takes_over,
+        hand_back=part.hand_back_key,
+        good=good,
+        bad=bad,
+        flash=FLASH_NS,
+        apart=REPEAT_INTERVAL_NS,
+        controller_texts={who: part.control_text(who) for who in ("agent", "person")},
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PageSettings:
+    """What of the protocol is about pages."""
+
+    picture_px: tuple[int, int] = (400, 300)
+    encoding: ImageEncoding = "auto"
+    deepest: int = 6  # steps that are looked ahead; 0: none
+
+
+class Outbox:
+    """Sends a page the state of its session.
+
+    Args:
+        session: new, or resumed from its log.
+        make_world: makes worlds to look ahead in.
+        settings: what of the protocol is about pages.
+        logged: the events of the log that a session is resumed from.
+    """
+
+    def __init__(
+        self, session: SessionMachine, make_world: WorldFactory, settings: PageSettings, logged: Sequence[Event] = ()
+    ) -> None:
+        self.outgoing: OutgoingStream[messages.ServerMessage | messages.PictureMessage] = OutgoingStream()
+        self.through = 0  # the last of the page's messages that was taken
+        self.at_ns = 0  # when that was
+        self.moved = 0  # the last of them that the page waits for, as it may lead somewhere
+        self._session = session
+        self._make_world = make_world
+        self._settings = settings
+        self._look_ahead_graph: LookAheadGraph | None = None
+        self._screen: Screen | None = None  # that the page has
+        self._screen_id = self._screen_name = 0
+        self._episode = -1  # whose steps these are
+        self._scenes: list[int] = []  # the names of those that its steps led to; -1 if unknown
+        for event in logged:
+            match event:
+                case EpisodeStarted():
+                    self._episode, self._scenes = event.plan.episode, [-1]
+                case CorrectionBegun():
+                    self._episode, self._scenes = event.episode, [-1] * (event.step + 1)
+                case Stepped() | CorrectionStepped():
+                    self._scenes.append(-1)
+        self._sent_state: tuple[object, ...] | None = None
+        self._sent_control: messages.AgentControl | None = None
+        self._image_cache = ImageCache(settings.encoding)
+        self._screen_prefetcher = ScreenPrefetcher(self._number, self._lent)
+        self._film_prefetcher = FilmPrefetcher(self._number)
+
+    # What the page has
+
+    def is_present(self, message: messages.DisplayedMessage) -> bool:
+        """Whether a screen that was shown is what the session shows."""
+        return message.name == self._screen_name if message.name else message.screen == self._screen_id
+
+    def knows(self, message: messages.DisplayedMessage) -> bool:
+        """Whether a picture that was shown is one of the present episode's steps."""
+        return message.episode == self._episode and message.step < len(self._scenes)
+
+    def difference(self, message: messages.DisplayedMessage) -> str:
+        """How a step's picture was another than the session's; "" where it was the same."""
+        scene = self._scenes[message.step]
+        if not scene >= 0 <= message.node or scene == message.node:
+            return ""
+        return f"step {message.step} of episode {message.episode + 1} was shown as scene {message.node}, it is {scene}"
+
+    @property
+    def ignores_releases(self) -> bool:
+        """Whether the page waits for no word of a release: an episode is played, and by no agent."""
+        session = self._session
+        return not session.over and session.play is not None and not isinstance(session.part, AgentPlayActivity)
+
+    # Where the session went
+
+    def follow(self, events: list[Event]) -> None:
+        """Move the look-ahead to the session's state, and send it to the page."""
+        coming = None if self._session.over else self._session.part.next_play
+        ended = any(isinstance(event, EpisodeEnded | CorrectionEnded) for event in events)
+        for event in events:
+            match event:
+                case EpisodeStarted() | CorrectionBegun() if self._session.play is not None:
+                    self._look_from(self._session.play)
+                case Stepped() | CorrectionStepped() if event.episode == self._episode:
+                    self._stepped(event, ended=ended)
+        if coming is not None and (self._look_ahead_graph is None or self._look_ahead_graph.plan is not coming.plan):
+            self._look_from(coming)
+        self._send_state()
+
+    def _look_from(self, play: RunningEpisode) -> None:
+        """Look ahead in an episode that has begun or is about to; its rules are sent once."""
+        plan = play.plan
+        if self._look_ahead_graph is not None and self._look_ahead_graph.plan is plan:
+            return
+        self.send_prefetched()  # as long as its pictures are known
+        actions = {key: play.world.action_names.index(name) for key, name in plan.key_map.keys.items()}
+        noop = None if plan.noop is None else play.world.action_names.index(plan.noop)
+        self._image_cache.forget()
+        keep = self._image_cache.next
+        can_happen = [*actions.values()] + ([] if noop is None else [noop])
+        self._look_ahead_graph = LookAheadGraph(
+            plan,
+            self._make_world,
+            can_happen,
+            self._settings.picture_px,
+            self._image_cache,
+            world=self._world_for(play),
+        )
+        if play.steps:
+            self._look_ahead_graph.move_to(play.world)
+        self._episode, self._scenes = plan.episode, [-1] * play.steps + [self._look_ahead_graph.root.name]
+        limits = [plan.max_steps] + ([] if play.world.step_limit is None else [play.world.step_limit])
+        self.outgoing.add(
+            messages.EpisodeRules(
+                episode=plan.episode,
+                actions=actions,
+                real_time=plan.pace == "real_time",
+                period=max(1, round(plan.step_period_ms * 1e6)),
+                noop=noop,
+                auto_repeat=plan.auto_repeat,
+                most_steps=min(limits),
+                held=getattr(self._session.part.part.plan, "hold_ms", 0.0) > 0,
+                keep=keep,
+            )
+        )
+        self._send_look_ahead()
+
+    def _world_for(self, play: RunningEpisode) -> World | None:
+        """The world that the last episode was looked ahead in, if it will do."""
+        before, plan = self._look_ahead_graph, play.plan
+        same = before is not None and (before.plan.world, before.plan.options) == (plan.world, plan.options)
+        if before is not None and not same:
+            before.world.close()
+        return before.world if before is not None and same else None
+
+    def _stepped(self, stepped: Stepped | CorrectionStepped, *, ended: bool) -> None:
+        assert self._look_ahead_graph is not None
+        if ended or self._session.play is None:  # its world may have been reset for the next episode
+            scene = self._look_ahead_graph.leads_to(stepped.action)
+            self._scenes.append(-1 if scene is None else scene.name)
+            return
+        self._scenes.append(self._look_ahead_graph.step(stepped.action, self._session.play.world).name)
+        self._send_look_ahead()
+
+    def grow(self, rtt_ns: int, rate_hz: float) -> bool:
+        """Draw one picture of a film, or look one scene or screen further ahead; False if nothing is left.
+
+        ``send_prefetched`` sends what was found.
+
+        Args:
+            rtt_ns: the round trip.
+            rate_hz: keys per second.
+        """
+        look_ahead_graph = self._look_ahead_graph
+        if self._session.over or self.outgoing.kept > PREFETCH_BACKLOG:
+            return False
+        frame = self._film_prefetcher.grow()
+        if frame is not None:
+            self._send_pictures()
+            self.outgoing.add(frame)
+            return True
+        if self._session.play is None and self._settings.deepest and self._screen_prefetcher.grow(rtt_ns):
+            return True
+        if look_ahead_graph is None:
+            return False
+        deepest = self._settings.deepest
+        part = self._session.part
+        looks_on = isinstance(part, AgentPlayActivity) and not part.takes_over  # no key leads anywhere
+        depth = 0 if looks_on else compute_depth(rtt_ns, rate_hz)
+        look_ahead_graph.depth = min(deepest, depth)
+        return look_ahead_graph.grow()
+
+    def send_prefetched(self) -> None:
+        """Tell the page what was found ahead."""
+        new = self._screen_prefetcher.take_new()
+        self._send_pictures()
+        if new is not None:
+            self.outgoing.add(new)
+        if self._look_ahead_graph is not None:
+            self._send_look_ahead()
+
+    def restart(self, asked: Iterable[int], *, begun: bool) -> None:
+        """Tell everything from the start.
+
+        Args:
+            asked: what the page was asked and has not answered.
+            begun: whether there is anything to tell.
+        """
+        self.outgoing = OutgoingStream()
+        self._image_cache = ImageCache(self._settings.encoding)
+        self._screen_prefetcher = ScreenPrefetcher(self._number, self._lent)
+        self._film_prefetcher = FilmPrefetcher(self._number)
+        self._screen = self._sent_state = self._sent_control = None
+        self._screen_name = 0
+        for number in asked:
+            self.outgoing.add(messages.CommandMessage(number))
+        if self._look_ahead_graph is not None:
+            self._look_ahead_graph.world.close()
+            self._look_ahead_graph = None
+        if not self._session.over and begun:
+            play = self._session.part.play or self._session.part.next_play  # also behind a pause
+            if play is not None:
+                self._look_from(play)
+            self._send_state()
+
+    def _send_state(self) -> None:
+        """Tell the page what it does not know of where the session is."""
+        screen = self._session.screen
+        tick_ns = self._session.next_tick_ns if not self._session.over else None
+        if screen is not self._screen:
+            values, name = describe_screen(self._session, self._number, self._screen_name)
+            self._screen = screen
+            if name != self._screen_name or not advances_by_itself(self._session):
+                self._screen_id, self._screen_name = self._screen_id + 1, name
+                self._screen_prefetcher.start_from(self._session, name)
+                self._film_prefetcher.start_from(screen, name)
+                self._send_pictures()
+                self.outgoing.add(
+                    messages.ScreenMessage(self._screen_id, self.through, self.at_ns, tick_ns, values, name)
+                )
+        play, part = (None, None) if self._session.over else (self._session.play, self._session.part)
+        step = -1 if play is None else play.steps
+        who, action, limit_ns = "", -1, None
+        if play is not None and isinstance(part, AgentPlayActivity):
+            who, limit_ns, advised = part.who, part.limit_ns, part.advised
+            action = advised.action if advised is not None and advised.step == step else -1
+            self._send_control(part, play.plan.episode, action)
+        now = tick_ns, self.moved if play is not None else 0, step, who, action, limit_ns
+        if now != self._sent_state:
+            self._sent_state = now
+            node = self._scenes[step] if 0 <= step < len(self._scenes) else -1
+            episode = self._episode if play else -1
+            self.outgoing.add(messages.EpisodeState(self.through, tick_ns, episode, step, node, who, action, limit_ns))
+
+    def _send_control(self, part: AgentPlayActivity, episode: int, action: int) -> None:
+        """Tell what an agent means for this episode, and show the page where its next action leads."""
+        control = describe_agent_control(part, episode)
+        if control != self._sent_control:
+            self._sent_control = control
+            self.outgoing.add(control)
+        if self._look_ahead_graph is not None and action >= 0 and part.who == "agent" and self._settings.deepest:
+            self._look_ahead_graph.look(action)
+            self._send_look_ahead()
+
+    def _send_look_ahead(self) -> None:
+        assert self._look_ahead_graph is not None
+        new = self._look_ahead_graph.take_new()
+        self._send_pictures()
+        if new is not None:
+            self.outgoing.add(new)
+
+    def _number(self, picture: NDArray[np.uint8]) -> int:
+        return self._image_cache.number(picture)
+
+    def _lent(self, world_id: str, options: dict[str, Any]) -> World | None:
+        """The world that is looked ahead in, if it will do: it goes back to a scene of its own before each step."""
+        look_ahead_graph = self._look_ahead_graph
+        if look_ahead_graph is None or (look_ahead_graph.plan.world, look_ahead_graph.plan.options) != (
+            world_id,
+            options,
+        ):
+            return None
+        return look_ahead_graph.world
+
+    def _send_pictures(self) -> None:
+        for picture in self._image_cache.take_new():
+            self.outgoing.add(picture)
+
+    def close(self) -> None:
+        """Let go of the world that is looked ahead in."""
+        if self._look_ahead_graph is not None:
+            self._look_ahead_graph.world.close()

@@ -1,0 +1,226 @@
+// The network connection to the server: a socket that is opened again whenever it breaks, and its latency.
+// It knows how messages are framed and acknowledged, and nothing of what they mean to the screen.
+
+import { IncomingStream } from "./stream.js";
+
+/** @import { Control, Numbered, Pong, Texts, Welcome } from "./messages" */
+/** @import { Outbox } from "./stream.js" */
+/** @import { Picture } from "./pictures.js" */
+/** @typedef {{ token: string, platform: Texts, made: boolean }} Link */
+/**
+ * What the page does when something comes.
+ * @typedef {object} Listener
+ * @property {(m: Welcome) => void} welcome before anything is sent
+ * @property {() => void} reset the server knows nothing of what it sent before
+ * @property {(fresh: boolean) => void} resume everything is sent
+ * @property {(m: Numbered) => void} message
+ * @property {(picture: Picture) => void} picture
+ * @property {(through: number) => void} acknowledged
+ * @property {(text: string) => void} status
+ * @property {(why: string) => void} leave
+ */
+
+const VERSION = 3;
+const MIN_RETRY_MS = 200;
+const MAX_RETRY_MS = 3000;
+const utf8 = new TextDecoder();
+
+export class Connection {
+  /** @type {WebSocket | null} */ #socket = null;
+  #life = ""; // the server's numbering
+  #retryMs = MIN_RETRY_MS;
+  #refusal = "";
+  #incoming = new IncomingStream((heard) => { if (this.welcomed) this.#send({ t: "heard", n: heard }); });
+  welcomed = false;
+  finished = false; // do not come again
+  taken = 0; // the session has all that is not later, though it may not be acknowledged: its server was another one
+  /** @type {Texts} the server's words, in the study's language */
+  words = { connecting: "…", reconnecting: "…", elsewhere: "…", title: "" };
+
+  /** @param {Outbox} outbox @param {Link} link @param {Listener} listener */
+  constructor(outbox, link, listener) {
+    this.outbox = outbox;
+    this.link = link;
+    this.listener = listener;
+    this.latency = new Latency(outbox, {
+      isOpen: () => this.welcomed,
+      send: (message) => this.#send(message),
+      close: () => this.#socket?.close(),
+    });
+    outbox.transmit = (texts) => {
+      if (this.welcomed && this.#socket?.readyState === WebSocket.OPEN) for (const text of texts) this.#socket.send(text);
+    };
+  }
+
+  /** @param {object} message */
+  #send(message) { this.#socket?.send(JSON.stringify(message)); }
+
+  open() {
+    if (this.finished) return;
+    const { state } = this.outbox;
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const mine = new WebSocket(`${scheme}://${location.host}/socket?seat=${state.pin ??= this.#hashLink()}`);
+    this.#socket = mine;
+    mine.binaryType = "arraybuffer";
+    mine.onopen = () => {
+      mine.send(JSON.stringify({
+        t: "hello", version: VERSION, token: this.link.token, platform: this.link.platform, stream: state.stream,
+        first: this.outbox.first, life: this.#life, heard: this.#incoming.received, segment: state.segment, last: state.last,
+        facts: state.facts,
+      }));
+    };
+    mine.onmessage = (event) => { if (mine === this.#socket) this.#receive(event.data); };
+    mine.onclose = (event) => { if (mine === this.#socket) this.#retry(event.code, event.reason); };
+  }
+
+  // Which of several servers a seat is on: a proxy goes by it. It says nothing of the link.
+  #hashLink() {
+    const letters = [...JSON.stringify([this.link.token, this.link.platform])];
+    const hash = (/** @type {number} */ sum, /** @type {string} */ letter) =>
+      Math.imul(sum ^ (letter.codePointAt(0) ?? 0), 16777619) >>> 0;
+    return letters.reduce(hash, 2166136261).toString(16);
+  }
+
+  /** @param {number} code @param {string} reason */
+  #retry(code, reason) {
+    this.welcomed = false;
+    if (code === 4001) this.#leave(this.words.elsewhere);
+    else if (code === 4002) this.#reload(reason);
+    else if (code >= 4003 && code < 4100) {
+      if (this.#refusal) this.#leave(this.#refusal);
+      else this.#reload(reason); // not a refusal of the person, but of what this page sent: an empty screen helps nobody
+    }
+    if (this.finished) return;
+    setTimeout(() => { if (!this.welcomed && !this.finished) this.listener.status(this.words.reconnecting); }, 1500);
+    setTimeout(() => this.open(), this.#retryMs);
+    this.#retryMs = Math.min(MAX_RETRY_MS, this.#retryMs * 1.6);
+  }
+
+  // The server speaks otherwise since it was updated: what is kept goes to it from its own page. Only once in a while.
+  /** @param {string} reason */
+  #reload(reason) {
+    if (performance.now() < 5000) { this.#leave(this.#refusal || reason); return; }
+    this.finished = true;
+    location.reload();
+  }
+
+  /** @param {string} why */
+  #leave(why) {
+    this.finished = true;
+    this.listener.status("");
+    this.listener.leave(why);
+  }
+
+  /** End it for good, from this side. */
+  close() {
+    this.finished = true;
+    this.welcomed = false;
+    this.#socket?.close();
+  }
+
+  /** @param {string | ArrayBuffer} data */
+  #receive(data) {
+    if (!(data instanceof ArrayBuffer)) { this.#take(JSON.parse(data)); return; }
+    const view = new DataView(data);
+    for (let at = 0; at < data.byteLength;) { // several as one
+      const isPicture = view.getUint8(at), size = view.getUint32(at + 1, true), from = at + 5;
+      at = from + size;
+      if (!isPicture) { this.#take(JSON.parse(utf8.decode(new Uint8Array(data, from, size)))); continue; }
+      if (!this.#incoming.take(view.getUint32(from, true))) continue;
+      this.listener.picture({
+        number: view.getUint32(from + 4, true), encoding: view.getUint8(from + 8), width: view.getUint16(from + 10, true),
+        height: view.getUint16(from + 12, true), bytes: new Uint8Array(data.slice(from + 14, at)), bitmap: null, ready: null,
+      });
+    }
+  }
+
+  /** @param {Control | { t: "n", n: number, m: Numbered }} message */
+  #take(message) {
+    if ("n" in message) {
+      if (this.#incoming.take(message.n)) this.listener.message(message.m);
+    } else if (message.t === "welcome") this.#welcome(message);
+    else if (message.t === "pong") this.latency.receive(message);
+    else if (message.t === "refused") {
+      this.#refusal = message.words;
+      this.outbox.state.facts = null; // whoever comes again has made the window larger, or sits elsewhere
+      this.outbox.save();
+    } else {
+      this.outbox.acknowledge(message.through);
+      this.listener.acknowledged(message.through);
+    }
+  }
+
+  /** @param {Welcome} m */
+  #welcome(m) {
+    const fresh = this.#life === "";
+    this.words = m.words;
+    this.listener.welcome(m);
+    if (m.token) this.link.token = m.token;
+    if (m.token || this.link.made) history.replaceState(null, "", `#t=${this.link.token}`);
+    this.outbox.setTime(m.segment, m.now, fresh, m.heard);
+    this.taken = m.taken;
+    this.outbox.skipTo(m.heard, m.taken);
+    if (!m.again) {
+      this.#incoming.reset();
+      this.#life = m.life;
+      this.listener.reset();
+    }
+    for (const text of this.outbox.takeUnacknowledged(m.heard)) this.#socket?.send(text);
+    this.welcomed = true;
+    this.#retryMs = MIN_RETRY_MS;
+    this.listener.status("");
+    this.listener.resume(fresh);
+    this.latency.restart();
+  }
+}
+
+const MAX_SILENCE_MS = 8000;
+const REPORT_PERIOD_MS = 10000;
+
+/** Round-trip times: the fastest of the latest eight goes into the log now and then. */
+class Latency {
+  /** @type {{ sent: number, received: number, answered: number, back: number, rtt: number }[]} */ #samples = [];
+  #pings = 0;
+  #pingedMs = 0; // when the last one was sent that has no answer
+  #reportedMs = -Infinity;
+  #reports = 0;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
+  /** @type {(message: import("./messages").Input) => void} */ report = () => {};
+
+  /** @param {Outbox} outbox @param {{ isOpen(): boolean, send(message: object): void, close(): void }} socket */
+  constructor(outbox, socket) {
+    this.outbox = outbox;
+    this.socket = socket;
+  }
+
+  restart() {
+    clearTimeout(this.#timer);
+    this.#samples = [];
+    this.#pings = this.#pingedMs = 0;
+    this.#ping();
+  }
+
+  #ping() {
+    if (!this.socket.isOpen()) return;
+    if (this.#pingedMs && performance.now() - this.#pingedMs > MAX_SILENCE_MS) { this.socket.close(); return; }
+    this.#pingedMs ||= performance.now();
+    this.socket.send({ t: "ping", sent: this.outbox.now() });
+    this.#pings += 1;
+    this.#timer = setTimeout(() => this.#ping(), this.#pings < 4 ? 60 : 1250);
+  }
+
+  /** @param {Pong} m */
+  receive({ sent, received, answered }) {
+    const back = this.outbox.now();
+    this.#pingedMs = 0;
+    const rtt = (back - sent) - (answered - received);
+    this.#samples = [...this.#samples.slice(-7), { sent, received, answered, back, rtt }];
+    const count = this.#samples.length;
+    const soon = (this.#reports === 0 && count >= 3) || (this.#reports === 1 && count === 8); // a start is no quiet time
+    if (!soon && !(count >= 3 && performance.now() - this.#reportedMs > REPORT_PERIOD_MS)) return;
+    this.#reports += 1;
+    this.#reportedMs = performance.now();
+    const { rtt: least, ...best } = this.#samples.reduce((a, b) => (a.rtt <= b.rtt ? a : b));
+    this.report({ t: "link", ...best, latest: Math.max(0, rtt) });
+  }
+}

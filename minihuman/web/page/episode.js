@@ -1,0 +1,450 @@
+// The episode that is played: the scenes that keys lead to, the one that the session will be in, and its picture.
+// What is shown in advance is compared with what the server says at each step; the server's word counts.
+
+import { capOf, el, fit, paint, words } from "./elements.js";
+import { UNTIMED } from "./stream.js";
+
+/** @import { Agent, Ahead, Input, Now, PlayScreen, Rules, Texts } from "./messages" */
+/** @import { FlipReporter, ImageCache, Picture } from "./pictures.js" */
+/** @import { Outbox } from "./stream.js" */
+/** @typedef {number | null | undefined} Action null: none; undefined: one that is not known */
+/** @typedef {{ picture: number, edges: Map<Action, [scene: number, ends: boolean]> }} Scene */
+/** @typedef {{ rules: Rules | null, scenes: Map<number, Scene> }} Graph the look-ahead graph of an episode */
+/** @typedef {{ n: number, action: Action, who?: string }} Press a step that message n stands for */
+/** @typedef {{ step: number, scene: number, who?: string, action?: number, limit?: number | null }} Confirmed */
+/** @typedef {{ step: number, scene: number, who?: string, ended: boolean, known: boolean }} Predicted */
+/**
+ * @typedef {object} PlayState
+ * @property {number} number
+ * @property {Rules} rules
+ * @property {Confirmed | null} confirmed
+ * @property {Press[]} trail what the server has not heard of
+ * @property {number} frozen a message whose effect is not known; 0 for none
+ * @property {number | null} nextTick
+ * @property {Action} queued
+ * @property {string} drawn
+ * @property {Agent | undefined} agent
+ * @property {number | null} agentDue
+ * @property {number | null} flipped
+ */
+/** @typedef {PlayState & Predicted} Play */
+
+export const RESERVED = new Set(["escape", "f8", "f9", "f12"]);
+const UNPACKED_STEPS = 2;
+
+/**
+ * Where the session will be once it has heard of everything: the confirmed scene, and what was pressed since.
+ * @param {Map<number, Scene>} scenes @param {number} mostSteps @param {Confirmed} confirmed @param {Press[]} trail
+ * @returns {Predicted}
+ */
+export function predict(scenes, mostSteps, confirmed, trail) {
+  let { step, scene, who } = confirmed;
+  let ended = step >= mostSteps;
+  let known = scenes.has(scene);
+  for (const press of trail) {
+    who = press.who ?? who;
+    if (press.action === null || ended || !known) continue;
+    const edge = scenes.get(scene)?.edges.get(press.action);
+    if (!edge) { known = false; continue; }
+    step += 1;
+    scene = edge[0];
+    ended = edge[1] || step >= mostSteps;
+    known = scenes.has(scene);
+  }
+  return { step, scene, ended, known, who };
+}
+
+export class EpisodePlayer {
+  /** @type {Play | null} */ play = null;
+  /** @type {Map<number, Graph>} */ #graphs = new Map();
+  /** @type {Map<number, Agent>} the agent beside the person, by episode; of the latest */ #agents = new Map();
+  #ratedAt = -Infinity;
+
+  /**
+   * @param {Outbox} outbox @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule
+   * @param {() => number} taken by the session, of what is not acknowledged
+   */
+  constructor(outbox, images, flips, schedule, taken) {
+    this.outbox = outbox;
+    this.images = images;
+    this.flips = flips;
+    this.schedule = schedule;
+    this.taken = taken;
+    this.view = new EpisodeView(() => this.play?.agent?.controller_texts, () => this.#reportAgain());
+  }
+
+  clear() {
+    this.#graphs.clear();
+    this.play = null;
+  }
+
+  /** @param {number} number */
+  #graphOf(number) {
+    const graph = this.#graphs.get(number) ?? { rules: null, scenes: new Map() };
+    this.#graphs.set(number, graph);
+    return graph;
+  }
+
+  /** The pictures of every scene that is known. */
+  get pictures() { return [...this.#graphs.values()].flatMap(({ scenes }) => [...scenes.values()].map((s) => s.picture)); }
+
+  /** Whether the picture of every key is here. */
+  get isReady() {
+    const scene = this.play && this.#graphs.get(this.play.number)?.scenes.get(this.play.scene);
+    return Boolean(scene && this.play?.known && Object.values(this.play.rules.actions).every((action) => scene.edges.has(action)));
+  }
+
+  // ---- what the server says
+
+  /** @param {Rules} m */
+  learnRules(m) {
+    for (const number of [...this.#graphs.keys()]) if (number < m.episode) this.#graphs.delete(number);
+    this.#graphOf(m.episode).rules = m;
+    this.#agents.clear(); // whether one plays is told when it begins
+  }
+
+  /** @param {Ahead} m */
+  learnScenes(m) {
+    const { scenes } = this.#graphOf(m.episode);
+    for (const [name, picture] of m.nodes) {
+      const known = scenes.get(name);
+      if (known) known.picture = picture;
+      else scenes.set(name, { picture, edges: new Map() });
+    }
+    for (const [from, action, to, ends] of m.edges) scenes.get(from)?.edges.set(action, [to, ends]);
+    if (this.play?.number === m.episode) this.#follow(this.play);
+    else if (m.nodes.length && this.#graphs.size) this.#unpackAround(m.episode, m.nodes[0][0]); // before it begins
+  }
+
+  /** @param {Agent} m */
+  learnAgent(m) {
+    this.#agents.clear();
+    this.#agents.set(m.episode, m);
+    if (this.play?.number === m.episode) this.play.agent = m;
+  }
+
+  /** @param {Now} m */
+  confirm(m) {
+    if (m.step < 0) return;
+    const { rules } = this.#graphOf(m.episode);
+    if (!rules) return;
+    const play = this.play?.number === m.episode ? this.play : this.#begin(m.episode, rules, m.through);
+    play.confirmed = { step: m.step, scene: m.node, who: m.who, action: m.action, limit: m.limit };
+    play.trail = play.trail.filter((press) => press.n > m.through);
+    if (play.frozen && m.through >= play.frozen) play.frozen = 0;
+    this.#follow(play);
+  }
+
+  /**
+   * Begin an episode that the input of message n leads to. @param {number} number @param {number} scene
+   * @param {number} n @param {boolean} isFrozen
+   */
+  enter(number, scene, n, isFrozen) {
+    const { rules } = this.#graphOf(number);
+    if (!rules) return;
+    const play = this.#begin(number, rules, n);
+    play.confirmed = { step: 0, scene };
+    if (isFrozen) play.frozen = n;
+    this.#follow(play);
+  }
+
+  // What was pressed and is not in what the server says, before a reload too, is still to come.
+  /** @param {number} number @param {Rules} rules @param {number} through */
+  #begin(number, rules, through) {
+    /** @type {Play} */
+    const play = {
+      number, rules, confirmed: null, trail: [], step: -1, scene: -1, ended: false, known: false, frozen: 0,
+      nextTick: null, queued: null, drawn: "", agent: this.#agents.get(number), who: "", agentDue: null, flipped: null,
+    };
+    for (const { n, at, what } of this.outbox.list()) {
+      if (n <= through || at <= this.taken()) continue;
+      const key = what.t === "key" && what.down ? what : null;
+      if (play.agent) { // whose steps lay between, nobody knows any more
+        if (!UNTIMED.has(what.t)) play.frozen = n;
+      } else if (what.t === "focus" || (what.t === "tick" && rules.real_time) || (key && RESERVED.has(key.key))) {
+        play.frozen = n;
+      } else if (key && !rules.real_time && !play.frozen && (!key.repeat || rules.auto_repeat)) {
+        const action = rules.actions[key.key];
+        if (action !== undefined) play.trail.push({ n, action });
+      }
+    }
+    return this.play = play;
+  }
+
+  // ---- the picture
+
+  /** @param {Play} play */
+  #follow(play) {
+    if (!play.confirmed) return;
+    const { scenes } = this.#graphOf(play.number);
+    Object.assign(play, predict(scenes, play.rules.most_steps, play.confirmed, play.trail));
+    if (scenes.has(play.scene)) {
+      this.#paint(play);
+      this.#unpackAround(play.number, play.scene);
+    }
+    this.schedule();
+  }
+
+  // Unpack what the next keys may lead to, from where we are; what is further away can wait.
+  /** @param {number} number @param {number} scene */
+  #unpackAround(number, scene) {
+    const { scenes } = this.#graphOf(number);
+    let level = [scene];
+    for (let steps = 0; steps <= UNPACKED_STEPS; steps++) {
+      const following = [];
+      for (const name of level) {
+        const known = scenes.get(name);
+        const picture = known && this.images.get(known.picture);
+        if (!picture) continue;
+        if (!picture.ready) this.images.unpack(picture);
+        for (const [to] of known.edges.values()) following.push(to);
+      }
+      level = following;
+    }
+  }
+
+  /** @param {Play} play */
+  #paint(play) {
+    const { scene, step, who } = play;
+    const what = `${scene} ${step} ${who}`;
+    this.view.putFrame(who ?? undefined, play.agent?.controller_texts[who ?? ""]);
+    if (play.drawn === what) return;
+    const hasPicture = play.drawn === `${scene} ${step} undefined`; // who steers was told since
+    play.agentDue = null;
+    if (hasPicture) {
+      play.drawn = what;
+      if (play.flipped !== null) this.#startAgent(play, scene, step, play.flipped);
+      return;
+    }
+    play.flipped = null;
+    const picture = this.images.get(this.#graphOf(play.number).scenes.get(scene)?.picture ?? -1);
+    if (!picture || !this.view.canvas) return;
+    play.drawn = what;
+    const put = () => {
+      this.view.putPicture(picture);
+      this.#reportStep(play, scene, step);
+    };
+    if (picture.ready) put();
+    else this.images.unpack(picture).then(() => { if (this.play === play && play.drawn === what) put(); });
+  }
+
+  /** @param {Play} play @param {number} scene @param {number} step */
+  #reportStep(play, scene, step) {
+    const then = (/** @type {number} */ flip) => {
+      play.nextTick ??= play.rules.real_time ? flip + play.rules.period : null;
+      play.flipped ??= flip;
+      this.#startAgent(play, scene, step, flip);
+      this.schedule();
+    };
+    this.flips.report({ episode: play.number, step, node: scene, then });
+  }
+
+  // Where an agent steers, its next step comes a period after its picture was there.
+  /** @param {Play} play @param {number} scene @param {number} step @param {number} flip */
+  #startAgent(play, scene, step, flip) {
+    if (play.agent && play.drawn === `${scene} ${step} agent` && !play.ended && !play.frozen) {
+      play.agentDue ??= flip + play.agent.period;
+    }
+  }
+
+  // ---- what the person does, and time
+
+  // Word of a step's picture goes with what is said next, if that is soon: nobody waits for it before an episode's end.
+  /** @param {Input} what */
+  canWait(what) {
+    const play = this.play;
+    return what.t === "shown" && (what.step ?? 0) > 0 && play?.number === what.episode && !play?.ended && !play?.agent;
+  }
+
+  // What was due by a message's time the session does before the message is looked at.
+  /** @param {number} n @param {number} at */
+  passTime(n, at) {
+    const play = this.play;
+    if (!play || play.agentDue === null || at < play.agentDue || play.frozen || play.ended) return;
+    play.trail.push({ n, action: this.#knowsAgent(play) ? play.confirmed?.action : undefined });
+    play.agentDue = null;
+    this.#follow(play);
+  }
+
+  // Whether the agent's next action is known: the session has said what it makes of where we are.
+  /** @param {Play} play */
+  #knowsAgent({ known, step, confirmed }) {
+    return known && step === confirmed?.step && (confirmed.action ?? -1) >= 0;
+  }
+
+  /** @param {number | null} time the earliest so far that the session wants to be told of */
+  nextTime(time) {
+    const play = this.play;
+    if (!play) return time;
+    if (play.nextTick !== null && !play.frozen) time = time === null ? play.nextTick : Math.min(time, play.nextTick);
+    if (play.agentDue !== null && this.#knowsAgent(play)) time = time === null ? play.agentDue : Math.min(time, play.agentDue);
+    return time;
+  }
+
+  /** @param {number} n @param {number} at */
+  tick(n, at) {
+    const play = this.play;
+    if (!play || play.nextTick === null || at < play.nextTick) return;
+    const { rules } = play;
+    play.nextTick += rules.period * (Math.floor((at - play.nextTick) / rules.period) + 1);
+    const action = play.queued ?? rules.noop;
+    play.queued = null;
+    if (action !== null && !play.ended && !play.frozen) this.#step(play, { n, action });
+  }
+
+  /** @param {Play} play @param {Press} press */
+  #step(play, press) {
+    play.trail.push(press);
+    this.#follow(play);
+  }
+
+  /** @param {number} n a message that the session stops for */
+  freeze(n) {
+    if (this.play) Object.assign(this.play, { frozen: n, nextTick: null, queued: null, agentDue: null });
+  }
+
+  /**
+   * A key while an episode is played, without an agent or one that an agent leaves to it. @param {string} key
+   * @param {number} n @param {number} stamp @param {boolean} isRepeat
+   * @param {number | null} due when the screen ends by the clock
+   */
+  press(key, n, stamp, isRepeat, due) {
+    const play = this.play;
+    if (!play?.confirmed) return;
+    const { rules } = play;
+    if (RESERVED.has(key)) { if (!isRepeat) play.frozen = n; return; }
+    const action = rules.actions[key];
+    if (action === undefined || play.frozen || play.ended || (due !== null && !rules.real_time && stamp >= due)) return;
+    if (rules.real_time) {
+      if (!isRepeat) play.queued = action;
+    } else if (!isRepeat || rules.auto_repeat) this.#step(play, { n, action });
+  }
+
+  /**
+   * A key while an agent plays, or while its last picture is held; whether it is done with. @param {string} key
+   * @param {number} n @param {number} stamp @param {boolean} isRepeat @param {boolean} isHeld
+   */
+  pressBesideAgent(key, n, stamp, isRepeat, isHeld) {
+    const play = this.play;
+    const agent = play?.agent ?? (isHeld ? [...this.#agents.values()][0] : null);
+    if (!agent) return false;
+    if (agent.good && (key === agent.good || key === agent.bad) && !(play && (play.frozen || !play.confirmed))) {
+      if (isRepeat && stamp < this.#ratedAt + agent.apart) return true;
+      this.#ratedAt = stamp;
+      this.view.flash(key === agent.good ? "good" : "bad", agent.flash);
+      return true;
+    }
+    if (!play?.confirmed || play.frozen || play.ended) return false;
+    if (key === agent.hand_back) {
+      if (!isRepeat && play.who === "person") this.#step(play, { n, action: null, who: "agent" });
+      return true;
+    }
+    const action = agent.takes_over ? play.rules.actions[key] : undefined;
+    const { limit } = play.confirmed;
+    const isOver = limit !== undefined && limit !== null && stamp >= limit;
+    if (action !== undefined && !isOver && (!isRepeat || play.rules.auto_repeat)) this.#step(play, { n, action, who: "person" });
+    return !RESERVED.has(key);
+  }
+
+  #reportAgain() {
+    if (this.play) this.#reportStep(this.play, this.play.scene, this.play.step);
+    else this.view.reportHeld?.();
+  }
+}
+
+const FRAMES = ["agent", "person", "good", "bad"];
+const MARKS = { good: "✓", bad: "✗", neutral: "–" };
+
+/** The picture of an episode, its frame, and the line below that says who steers. */
+export class EpisodeView {
+  /** @type {HTMLCanvasElement | null} */ canvas = null;
+  /** @type {(() => void) | null} reports again that a picture that is held was seen */ reportHeld = null;
+  /** @type {HTMLElement[]} */ #frames = [];
+  /** @type {HTMLElement[]} */ #lines = [];
+  #framed = { who: "", text: "" };
+  #flash = "";
+  #lineSays = "";
+  #isScheduled = false;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
+
+  /**
+   * @param {() => Texts | undefined} agentTexts
+   * @param {() => void} reportAgain that the picture was seen, with another frame
+   */
+  constructor(agentTexts, reportAgain) {
+    this.agentTexts = agentTexts;
+    this.reportAgain = reportAgain;
+  }
+
+  /** @param {PlayScreen} s */
+  draw(s) {
+    this.canvas ??= el("canvas", { role: "img" });
+    this.canvas.setAttribute("aria-label", s.mission || s.progress);
+    // Every frame is laid out beforehand, so that a change of hands only shows another.
+    this.#frames = s.controller ? FRAMES.map((of) => el("div", { class: `frame ${of}`, "data-of": of })) : [];
+    this.#lines = s.controller ? FRAMES.map((of) => el("span", { class: of, "data-of": of })) : [];
+    return [
+      words("h1", "", s.mission) ?? el("h1"),
+      el("div", { class: s.controller ? "picture framed" : "picture" }, this.canvas, this.#frames,
+        s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null),
+      s.controller ? el("p", { class: "steers", role: "status" }, this.#lines) : null,
+      s.legend.length ? el("ul", { class: "legend" }, s.legend.map(([cap, above, action]) =>
+        el("li", {}, capOf(cap, above), el("span", { text: action })))) : null,
+      words("p", "progress", s.progress),
+    ];
+  }
+
+  fit() {
+    if (this.canvas) fit(this.canvas, this.#framed.who ? 0.7 : 0.74); // of the height; below a frame stands who steers
+  }
+
+  /** @param {Picture} picture */
+  putPicture({ width, height, encoding, ready }) {
+    if (!this.canvas || !ready) return;
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      Object.assign(this.canvas, { width, height });
+      this.canvas.classList.toggle("flat", encoding === 0);
+      this.fit();
+    }
+    paint(this.canvas, ready);
+  }
+
+  /** @param {string} what @param {number} lasts ns */
+  flash(what, lasts) {
+    this.#flash = what;
+    clearTimeout(this.#timer);
+    if (what) this.#timer = setTimeout(() => this.flash("", 0), lasts / 1e6);
+    if (!this.canvas) return;
+    this.putFrame();
+    this.reportAgain();
+  }
+
+  /** The line says who steers a frame later: painting words would hold up the picture that the key leads to. */
+  putFrame(who = this.#framed.who, text = this.#framed.text) {
+    this.#framed = { who, text };
+    if (!this.canvas || !who) return;
+    const now = this.#flash || who;
+    for (const frame of this.#frames) frame.classList.toggle("on", frame.dataset.of === now);
+    if (this.#isScheduled || this.#lineSays === JSON.stringify(this.#line())) return;
+    this.#isScheduled = true;
+    requestAnimationFrame(() => setTimeout(() => this.sayWhoSteers()));
+  }
+
+  #line() {
+    const { who, text } = this.#framed;
+    /** @type {Texts} */ const texts = { good: "+", bad: "−", ...this.agentTexts(), [who]: text };
+    return { now: this.#flash || who, texts };
+  }
+
+  sayWhoSteers() {
+    this.#isScheduled = false;
+    if (!this.canvas || !this.#framed.who) return;
+    const { now, texts } = this.#line();
+    this.#lineSays = JSON.stringify({ now, texts });
+    for (const line of this.#lines) {
+      const text = texts[line.dataset.of ?? ""] ?? "";
+      line.classList.toggle("on", line.dataset.of === now);
+      if (line.textContent !== text) line.textContent = text;
+    }
+  }
+}

@@ -1,0 +1,79 @@
+// What the page and the server send each other, as minihuman/web/messages.py and screen_values.py define it.
+
+export type Input =
+  | { t: "tick" }
+  | { t: "key"; key: string; down: boolean; stamp: number; trusted: boolean; symbol?: string; repeat?: boolean }
+  | { t: "typed" | "unheard"; text: string }
+  | { t: "focus"; focused: boolean }
+  | { t: "asked"; number: number }
+  | { t: "link"; sent: number; received: number; answered: number; back: number; latest: number }
+  | { t: "pointer"; what: string; target?: string; along: number; x: number; y: number }
+  | { t: "shown"; submit: number; flip: number; screen?: number; name?: number; episode?: number; step?: number; node?: number };
+export type Facts = Record<string, string | number | boolean>;
+export type Texts = Record<string, string>;
+
+export interface Welcome {
+  t: "welcome"; keys: Texts; words: Texts; token: string; segment: string; now: number; taken: number; heard: number;
+  again: boolean; life: string;
+}
+export interface Pong { t: "pong"; sent: number; received: number; answered: number }
+export type Control = Welcome | Pong | { t: "refused"; words: string } | { t: "acked"; through: number };
+
+export interface Rules {
+  t: "rules"; episode: number; keep: number; actions: Record<string, number>; most_steps: number; real_time: boolean;
+  period: number; noop: number | null; auto_repeat: boolean;
+}
+export interface Ahead {
+  t: "ahead"; episode: number; nodes: [scene: number, picture: number][];
+  edges: [from: number, action: number, to: number, ends: boolean][];
+}
+export interface Agent {
+  t: "beside"; episode: number; period: number; controller_texts: Texts; takes_over: boolean; hand_back: string; good: string;
+  bad: string; apart: number; flash: number;
+}
+export interface Now {
+  t: "now"; episode: number; step: number; node: number; tick: number | null; through: number; who?: string;
+  action?: number; limit?: number | null;
+}
+export interface NextScreens {
+  t: "onward"; edges: [from: number, input: string, to: number][];
+  screens: { name: number; screen: Screen; after: number | null; episode: number; scene: number }[];
+}
+export interface ScreenMessage {
+  t?: "screen"; id: number; name: number; through: number; at: number; tick: number | null; screen: Screen;
+}
+export interface Frame { t: "frame"; name: number; side: number; place: number; picture: number }
+export interface Over { t: "over"; words: string; code?: string; your_code?: string; url?: string; leave?: string }
+export type Numbered =
+  | Rules | Ahead | Agent | Now | NextScreens | ScreenMessage & { t: "screen" } | Frame | Over | { t: "ask"; number: number };
+
+interface Common { language: string; rtl: boolean; title: string; prompt: string; progress: string }
+export interface Button { name: string; label: string; enabled: boolean }
+export interface Key { cap: string; above: string; pressed: boolean; x: number; y: number; width: number }
+export type TextScreen = Common & { kind: "text"; body: string; keys: Key[]; wide: number; high: number };
+export type BlankScreen = Common & { kind: "blank"; cross: boolean };
+export type PlayScreen = Common & {
+  kind: "play"; mission: string; controller: string; controller_text?: string; mark: "" | "good" | "bad" | "neutral"; score_text: string;
+  legend: [cap: string, above: string, action: string][]; picture?: number; episode: number; step: number;
+};
+export type PairScreen = Common & {
+  kind: "pair"; lefts: number[]; rights: number[]; step: number; period: number; replay_key: string;
+};
+export type FilmScreen = Common & { kind: "film"; pictures: number[]; step: number; back: string; forward: string };
+export type PageScreen = Common & {
+  kind: "page"; body: string; picture: number | null; marks: [x: number, y: number, label: string][]; buttons: Button[];
+};
+export type QuestionScreen = Common & { kind: "question"; question: string; note: string; item: AnswerWidget; buttons: Button[] };
+export type Screen = TextScreen | BlankScreen | PlayScreen | PairScreen | FilmScreen | PageScreen | QuestionScreen;
+
+export type OptionList = { form: "OptionList"; many: boolean; options: string[]; chosen: number[]; cursor: number };
+export type RatingScale = { form: "RatingScale"; points: string[]; chosen: number | null; low: string; high: string };
+export type Slider = {
+  form: "Slider"; position: number | null; value: string; ticks: number; low: string; high: string;
+};
+export type TextField = { form: "TextField"; long: boolean; unit: string; text: string; caret: number };
+export interface CanvasShape {
+  x: number; y: number; width: number; height: number; label: string; target: string; chosen: boolean; is_round: boolean;
+}
+export type ShapeCanvas = { form: "ShapeCanvas"; shapes: CanvasShape[]; aspect: number };
+export type AnswerWidget = OptionList | RatingScale | Slider | TextField | ShapeCanvas;

@@ -1,0 +1,281 @@
+// The page: it stamps and numbers what a person does, shows what the server says, and goes ahead of it in an episode.
+// It decides nothing: the session is the server's, and what is shown here in advance is compared with it at each step.
+
+import { collectBrowserFacts } from "./browser.js";
+import { Connection } from "./connection.js";
+import { EpisodePlayer } from "./episode.js";
+import { Keyboard, listenToFocus, listenToPointer } from "./input.js";
+import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
+import { ScreenPrefetch } from "./prefetch.js";
+import { TextEntry } from "./questions.js";
+import { ScreenView } from "./screens.js";
+import { Outbox, randomBytes, UNTIMED } from "./stream.js";
+
+/** @import { Input, Numbered, ScreenMessage } from "./messages" */
+/** @import { Link } from "./connection.js" */
+/** @import { Point } from "./input.js" */
+
+class Page {
+  #main = /** @type {HTMLElement} */ (document.getElementById("screen"));
+  #status = /** @type {HTMLElement} */ (document.getElementById("status"));
+  #outbox = new Outbox(sessionStorage, performance);
+  #images = new ImageCache();
+  #prefetch = new ScreenPrefetch(); // of the screens outside of episodes
+  #flips = new FlipReporter(() => this.#outbox.now(), (what) => this.#send(what));
+  #films = new FilmViewer(this.#images, this.#flips, () => this.#schedule());
+  #player = new EpisodePlayer(
+    this.#outbox, this.#images, this.#flips, () => this.#schedule(), () => this.#connection.taken);
+  /** @type {ScreenMessage | null} what the server wants seen */ #screen = null;
+  #entry = new TextEntry(() => this.#screen, (text) => this.#type(text), (m) => this.#view.show(m));
+  #view = new ScreenView(
+    this.#main,
+    { images: this.#images, flips: this.#flips, films: this.#films, entry: this.#entry, episode: this.#player.view },
+    {
+      current: () => this.#screen,
+      isPending: (through) => this.#outbox.hasAfter(through),
+      entered: (m, lasts, flip) => this.#enter(m, lasts, flip),
+    });
+  #keyboard = new Keyboard(globalThis, {
+    isActive: () => this.#isListening,
+    isTyping: () => this.#entry.isActive,
+    isScrollable: () => /^(page|text)$/.test(this.#screen?.screen.kind ?? ""),
+    now: () => this.#outbox.now(),
+    timeOf: (ms) => this.#outbox.timeOf(ms),
+    press: (key, symbol, stamp, trusted, isRepeat) => this.#press(key, symbol, stamp, trusted, isRepeat),
+    release: (key, stamp, trusted) => this.#send({ t: "key", key, down: false, stamp, trusted }),
+  });
+  #connection = new Connection(this.#outbox, readLink(this.#outbox), {
+    welcome: (m) => {
+      this.#keyboard.codes = m.keys;
+      document.title = m.words.title;
+    },
+    reset: () => {
+      this.#player.clear();
+      this.#images.clear();
+      this.#prefetch.clear();
+    },
+    resume: (fresh) => {
+      if (this.#outbox.state.last === 0) this.#send({ t: "tick" });
+      if (fresh && this.#connection.taken > 0) this.#focused = null;
+      this.#lookAtFocus();
+    },
+    message: (m) => this.#receive(m),
+    picture: (picture) => this.#images.add(picture),
+    acknowledged: (through) => { if (this.#prefetch.acknowledge(through) && this.#prefetch.serverScreen) this.#put(this.#prefetch.serverScreen); },
+    status: (text) => { this.#status.textContent = text; },
+    leave: (why) => this.#view.showRefusal(why),
+  });
+  /** @type {boolean | null} as the session knows it; null: it may have been told otherwise, by this tab before or by another */
+  #focused = true;
+  #lookAtFocus = listenToFocus((hasFocus) => this.#focus(hasFocus));
+  /** @type {number | null} when the session wants to be told the time */ #due = null;
+  /** @type {number | null} */ #reportedDue = null;
+  /** @type {number | null} when a timed screen that was there ends */ #endsAt = null;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
+
+  constructor() {
+    this.#connection.latency.report = (what) => this.#send(what);
+    listenToPointer(this.#main, { isActive: () => !this.#connection.finished, point: (point) => this.#point(point) });
+    addEventListener("resize", () => {
+      this.#player.view.fit();
+      this.#films.fit();
+    });
+    // Another link was put into the address: another person, of whom nothing that is kept here is true.
+    addEventListener("hashchange", () => {
+      this.#connection.close();
+      this.#outbox.discard();
+      location.reload();
+    });
+  }
+
+  async start() {
+    this.#outbox.state.facts ??= await collectBrowserFacts();
+    this.#outbox.save();
+    this.#connection.open();
+  }
+
+  get #isListening() { return this.#outbox.hasTime && !this.#connection.finished; }
+
+  /** @param {Input} what @returns {number} the message's number */
+  #send(what) {
+    const n = this.#outbox.add(what, this.#player.canWait(what));
+    if (n && !UNTIMED.has(what.t)) {
+      const at = this.#outbox.state.last;
+      this.#player.passTime(n, at);
+      this.#films.passTime(at);
+    }
+    return n;
+  }
+
+  // ---- what the server says
+
+  /** @param {Numbered} m */
+  #receive(m) {
+    switch (m.t) {
+      case "rules":
+        this.#player.learnRules(m);
+        this.#images.drop(m.keep, this.#usedPictures());
+        break;
+      case "ahead": this.#player.learnScenes(m); break;
+      case "onward": this.#prefetch.learn(m); break;
+      case "frame": this.#films.add(m); break;
+      case "beside": this.#player.learnAgent(m); break;
+      case "now":
+        if (!this.#prefetch.ahead) this.#setDue(m.tick);
+        this.#player.confirm(m);
+        break;
+      case "screen":
+        if (this.#prefetch.tell(m)) this.#put(m);
+        else if (!this.#prefetch.ahead) this.#screen = m;
+        break;
+      case "ask": this.#prefetch.unknown(this.#send({ t: "asked", number: m.number })); break;
+      case "over":
+        this.#connection.finished = true;
+        this.#outbox.clear();
+        sessionStorage.removeItem("stream");
+        this.#view.showEnd(m, this.#connection.words.leaving);
+    }
+  }
+
+  #usedPictures() {
+    const used = new Set(this.#player.pictures);
+    for (const m of [this.#screen, this.#prefetch.serverScreen, ...this.#prefetch.screens.values()]) {
+      const s = /** @type {Record<string, number | number[]>} */ (/** @type {unknown} */ (m?.screen ?? {}));
+      for (const number of [s.picture, s.pictures, s.lefts, s.rights].flat()) used.add(number);
+    }
+    return used;
+  }
+
+  /** @param {ScreenMessage} m */
+  #put(m) {
+    this.#screen = m;
+    this.#endsAt = null;
+    this.#setDue(m.tick);
+    if (m.screen.kind !== "play" || m.screen.picture !== undefined) this.#player.play = null;
+    this.#view.show(m);
+  }
+
+  /** @param {ScreenMessage} m @param {number | null} lasts @param {number} flip */
+  #enter(m, lasts, flip) {
+    this.#prefetch.sawAt(m.name, flip);
+    if (this.#screen?.name !== m.name || lasts === null) return;
+    this.#endsAt = flip + lasts;
+    this.#schedule();
+  }
+
+  // An input went to the server as message n: show what it leads to, if that is known.
+  /** @param {number} n @param {string} input @param {number} at */
+  #advance(n, input, at) {
+    const to = this.#prefetch.took(n, input, at);
+    if (!to) return;
+    const { last } = this.#outbox.state;
+    const tick = to.after === null ? null : last + to.after;
+    this.#put({ id: 0, name: to.name, through: n, at: last, tick, screen: to.screen });
+    // Who steers is told when it has begun.
+    if (to.episode >= 0) this.#player.enter(to.episode, to.scene, n, to.screen.kind === "play" && Boolean(to.screen.controller));
+  }
+
+  // ---- time
+
+  /** @param {number | null} tick */
+  #setDue(tick) {
+    this.#due = tick;
+    this.#schedule();
+  }
+
+  #nextTime() {
+    let time = this.#due !== this.#reportedDue ? this.#due : null;
+    if (this.#endsAt !== null && this.#endsAt > this.#outbox.state.last) time = this.#endsAt;
+    return this.#films.due ?? this.#player.nextTime(time);
+  }
+
+  #schedule() {
+    clearTimeout(this.#timer);
+    const time = this.#nextTime();
+    if (time === null || !this.#outbox.hasTime) return;
+    this.#timer = setTimeout(() => this.#tick(), Math.max(0, (time - this.#outbox.now()) / 1e6));
+  }
+
+  #tick() {
+    const time = this.#nextTime();
+    if (time === null) return;
+    if (this.#outbox.now() < time) { this.#schedule(); return; }
+    const n = this.#send({ t: "tick" });
+    const at = this.#outbox.state.last;
+    if (this.#due !== null && at >= this.#due) this.#reportedDue = this.#due;
+    if (this.#endsAt !== null && at >= this.#endsAt) this.#endsAt = null;
+    if (!this.#player.play) this.#advance(n, "tick", at);
+    this.#player.tick(n, this.#outbox.state.last);
+    this.#schedule();
+  }
+
+  // ---- what the person does
+
+  /**
+   * @param {string} key @param {string} symbol @param {number} stamp @param {boolean} trusted @param {boolean} isRepeat
+   */
+  #press(key, symbol, stamp, trusted, isRepeat) {
+    const n = this.#send({ t: "key", key, down: true, stamp, symbol, repeat: isRepeat, trusted });
+    this.#entry.edit(key);
+    this.#films.press(key, isRepeat);
+    if (this.#player.pressBesideAgent(key, n, stamp, isRepeat, this.#screen?.screen.kind === "play")) return;
+    if (this.#player.play) this.#player.press(key, n, stamp, isRepeat, this.#due);
+    else if (isRepeat) this.#prefetch.unknown(n);
+    else this.#advance(n, `key:${key}`, stamp);
+  }
+
+  /** @param {string} text */
+  #type(text) { this.#prefetch.unknown(this.#send({ t: "typed", text })); }
+
+  /** @param {Point} point */
+  #point(point) {
+    const n = this.#send({ t: "pointer", ...point });
+    if (point.what === "pressed") this.#advance(n, `point:${point.target}`, this.#outbox.state.last);
+    else if (point.what === "moved") this.#prefetch.unknown(n);
+  }
+
+  /** @param {boolean} focused */
+  #focus(focused) {
+    if (focused === this.#focused || !this.#isListening) return;
+    this.#focused = focused;
+    if (!focused) {
+      this.#keyboard.clear();
+      this.#flips.cancel();
+    }
+    const n = this.#send({ t: "focus", focused });
+    this.#prefetch.unknown(n);
+    this.#player.freeze(n);
+  }
+
+  /** For whoever tests or watches: what the page has done so far. */
+  get state() {
+    const { play } = this.#player;
+    const prefetch = this.#prefetch;
+    return {
+      welcomed: this.#connection.welcomed, finished: this.#connection.finished, step: play?.step ?? -1, scene: play?.scene ?? -1,
+      ended: play?.ended ?? false, pictures: this.#images.size, playing: play !== null, confirmed: play?.confirmed?.step ?? -1,
+      ready: this.#player.isReady, known: play?.known ?? false, unsafe: this.#outbox.size,
+      ways: prefetch.edges.get(prefetch.at)?.size ?? 0,
+      foreseen: [...prefetch.edges.values()].reduce((sum, ways) => sum + ways.size, 0), ahead: prefetch.ahead,
+      kind: this.#screen?.screen.kind ?? "", now: this.#outbox.hasTime ? this.#outbox.now() : 0,
+    };
+  }
+}
+
+/** @param {Outbox} outbox @returns {Link} */
+function readLink({ state }) {
+  const fragment = new URLSearchParams(location.hash.slice(1));
+  const given = [...new URLSearchParams(location.search), ...fragment]
+    .filter(([name, value]) => name !== "t" && name.length <= 64 && value.length <= 200).slice(0, 12); // longer: no platform's
+  const token = fragment.get("t") ?? "";
+  const made = !token && !given.length; // whoever comes by no link brings one of their own, for studies that take anybody
+  return { token: made ? (state.token ??= makeToken()) : token, platform: Object.fromEntries(given), made };
+}
+
+function makeToken() {
+  return btoa(String.fromCharCode(...randomBytes(16))).replaceAll("+", "-").replaceAll("/", "_").slice(0, 22);
+}
+
+const page = new Page();
+Object.assign(globalThis, { minihuman: page });
+await page.start();

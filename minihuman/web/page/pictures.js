@@ -1,0 +1,211 @@
+// Pictures that the server sent: kept, unpacked ahead of use, shown as films, and reported when the display has them.
+
+import { el, fit, paint, words } from "./elements.js";
+
+/** @import { FilmScreen, Frame, Input, PairScreen, ScreenMessage } from "./messages" */
+/**
+ * @typedef {{ number: number, encoding: number, width: number, height: number, bytes: Uint8Array<ArrayBuffer>,
+ * bitmap: Promise<ImageBitmap> | null, ready: ImageBitmap | null }} Picture
+ */
+/** @typedef {(flip: number) => void} FlipCallback */
+/**
+ * @typedef {{ screen?: number, name?: number, episode?: number, step?: number, node?: number, then?: FlipCallback }} Shown
+ */
+
+const MAX_BITMAPS = 160;
+
+export class ImageCache {
+  /** @type {Map<number, Picture>} */ #pictures = new Map();
+  /** @type {Map<number, Picture>} with a bitmap, the latest last */ #unpacked = new Map();
+
+  get size() { return this.#pictures.size; }
+  clear() { this.#pictures.clear(); }
+  /** @param {number} number */
+  get(number) { return this.#pictures.get(number); }
+  /** @param {Picture} picture */
+  add(picture) { this.#pictures.set(picture.number, picture); }
+
+  /**
+   * Let go of pictures of episodes that are over; the server would send them again. @param {number} before
+   * @param {Set<number>} used
+   */
+  drop(before, used) {
+    for (const number of this.#pictures.keys()) {
+      if (number >= before || used.has(number)) continue;
+      this.#pictures.delete(number);
+      this.#unpacked.delete(number);
+    }
+  }
+
+  /** @param {Picture} picture @returns {Promise<ImageBitmap>} */
+  unpack(picture) {
+    this.#unpacked.delete(picture.number);
+    this.#unpacked.set(picture.number, picture);
+    for (const [number, oldest] of this.#unpacked) {
+      if (this.#unpacked.size <= MAX_BITMAPS) break;
+      this.#unpacked.delete(number);
+      oldest.bitmap = oldest.ready = null;
+    }
+    return picture.bitmap ??= decode(picture).then((bitmap) => (picture.ready = bitmap));
+  }
+}
+
+/** @param {Picture} picture */
+async function decode({ encoding, width, height, bytes }) {
+  if (encoding === 1) return createImageBitmap(new Blob([bytes], { type: "image/jpeg" }));
+  const packed = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const rgb = new Uint8Array(await new Response(packed).arrayBuffer());
+  const rgba = new Uint8ClampedArray(width * height * 4);
+  for (let from = 0, to = 0; from < rgb.length; from += 3, to += 4) {
+    rgba[to] = rgb[from];
+    rgba[to + 1] = rgb[from + 1];
+    rgba[to + 2] = rgb[from + 2];
+    rgba[to + 3] = 255;
+  }
+  return createImageBitmap(new ImageData(rgba, width, height));
+}
+
+/** Reports when a picture was there: in a task posted from the frame that was drawn. */
+export class FlipReporter {
+  #channel = new MessageChannel();
+  /** @type {Shown & { submit: number } | null} */ #pending = null;
+
+  /** @param {() => number} now @param {(what: Input) => void} send */
+  constructor(now, send) {
+    this.now = now;
+    this.#channel.port1.onmessage = () => {
+      const shown = this.#pending;
+      this.#pending = null;
+      if (!shown || document.hidden) return;
+      const flip = now();
+      const { then, ...what } = shown;
+      then?.(flip);
+      send({ t: "shown", ...what, flip });
+    };
+  }
+
+  /** @param {Shown} shown */
+  report(shown) {
+    const waits = this.#pending !== null;
+    this.#pending = { submit: this.now(), ...shown };
+    if (!waits) requestAnimationFrame(() => this.#channel.port2.postMessage(0));
+  }
+
+  cancel() { this.#pending = null; }
+}
+
+/**
+ * @typedef {object} Film
+ * @property {PairScreen | FilmScreen} s @property {ScreenMessage} message
+ * @property {number[][]} sides the numbers of their pictures; -1 is still to come
+ * @property {HTMLCanvasElement[]} canvases @property {HTMLProgressElement} bar
+ * @property {[share: number, across?: number]} room
+ * @property {number} step @property {number} length @property {number | null} due
+ */
+
+/** The film on the screen: two segments side by side that run by themselves, or one episode that keys go through. */
+export class FilmViewer {
+  /** @type {Film | null} */ #film = null;
+  /** @type {WeakMap<number[], Map<number, ((picture: Picture) => void)[]>>} */ #wanted = new WeakMap();
+
+  /** @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule */
+  constructor(images, flips, schedule) {
+    this.images = images;
+    this.flips = flips;
+    this.schedule = schedule;
+  }
+
+  get due() { return this.#film?.due ?? null; }
+  close() { this.#film = null; }
+  fit() { for (const canvas of this.#film?.canvases ?? []) fit(canvas, ...this.#film?.room ?? [1]); }
+
+  /** @param {PairScreen | FilmScreen} s @param {ScreenMessage} message */
+  draw(s, message) {
+    const isPair = s.kind === "pair";
+    const sides = isPair ? [s.lefts, s.rights] : [s.pictures];
+    const canvases = sides.map((_, side) =>
+      el("canvas", { role: "img", "aria-label": isPair ? `${s.title} ${side + 1}` : s.progress }));
+    const bar = el("progress", { max: 1, value: 0, "aria-hidden": "true" });
+    const length = Math.max(...sides.map((side) => side.length));
+    this.#film = { s, message, sides, canvases, bar, room: isPair ? [0.62, 0.44] : [0.74], step: 0, length, due: null };
+    return [
+      isPair ? words("h1", "", s.title) : null, el("div", { class: "films" }, canvases), bar,
+      words("p", "prompt", s.prompt), words("p", "progress", s.progress),
+    ];
+  }
+
+  /** Show the step that the session is at. */
+  start() {
+    if (this.#film) this.#turn(this.#film, this.#film.s.step);
+  }
+
+  /** @param {Frame} m */
+  add({ name, side, place, picture: number }) {
+    if (this.#film?.message.name !== name) return;
+    const numbers = this.#film.sides[side];
+    const wanted = this.#wanted.get(numbers);
+    const picture = this.images.get(number);
+    numbers[place] = number;
+    for (const resolve of wanted?.get(place) ?? []) if (picture) resolve(picture);
+    wanted?.delete(place);
+  }
+
+  /** @param {string} key @param {boolean} isRepeat */
+  press(key, isRepeat) {
+    const film = this.#film;
+    if (film?.s.kind === "pair" && key === film.s.replay_key && !isRepeat) this.#turn(film, 0);
+    if (film?.s.kind !== "film" || (key !== film.s.back && key !== film.s.forward)) return;
+    const to = Math.min(Math.max(0, film.step + (key === film.s.forward ? 1 : -1)), film.length - 1);
+    if (to !== film.step) this.#turn(film, to);
+  }
+
+  /** @param {number} at */
+  passTime(at) {
+    const film = this.#film;
+    if (film && film.due !== null && at >= film.due) this.#turn(film, film.step + 1 > film.length ? 0 : film.step + 1);
+  }
+
+  // Both at a step; the session counts the same by the same times.
+  /** @param {Film} film @param {number} step */
+  async #turn(film, step) {
+    Object.assign(film, { step, due: null });
+    const { s, sides, message: { id: screen, name } } = film;
+    const pictures = await Promise.all(sides.map((side) => this.#pictureAt(side, Math.min(step, side.length - 1))));
+    const bitmaps = await Promise.all(pictures.map((picture) => this.images.unpack(picture)));
+    const isCurrent = () => this.#film === film && film.step === step;
+    if (!isCurrent()) return;
+    bitmaps.forEach((bitmap, side) => {
+      const canvas = film.canvases[side];
+      if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
+        Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
+        canvas.classList.toggle("flat", pictures[side].encoding === 0);
+        fit(canvas, ...film.room);
+      }
+      paint(canvas, bitmap);
+    });
+    film.bar.value = Math.min(1, step / Math.max(1, film.length - 1));
+    if (s.kind === "pair") {
+      this.flips.report({ screen, name, then: (flip) => {
+        if (isCurrent()) film.due ??= flip + s.period;
+        this.schedule();
+      } });
+      return;
+    }
+    this.flips.report({ screen, name });
+    for (const number of sides[0].slice(step + 1, step + 9)) {
+      const picture = this.images.get(number);
+      if (picture) this.images.unpack(picture);
+    }
+  }
+
+  // A picture of a film, once it is there: the server draws one after the other.
+  /** @param {number[]} numbers @param {number} place @returns {Promise<Picture>} */
+  #pictureAt(numbers, place) {
+    const picture = numbers[place] >= 0 ? this.images.get(numbers[place]) : undefined;
+    if (picture) return Promise.resolve(picture);
+    return new Promise((resolve) => {
+      const wanted = this.#wanted.get(numbers) ?? new Map();
+      this.#wanted.set(numbers, wanted.set(place, [...(wanted.get(place) ?? []), resolve]));
+    });
+  }
+}

@@ -1,0 +1,137 @@
+// Screens: one function per kind makes its elements; the server's values, and nothing else, go in.
+
+import { buttonsOf, capOf, el, fit, flatten, paint, words } from "./elements.js";
+import { drawWidget } from "./questions.js";
+
+/** @import { BlankScreen, FilmScreen, Over, PageScreen, PairScreen, PlayScreen, QuestionScreen, ScreenMessage, TextScreen } from "./messages" */
+/** @import { EpisodeView } from "./episode.js" */
+/** @import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js" */
+/** @import { TextEntry } from "./questions.js" */
+
+const LEAVING_S = 5;
+
+export class ScreenView {
+  /**
+   * @param {HTMLElement} main
+   * @param {{ images: ImageCache, flips: FlipReporter, films: FilmViewer, entry: TextEntry, episode: EpisodeView }} parts
+   * @param {object} page @param {() => ScreenMessage | null} page.current
+   * @param {(through: number) => boolean} page.isPending whether something after a message is not acknowledged
+   * @param {(m: ScreenMessage, lasts: number | null, flip: number) => void} page.entered
+   */
+  constructor(main, parts, page) {
+    this.main = main;
+    this.parts = parts;
+    this.page = page;
+  }
+
+  #draw = {
+    text: (/** @type {TextScreen} */ s) => [
+      words("h1", "", s.title),
+      words("p", "body short", s.body),
+      s.keys.length ? el("ul", { class: "keyboard", style: { width: `${s.wide * 3}rem`, height: `${s.high * 3}rem` } },
+        s.keys.map((key) => el("li", {
+          "aria-label": `${key.cap} ${key.above}${key.pressed ? " ✓" : ""}`,
+          style: { left: `${key.x * 3}rem`, top: `${key.y * 3}rem`, width: `${key.width * 3}rem`, height: "3rem" },
+        }, capOf(key.cap, key.above, key.pressed)))) : null,
+      words("p", "prompt", s.prompt),
+      words("p", "progress", s.progress),
+    ],
+    blank: (/** @type {BlankScreen} */ s) => [s.cross ? el("div", { class: "cross", role: "img", "aria-label": "+" }) : null],
+    play: (/** @type {PlayScreen} */ s) => this.parts.episode.draw(s),
+    pair: (/** @type {PairScreen} */ s, /** @type {ScreenMessage} */ m) => this.parts.films.draw(s, m),
+    film: (/** @type {FilmScreen} */ s, /** @type {ScreenMessage} */ m) => this.parts.films.draw(s, m),
+    page: (/** @type {PageScreen} */ s) => [
+      words("h1", "", s.title),
+      s.picture === null ? null : this.#drawExample(s, s.picture),
+      words("p", s.body.length < 160 && s.picture === null ? "body short" : "body", s.body),
+      buttonsOf(s.buttons),
+      words("p", "prompt", s.prompt),
+      words("p", "progress", s.progress),
+    ],
+    question: (/** @type {QuestionScreen} */ s) => [
+      words("h1", "", s.title),
+      el("p", { class: "body", id: "ask", text: s.question }),
+      drawWidget(s.item, this.parts.entry),
+      el("p", { class: "note", role: "alert", text: s.note }),
+      buttonsOf(s.buttons),
+      words("p", "prompt", s.prompt),
+      words("p", "progress", s.progress),
+    ],
+  };
+
+  /** @param {PageScreen} s @param {number} number */
+  #drawExample(s, number) {
+    const picture = this.parts.images.get(number);
+    const canvas = el("canvas", { role: "img", "aria-label": s.marks.map((mark) => mark[2]).join(", ") || s.title });
+    if (picture) {
+      Object.assign(canvas, { width: picture.width, height: picture.height });
+      fit(canvas, 0.4);
+      this.parts.images.unpack(picture).then((bitmap) => paint(canvas, bitmap, true));
+    }
+    return el("div", { class: "example" }, canvas, s.marks.map(([x, y, label]) => {
+      const top = `${100 * y}%`;
+      /** @type {Record<string, string>} */
+      const beside = x >= 0.5 ? { left: `calc(${100 * x}% + .7rem)`, top } : { right: `calc(${100 - 100 * x}% + .7rem)`, top };
+      return [
+        el("span", { class: "point", style: { left: `${100 * x}%`, top } }), el("span", { class: "label", text: label, style: beside }),
+      ];
+    }));
+  }
+
+  /** @param {ScreenMessage} m */
+  show(m) {
+    const s = m.screen;
+    const { images, flips, films, entry, episode } = this.parts;
+    document.documentElement.lang = s.language;
+    document.documentElement.dir = s.rtl ? "rtl" : "ltr";
+    this.main.className = s.kind;
+    const isDrawn = entry.redraw(m, () => this.page.isPending(m.through), () => {
+      if (s.kind !== "play") episode.canvas = null;
+      episode.reportHeld = null;
+      films.close();
+      this.main.replaceChildren(...flatten(/** @type {any} */ (this.#draw)[s.kind](s, m)).filter(Boolean));
+    });
+    if (!isDrawn) return;
+    if (!entry.isActive && document.activeElement !== this.main) this.main.focus({ preventScroll: true });
+    const lasts = m.tick === null ? null : m.tick - m.at;
+    if (s.kind === "film" || s.kind === "pair") films.start();
+    else if (s.kind === "play") {
+      if (s.controller) {
+        episode.putFrame(s.controller, s.controller_text);
+        episode.sayWhoSteers();
+      }
+      const picture = s.picture === undefined ? undefined : images.get(s.picture);
+      if (!picture) return;
+      images.unpack(picture).then(() => {
+        if (this.page.current()?.name !== m.name) return;
+        episode.putPicture(picture);
+        episode.reportHeld = () =>
+          flips.report({ episode: s.episode, step: s.step, then: (flip) => this.page.entered(m, lasts, flip) });
+        episode.reportHeld();
+      });
+    } else {
+      const then = (/** @type {number} */ flip) => this.page.entered(m, s.kind === "blank" ? lasts : null, flip);
+      flips.report({ screen: m.id, name: m.name, then });
+    }
+  }
+
+  /** @param {string} why */
+  showRefusal(why) {
+    this.main.className = "text";
+    this.main.replaceChildren(el("p", { class: "body short", role: "alert", text: why }));
+  }
+
+  /** @param {Over} m @param {string} leaving */
+  showEnd({ words: text, code, your_code, url, leave }, leaving) {
+    const heading = this.main.querySelector("h1");
+    this.main.className = "text";
+    this.main.replaceChildren(...flatten([
+      heading,
+      el("p", { class: "body short", role: "status", text }),
+      code ? el("p", { class: "short" }, `${your_code}: `, el("strong", { class: "code", text: code })) : null,
+      url ? el("p", { class: "short" }, el("a", { href: url, text: leave })) : null,
+      url ? el("p", { class: "prompt", text: leaving.replace("{seconds}", String(LEAVING_S)) }) : null,
+    ]));
+    if (url) setTimeout(() => { location.href = url; }, LEAVING_S * 1000);
+  }
+}

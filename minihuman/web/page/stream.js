@@ -1,0 +1,177 @@
+// The two numbered streams between the page and the server, without a socket or an element of the document.
+
+/** @import { Input, Facts } from "./messages" */
+/** @typedef {{ n: number, at: number, what: Input }} Message */
+/**
+ * What a tab keeps over reloads.
+ * @typedef {{ stream: string, next: number, segment: string, last: number, zero: number, facts: Facts | null, pin?: string,
+ * token?: string }} StreamState
+ */
+
+export const UNTIMED = new Set(["shown", "link", "unheard"]); // what does not tell the session the time
+const BATCH_MS = 100;
+const MAX_UNREPORTED = 100; // the server looks less far ahead of a page that has more to report
+const RESTART_NS = 2e9;
+/** @param {number} ms */
+const ns = (ms) => Math.round(ms * 1e6);
+
+/** @param {number} size */
+export function randomBytes(size) {
+  return crypto.getRandomValues(new Uint8Array(size));
+}
+
+/** What the page has sent, numbered and stamped with the session's time, until it is on the server's disk. */
+export class Outbox {
+  /** @type {Map<number, string>} */ #messages = new Map();
+  /** @type {string[]} */ #unsent = [];
+  /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
+  /** @type {number | null} performance time at the session's time 0, ns; null until it is known */ #zero = null;
+  #discarded = false;
+  /** @type {(texts: string[]) => void} sends what it can; the rest stays here */ transmit = () => {};
+
+  /** @param {Storage} storage @param {{ now(): number, timeOrigin: number }} clock */
+  constructor(storage, clock) {
+    this.storage = storage;
+    this.clock = clock;
+    const stream = Array.from(randomBytes(8), (b) => b.toString(16).padStart(2, "0")).join("");
+    /** @type {StreamState} */ this.state = { stream, next: 1, segment: "", last: 0, zero: 0, facts: null };
+    try { Object.assign(this.state, JSON.parse(storage.getItem("stream") ?? "{}")); } catch { /* nothing kept */ }
+    for (let i = 0; i < storage.length; i++) {
+      const name = storage.key(i) ?? "";
+      if (name.startsWith("m")) this.#messages.set(Number(name.slice(1)), storage.getItem(name) ?? "");
+    }
+    if (this.state.segment) this.#zero = this.state.zero - ns(clock.timeOrigin);
+  }
+
+  get size() { return this.#messages.size; }
+  get hasTime() { return this.#zero !== null; }
+  get first() { return Math.min(this.state.next, ...this.#messages.keys()); }
+
+  save() { this.#keep("stream", JSON.stringify(this.state)); }
+
+  /** @param {string} name @param {string} text */
+  #keep(name, text) { if (!this.#discarded) this.storage.setItem(name, text); }
+
+  /** Forget everything and keep nothing from now on: what still happens before the page is left is nobody's. */
+  discard() {
+    this.#discarded = true;
+    this.#zero = null;
+    this.#messages.clear();
+    this.storage.clear();
+  }
+
+  /** The session's time, ns since the segment began, at a time of the clock. @param {number} ms */
+  timeOf(ms) { return Math.max(0, ns(ms) - (this.#zero ?? 0)); }
+  now() { return this.timeOf(this.clock.now()); }
+
+  /**
+   * Take over the server's time. A new segment has nothing of what was kept for the last one, so that the numbers
+   * go on behind the last one received.
+   * @param {string} segment @param {number} serverNow @param {boolean} fresh @param {number} received
+   */
+  setTime(segment, serverNow, fresh, received) {
+    if (this.state.segment !== segment) {
+      const keys = this.list().map((m) => m.what).filter((what) => what.t === "key").filter((what) => what.down);
+      this.clear();
+      this.#zero = ns(this.clock.now()) - serverNow;
+      Object.assign(this.state, { segment, last: 0, next: received + 1 });
+      this.#saveZero();
+      if (keys.length) this.add({ t: "unheard", text: keys.map((k) => `${k.key} at ${k.stamp} ns`).join(", ").slice(0, 1900) });
+    } else if (this.#zero === null || (fresh && Math.abs(this.now() - serverNow) > RESTART_NS)) {
+      this.#zero = ns(this.clock.now()) - Math.max(serverNow, this.state.last + 1);
+    }
+    this.#saveZero();
+  }
+
+  #saveZero() {
+    this.state.zero = (this.#zero ?? 0) + ns(this.clock.timeOrigin);
+    this.save();
+  }
+
+  /**
+   * Number, keep and send a message; one that can wait goes with the next, if that is soon. @param {Input} what
+   * @returns {number} its number, or 0 while the session's time is unknown
+   */
+  add(what, canWait = false) {
+    if (this.#zero === null) return 0;
+    const at = Math.max(this.state.last + 1, this.now());
+    const n = this.state.next++;
+    this.state.last = at;
+    const text = JSON.stringify({ t: "n", n, at, what });
+    this.#messages.set(n, text);
+    this.#keep(`m${n}`, text);
+    this.save();
+    this.#unsent.push(text);
+    if (canWait) this.#timer ??= setTimeout(() => this.#flush(), BATCH_MS);
+    else this.#flush();
+    return n;
+  }
+
+  #flush() {
+    clearTimeout(this.#timer);
+    this.#timer = undefined;
+    const texts = this.#unsent;
+    this.#unsent = [];
+    this.transmit(texts);
+  }
+
+  /** The messages that a server lacks which has all up to `received`. @param {number} received */
+  takeUnacknowledged(received) {
+    this.#unsent = [];
+    return this.#numbers().filter((n) => n > received).map((n) => this.#messages.get(n) ?? "");
+  }
+
+  /** A copy of this tab has sent more since. @param {number} received @param {number} taken */
+  skipTo(received, taken) {
+    if (received < this.state.next) return;
+    Object.assign(this.state, { next: received + 1, last: Math.max(this.state.last, taken) });
+    this.save();
+  }
+
+  #numbers() { return [...this.#messages.keys()].sort((a, b) => a - b); }
+
+  /** @returns {Message[]} what is not acknowledged, in order */
+  list() { return this.#numbers().map((n) => JSON.parse(this.#messages.get(n) ?? "")); }
+
+  /** @param {number} through */
+  hasAfter(through) { return [...this.#messages.keys()].some((n) => n > through); }
+
+  /** @param {number} through */
+  acknowledge(through) {
+    for (const n of [...this.#messages.keys()]) {
+      if (n > through) continue;
+      this.#messages.delete(n);
+      this.storage.removeItem(`m${n}`);
+    }
+  }
+
+  clear() { this.acknowledge(Infinity); }
+}
+
+/** The numbers that the server gives its messages; what was received is acknowledged now and then. */
+export class IncomingStream {
+  received = 0;
+  #reported = 0;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
+
+  /** @param {(received: number) => void} report */
+  constructor(report) { this.report = report; }
+
+  reset() { this.received = this.#reported = 0; }
+
+  /** Whether a message is the next one; any other came before, or on another socket. @param {number} n */
+  take(n) {
+    if (n !== this.received + 1) return false;
+    this.received = n;
+    if (n >= this.#reported + MAX_UNREPORTED) this.#send();
+    else this.#timer ??= setTimeout(() => this.#send(), 1000);
+    return true;
+  }
+
+  #send() {
+    clearTimeout(this.#timer);
+    this.#timer = undefined;
+    this.#reported = this.received;
+    this.report(this.received);
+  }
+}

@@ -1,0 +1,249 @@
+// Worlds in the page: the server's own rules and pictures, compiled to WebAssembly, on an episode's first state.
+// Knows no network and, but for `paint`, no document; `worlds/manifest.json` says what the modules' functions take.
+
+/** @typedef {Int32Array | BigInt64Array | BigUint64Array | Uint8Array | Uint32Array | Float64Array} Numbers */
+/** @typedef {{ name: string, kind: string, dimensions: number }} Argument */
+/** @typedef {{ arguments: Argument[], results: string[] }} Signature */
+/** @typedef {{ files: { file: string, simd: boolean }[], functions: Record<string, Signature> }} ModuleEntry */
+/** @typedef {{ sources: string, modules: Record<string, ModuleEntry> }} Manifest */
+/** @typedef {"partial" | "full"} View */
+/**
+ * Tiles of one size; lists have the extents of the server's arrays.
+ * @typedef {{ number: BigInt64Array, under: BigInt64Array, tiles: Uint8Array, agents: Uint8Array, carried: Uint8Array,
+ * tile_px: number, small_px: number }} Atlas
+ */
+/**
+ * An episode's first state. @typedef {{ row: Int32Array, words: BigUint64Array, view_size: number, in_view?: boolean }} Start
+ */
+
+const TYPES = {
+  int32: Int32Array, int64: BigInt64Array, uint64: BigUint64Array, uint8: Uint8Array, uint32: Uint32Array,
+  float64: Float64Array,
+};
+const WORD_BYTES = 8;
+const PAGE_BYTES = 65536;
+const DIRECTION = 4, WIDTH = 0, HEIGHT = 1, PHASE = 8, PLAYING = 1;
+
+/** An array in a module's memory, which may move when the memory grows. */
+export class Block {
+  /** @param {WebAssembly.Memory} memory @param {keyof TYPES} kind @param {number} at @param {number[]} shape */
+  constructor(memory, kind, at, shape) {
+    this.memory = memory;
+    this.kind = kind;
+    this.at = at;
+    this.shape = shape;
+    this.length = shape.reduce((a, b) => a * b, 1);
+    /** @type {any} */ this.view = null;
+  }
+
+  /** The numbers, to read and to write. @returns {any} */
+  get data() {
+    if (this.view?.buffer !== this.memory.buffer) {
+      this.view = new TYPES[this.kind](this.memory.buffer, this.at, this.length);
+    }
+    return this.view;
+  }
+}
+
+/** A module of kernels, with a memory of its own. */
+export class Kernels {
+  /** @param {WebAssembly.Instance} instance @param {Record<string, Signature>} signatures */
+  constructor(instance, signatures) {
+    const exported = /** @type {any} */ (instance.exports);
+    this.exported = exported;
+    this.signatures = signatures;
+    /** @type {WebAssembly.Memory} */ this.memory = exported.memory;
+    this.free = Number(exported.__heap_base.value);
+  }
+
+  /** @param {BufferSource} code @param {ModuleEntry} entry */
+  static async compile(code, entry) {
+    const { instance } = await WebAssembly.instantiate(code, {});
+    return new Kernels(instance, entry.functions);
+  }
+
+  /** Fetch a module from the folder of the manifest. @param {string} folder @param {string} name */
+  static async load(folder, name) {
+    /** @type {Manifest} */ const manifest = await (await fetch(`${folder}/manifest.json`)).json();
+    const entry = manifest.modules[name];
+    if (!entry) throw new Error(`there is no module ${name}`);
+    const simd = WebAssembly.validate(SIMD_PROBE);
+    const file = entry.files.find((one) => one.simd && simd) ?? entry.files.find((one) => !one.simd);
+    if (!file) throw new Error(`there is no module ${name} for this browser`);
+    return Kernels.compile(await (await fetch(`${folder}/${file.file}`)).arrayBuffer(), entry);
+  }
+
+  /** An array of zeros, or of these numbers. @param {keyof TYPES} kind @param {number[]} shape @param {Numbers} [from] */
+  array(kind, shape, from) {
+    const at = Math.ceil(this.free / 16) * 16;
+    const block = new Block(this.memory, kind, at, shape);
+    this.free = at + block.length * TYPES[kind].BYTES_PER_ELEMENT;
+    const missing = this.free - this.memory.buffer.byteLength;
+    if (missing > 0) this.memory.grow(Math.ceil(missing / PAGE_BYTES));
+    block.data.fill(/^u?int64$/.test(kind) ? 0n : 0);
+    if (from) block.data.set(from);
+    return block;
+  }
+
+  /**
+   * A function that calls a kernel with these arguments, in order, and one more number; what it gives is the first
+   * result. @param {string} name @param {(Block | number)[]} given
+   */
+  bind(name, ...given) {
+    const { arguments: wanted, results } = this.signatures[name] ?? { arguments: [], results: [] };
+    if (wanted.length !== given.length) throw new Error(`${name} takes ${wanted.length} arguments, not ${given.length}`);
+    /** @type {bigint[]} */ const words = [];
+    wanted.forEach((argument, at) => {
+      const one = given[at];
+      if (!(one instanceof Block)) return words.push(BigInt(/** @type {number} */ (one)));
+      if (one.kind !== argument.kind || one.shape.length !== argument.dimensions) {
+        throw new Error(`${name}: ${argument.name} is ${argument.kind} of ${argument.dimensions} dimensions`);
+      }
+      return words.push(BigInt(one.at), ...one.shape.map(BigInt));
+    });
+    const table = this.array("int64", [words.length + results.length]);
+    table.data.set(words);
+    const call = this.exported[name];
+    return {
+      /** @param {number} [number] @returns {number} */
+      call: (number = 0) => call(table.at, number),
+      /** A result that is a fraction. @param {number} at */
+      real: (at) => new DataView(this.memory.buffer).getFloat64(table.at + WORD_BYTES * (words.length + at), true),
+    };
+  }
+}
+
+/** A grid world in an episode. */
+export class GridWorld {
+  /** @param {Kernels} kernels @param {Start} start */
+  constructor(kernels, start) {
+    this.kernels = kernels;
+    this.size = start.view_size;
+    this.inView = start.in_view ?? false;
+    this.row = kernels.array("int32", [start.row.length]);
+    this.words = kernels.array("uint64", [start.words.length]);
+    this.image = kernels.array("uint8", [this.size, this.size, 3]);
+    this.stepped = kernels.bind("step", this.row, this.words, this.image);
+    this.seen = kernels.bind("see", this.row, this.image);
+    /** @type {Map<string, Picture>} */ this.pictures = new Map();
+    this.begin(start);
+  }
+
+  /** Begin an episode in a world of the same size. @param {Start} start */
+  begin(start) {
+    this.row.data.set(start.row);
+    this.words.data.set(start.words);
+    this.seen.call();
+  }
+
+  get playing() { return this.row.data[PHASE] === PLAYING; }
+
+  /** The status, bit 0 for an end and bit 1 for the step limit; below 0 nothing was done. @param {number} action */
+  step(action) {
+    const status = this.stepped.call(action);
+    return { status, reward: status < 0 ? 0 : this.stepped.real(2), direction: /** @type {number} */ (this.row.data[DIRECTION]) };
+  }
+
+  /** Draw into a picture that is kept. @param {View} view @param {Atlas} atlas @param {boolean} [lit] */
+  draw(view, atlas, lit = true) {
+    const key = `${view} ${atlas.tile_px}`;
+    let picture = this.pictures.get(key);
+    if (!picture) this.pictures.set(key, (picture = new Picture(this, view, atlas)));
+    return picture.draw(lit);
+  }
+}
+
+/** What a grid world looks like, in one size. */
+class Picture {
+  /** @param {GridWorld} world @param {View} view @param {Atlas} atlas */
+  constructor(world, view, atlas) {
+    const { kernels, row } = world, { tile_px: px, small_px: small } = atlas;
+    const full = view === "full";
+    const [columns, lines] = full ? [row.data[WIDTH], row.data[HEIGHT]] : [world.size, world.size];
+    const looks = atlas.under.length / 4, tiles = atlas.tiles.length / (2 * px * px * 3);
+    this.world = world;
+    this.full = full;
+    this.width = columns * px;
+    this.height = lines * px;
+    this.image = kernels.array("uint8", [world.size, world.size, 3]);
+    this.rgb = kernels.array("uint8", [this.height, this.width * 3]);
+    this.flat = new Block(kernels.memory, "uint8", this.rgb.at, [this.rgb.length]);
+    this.rgba = kernels.array("uint8", [this.width * this.height * 4]);
+    this.seen = kernels.bind("see", row, this.image);
+    this.drawn = kernels.bind(
+      "draw_cells", row, this.image, Number(full), Number(world.inView), kernels.array("int64", [columns, lines]),
+      kernels.array("int64", [looks], atlas.number), kernels.array("int64", [4, looks], atlas.under),
+      kernels.array("uint8", [2, tiles, px, 3 * px], atlas.tiles), this.figures(kernels, atlas.agents, px),
+      this.figures(kernels, atlas.carried, small), this.rgb, this.rgb,
+    );
+    this.converted = kernels.bind("write_rgba", this.flat, this.rgba);
+  }
+
+  /** @param {Kernels} kernels @param {Uint8Array} from @param {number} px */
+  figures(kernels, from, px) { return kernels.array("uint8", [from.length / (px * px * 4), px, px, 4], from); }
+
+  /** @param {boolean} lit */
+  draw(lit) {
+    if (lit || !this.full) this.seen.call();
+    else this.image.data.fill(0);
+    this.drawn.call();
+    return this;
+  }
+
+  /** Put it onto a canvas of its size. @param {HTMLCanvasElement} canvas */
+  paint(canvas) {
+    this.converted.call();
+    if (canvas.width !== this.width || canvas.height !== this.height) {
+      canvas.width = this.width;
+      canvas.height = this.height;
+    }
+    const { buffer } = this.kernels.memory;
+    const pixels = new Uint8ClampedArray(/** @type {ArrayBuffer} */ (buffer), this.rgba.at, this.rgba.length);
+    canvas.getContext("2d")?.putImageData(new ImageData(pixels, this.width, this.height), 0, 0);
+  }
+
+  get kernels() { return this.world.kernels; }
+}
+
+
+/** A first-person scene, drawn again and again in one size. */
+export class Scene {
+  /**
+   * @param {Kernels} kernels @param {Record<string, Numbers>} tables of the scene, by the names of `cover`'s parameters
+   * @param {{ texels: Uint32Array, table: Uint32Array }} textures @param {number} things
+   * @param {{ width: number, height: number, room: [number, number] }} size with how many numbers there are to draw in
+   */
+  constructor(kernels, tables, textures, things, { width, height, room }) {
+    /** @param {keyof TYPES} kind @param {string} name */
+    const table = (kind, name) => kernels.array(kind, [(tables[name] ?? []).length], tables[name]);
+    const columns = things ? (tables.things ?? []).length / things : 1;
+    this.view = table("float64", "view");
+    this.places = kernels.array("float64", [things, 6]);
+    this.picture = kernels.array("uint8", [height, width, 3]);
+    const floats = kernels.array("float64", [room[0]]), wholes = kernels.array("int32", [room[1]]);
+    this.covered = kernels.bind(
+      "cover", table("float64", "room_floats"), table("int32", "room_wholes"), table("float64", "library_floats"),
+      table("int32", "library_wholes"), kernels.array("float64", [things, columns], tables.things), this.places,
+      this.view, floats, wholes,
+    );
+    const { texels, table: sizes } = textures;
+    this.coloured = kernels.bind(
+      "colour", kernels.array("uint32", [texels.length], texels), kernels.array("uint32", [sizes.length], sizes),
+      this.view, floats, wholes, this.picture,
+    );
+  }
+
+  /** Draw what an eye sees; false where a row has more spans than there is room for. @param {Numbers} view @param {Numbers} places */
+  draw(view, places) {
+    this.view.data.set(view);
+    this.places.data.set(places);
+    if (!this.covered.call()) return false;
+    this.coloured.call();
+    return true;
+  }
+}
+
+// a function of one SIMD instruction: valid only where a browser has them
+const SIMD_PROBE = new Uint8Array([
+  0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11,
+]);

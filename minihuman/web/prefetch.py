@@ -1,0 +1,249 @@
+"""Prefetch the screens that the next inputs lead to outside of episodes, and the pictures of films. No I/O, no clock.
+
+A copy of the session tries each likely input; the session's own screen counts where the two differ. Films are drawn one
+picture at a time: a whole episode at once would keep all other participants waiting.
+"""
+
+import hashlib
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown, Tick
+from minihuman.experiment.machine.screens import (
+    BlankScreen,
+    FilmScreen,
+    OptionList,
+    PageScreen,
+    PairScreen,
+    PlayScreen,
+    QuestionScreen,
+    RatingScale,
+    Screen,
+    ShapeCanvas,
+    TextScreen,
+)
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.replay import WorldLender, can_copy_session, copy_session
+from minihuman.web.look_ahead import name_scene
+from minihuman.web.messages import FilmFrame, PrefetchedScreen, ScreenPrefetch
+from minihuman.web.screen_values import NumberPicture, convert_screen
+
+NEAR_RTT_NS = 40_000_000  # below it one input ahead is enough
+_NAME_BITS = 2**52 - 1  # what a page's numbers hold
+_MOST_TRIES = 48  # from one screen
+_FLIP_NS = 16_000_000  # until a screen is there
+_LOOK_NS = 200_000_000  # until an input
+_TICK = "tick"
+_MOVING = ("step", "controller", "controller_text")  # of a screen that the page goes on with by itself
+
+
+@dataclass(slots=True)
+class _CopiedScreen:
+    """A screen, and the session that shows it."""
+
+    name: int
+    session: SessionMachine
+    depth: int
+
+
+class ScreenPrefetcher:
+    """Which screens inputs lead to, from where a session is.
+
+    Args:
+        number: numbers a picture, which is sent before the screen that has it.
+        lend: lends a world that may be reset.
+    """
+
+    def __init__(self, number: NumberPicture, lend: WorldLender) -> None:
+        self.tried = 0  # inputs
+        self._number = number
+        self._lend = lend
+        self._to_do: deque[tuple[_CopiedScreen, str]] = deque()
+        self._left = 0  # tries
+        self._looked_from: set[int] = set()  # since the session shows its screen
+        self._screens: set[int] = set()  # that the page has
+        self._edges: dict[tuple[int, str], int] = {}
+        self._new_screens: list[PrefetchedScreen] = []
+        self._new_edges: list[tuple[int, str, int]] = []
+
+    def start_from(self, session: SessionMachine, name: int) -> None:
+        """The session shows another screen."""
+        self._to_do.clear()
+        self._left = _MOST_TRIES
+        self._looked_from = set()
+        if not session.over and can_copy_session(session) and session.phase is session.part.phase:
+            self._look_at(_CopiedScreen(name, session, 0))
+
+    def grow(self, rtt_ns: int) -> bool:
+        """Try one input; False where there is none that is worth it."""
+        deepest = 1 if rtt_ns < NEAR_RTT_NS else 3
+        while self._to_do and self._left:
+            copied, input_name = self._to_do.popleft()
+            if copied.depth < deepest:
+                self._left -= 1
+                self._try(copied, input_name)
+                return True
+        return False
+
+    def take_new(self) -> ScreenPrefetch | None:
+        """What the page does not know yet."""
+        screens, edges = self._new_screens, self._new_edges
+        self._new_screens, self._new_edges = [], []
+        return ScreenPrefetch(screens, edges) if edges else None
+
+    def _look_at(self, copied: _CopiedScreen) -> None:
+        if copied.name not in self._looked_from:
+            self._looked_from.add(copied.name)
+            self._to_do.extend((copied, input_name) for input_name in list_likely_inputs(copied.session))
+
+    def _try(self, copied: _CopiedScreen, input_name: str) -> None:
+        tried = copy_session(copied.session, self._lend)
+        self.tried += 1
+        _, at_ns = _mark_shown(tried)
+        due_ns = tried.next_tick_ns
+        if input_name == _TICK and due_ns is not None:
+            at_ns = max(at_ns, due_ns)
+        try:
+            tried.receive(_input(input_name, at_ns))
+        except WorldError:  # the world is not available here
+            return
+        if tried.over or tried.failure is not None or not can_copy_session(tried):
+            return
+        values, name = describe_screen(tried, self._number)
+        playing = tried.play
+        if name not in self._screens:
+            due_ns = tried.next_tick_ns
+            after_ns = None if due_ns is None else max(0, due_ns - at_ns)
+            episode, scene = (
+                (-1, -1) if playing is None else (playing.plan.episode, name_scene(playing.world.scene_hash()))
+            )
+            self._screens.add(name)
+            self._new_screens.append(PrefetchedScreen(name, values, after_ns, episode, scene))
+        if self._edges.get((copied.name, input_name)) != name:
+            self._edges[copied.name, input_name] = name
+            self._new_edges.append((copied.name, input_name, name))
+        if playing is None:
+            self._look_at(_CopiedScreen(name, tried, copied.depth + 1))
+
+
+def describe_screen(session: SessionMachine, number: NumberPicture, known: int = 0) -> tuple[dict[str, Any], int]:
+    """Return a screen's values for the page and its name, which is the same wherever the session is in the same state.
+
+    Args:
+        session: as it stands.
+        number: gives a picture its number.
+        known: the name of what the page has; a film is not sent again for each step.
+    """
+    screen = session.screen
+    if isinstance(screen, FilmScreen | PairScreen):
+        which = screen.film if isinstance(screen, FilmScreen) else screen.pair
+        name = _name((screen.prompt, screen.progress, which), session)
+        return ({} if name == known else convert_screen(screen, number)), name
+    values = convert_screen(screen, number)
+    if isinstance(screen, PlayScreen) and session.play is None:
+        values["picture"] = number(screen.picture)
+    left_out = ("picture", *_MOVING) if advances_by_itself(session) else ("picture",)
+    looks = {key: value for key, value in values.items() if key not in left_out}
+    return values, _name(looks, session)
+
+
+def _name(looks: object, session: SessionMachine) -> int:
+    stands = (session.part.number, session.phase, session.next_episode)
+    digest = hashlib.blake2b(msgspec.json.encode((looks, stands)), digest_size=8).digest()
+    return int.from_bytes(digest, "little") & _NAME_BITS
+
+
+def advances_by_itself(session: SessionMachine) -> bool:
+    """Whether the page moves what is on the screen: an episode that is played or gone through, two films."""
+    return session.play is not None or isinstance(session.screen, PairScreen | FilmScreen)
+
+
+def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
+    """What somebody may well do next, the likeliest first, as the page says it: "key:enter", "point:go_on", "tick"."""
+    screen: Screen = session.screen
+    if session.next_tick_ns is not None:
+        yield _TICK
+    match screen:
+        case TextScreen(keys=keys) if keys:
+            yield from (f"key:{key}" for key, pressed in keys if not pressed)
+        case TextScreen() if screen.prompt:
+            yield "key:enter"
+        case PageScreen(buttons=buttons):
+            yield from ("key:enter", "point:go_on", "key:right", "key:left")
+            yield from (f"point:{button.name}" for button in buttons if button.name == "back")
+        case QuestionScreen(item=item, buttons=buttons):
+            yield from ("key:enter", "key:tab", "point:go_on")
+            yield from _answers(item)
+            yield from (one for button in buttons if button.name == "back" for one in ("key:page_up", "point:back"))
+
+
+def _answers(item: object) -> Iterator[str]:
+    match item:
+        case OptionList(options=options) | RatingScale(points=options):
+            for number in range(min(9, len(options))):
+                yield f"key:{number + 1}"
+                yield f"point:option:{number}"
+            yield from ("key:down", "key:up") if isinstance(item, OptionList) else ("key:right", "key:left")
+        case ShapeCanvas(shapes=shapes):
+            yield from (f"point:{shape.target}" for shape in shapes if shape.target)
+
+
+def _mark_shown(session: SessionMachine) -> tuple[int, int]:
+    """Mark the screen as shown; return when it was, and when an input may follow."""
+    flip_ns = session.now_ns + _FLIP_NS
+    if isinstance(session.screen, BlankScreen | TextScreen | PlayScreen):
+        session.receive(ScreenShown(flip_ns, flip_ns, flip_ns))
+    return flip_ns, flip_ns + _LOOK_NS
+
+
+def _input(input_name: str, at_ns: int) -> Input:
+    kind, _, what = input_name.partition(":")
+    match kind:
+        case "key":
+            return KeyDown(at_ns, what, "")
+        case "point":
+            return PointerPressed(at_ns, 0.5, 0.5, what, 0.5)
+    return Tick(at_ns)
+
+
+class FilmPrefetcher:
+    """What is left to be drawn of the films on the screen.
+
+    Args:
+        number: numbers a picture, which is sent before the frame that has it.
+    """
+
+    def __init__(self, number: NumberPicture) -> None:
+        self._number = number
+        self._name = 0  # of the screen
+        self._films: tuple[Sequence[NDArray[np.uint8]], ...] = ()
+        self._to_do: deque[tuple[int, int]] = deque()  # films and indices in them, the next to be seen first
+
+    def start_from(self, screen: Screen, name: int) -> None:
+        """Start from a screen that was sent with its first pictures."""
+        self._name, self._films, step = name, (), 0
+        match screen:
+            case FilmScreen():
+                self._films, step = (screen.pictures,), screen.step
+            case PairScreen():
+                self._films, step = (screen.lefts, screen.rights), screen.step
+        places = [
+            ((copied - min(step, len(film) - 1)) % len(film), side, copied)
+            for side, film in enumerate(self._films)
+            for copied in range(len(film))
+        ]
+        self._to_do = deque((side, copied) for away, side, copied in sorted(places) if away)
+
+    def grow(self) -> FilmFrame | None:
+        """Draw the next picture; None if all are there."""
+        if not self._to_do:
+            return None
+        side, copied = self._to_do.popleft()
+        return FilmFrame(self._name, side, copied, self._number(self._films[side][copied]))

@@ -1,0 +1,117 @@
+"""Screens as plain values for the page: one function per kind of screen. The page decides how they look. No I/O.
+
+A new kind of screen is a function here with its row, and a function of the same name in ``page/screens.js``. The screen
+of a plug-in's activity is sent as the picture that a window would show.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.display.drawing.keycaps import arrange_keycaps
+from minihuman.display.drawing.screen import compose_screen
+from minihuman.experiment.keys import key_label
+from minihuman.experiment.machine import screens
+
+_WINDOW_PX = (960, 720)  # of a picture that a plug-in draws
+PENDING_PICTURE = -1  # the number of a picture that is not drawn yet: see ``_film_numbers``
+NumberPicture = Callable[[NDArray[np.uint8]], int]  # a picture's number; it is sent before the screen
+
+
+def convert_screen(screen: screens.Screen, number: NumberPicture) -> dict[str, Any]:
+    """Convert a screen to JSON values: its kind, its locale, and the fields of the kind."""
+    kind, function = CONVERTERS.get(type(screen), ("page", _picture))
+    locale = {"language": screen.locale.language, "rtl": screen.locale.rtl}
+    return {"kind": kind, **locale, **function(screen, number)}
+
+
+def _values(screen: screens.Screen, names: str) -> dict[str, Any]:
+    return {name: getattr(screen, name) for name in names.split()}
+
+
+def _text(screen: screens.TextScreen, number: NumberPicture) -> dict[str, Any]:
+    labels = {key: (cap, above) for key, cap, above in screen.labels}
+    pressed = dict(screen.keys)
+    caps, wide, high = arrange_keycaps([key for key, _ in screen.keys])
+    keys = [
+        {"x": cap.x, "y": cap.y, "width": cap.width, "cap": labels[cap.key][0], "above": labels[cap.key][1]}
+        | {"pressed": pressed[cap.key]}
+        for cap in caps
+    ]
+    return {**_values(screen, "title body prompt progress"), "keys": keys, "wide": wide, "high": high}
+
+
+def _blank(screen: screens.BlankScreen, number: NumberPicture) -> dict[str, Any]:
+    return _values(screen, "cross")
+
+
+def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
+    """What is around the picture; the picture itself only where it is held, since scenes have theirs."""
+    labels = {key: (cap, above) for key, cap, above in screen.labels}
+    return {
+        **_values(screen, "progress episode step mark score_text controller controller_text"),
+        "mission": screen.mission[:1].upper() + screen.mission[1:],
+        "legend": [[*labels.get(key, (key_label(key), "")), action] for key, action in screen.legend],
+    }
+
+
+def _film(screen: screens.FilmScreen, number: NumberPicture) -> dict[str, Any]:
+    """The episode, which the page goes through by itself; all but one of its pictures follow."""
+    pictures = _film_numbers(screen.pictures, screen.step, number)
+    return {**_values(screen, "prompt progress step back forward film"), "pictures": pictures}
+
+
+def _pair(screen: screens.PairScreen, number: NumberPicture) -> dict[str, Any]:
+    """Both films, which the page plays by itself; all but one picture of each follow."""
+    return {
+        **_values(screen, "title prompt progress step replay_key"),
+        "lefts": _film_numbers(screen.lefts, screen.step, number),
+        "rights": _film_numbers(screen.rights, screen.step, number),
+        "period": screen.period_ns,
+    }
+
+
+def _film_numbers(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
+    """The number of the picture on the screen, at its index among those that are drawn later."""
+    seen = min(step, len(pictures) - 1)
+    return [number(pictures[index]) if index == seen else PENDING_PICTURE for index in range(len(pictures))]
+
+
+def _page(screen: screens.PageScreen, number: NumberPicture) -> dict[str, Any]:
+    return {
+        **_values(screen, "title body page prompt progress"),
+        "buttons": _buttons(screen),
+        "picture": None if screen.picture is None else number(screen.picture),
+        "marks": [[mark.x, mark.y, mark.label] for mark in screen.marks],
+    }
+
+
+def _picture(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
+    page = screens.PageScreen("", "", 1, 1, "", picture=compose_screen(screen, _WINDOW_PX), locale=screen.locale)
+    return _page(page, number)
+
+
+def _question(screen: screens.QuestionScreen, number: NumberPicture) -> dict[str, Any]:
+    return {
+        **_values(screen, "title question prompt progress note"),
+        "item": {"form": type(screen.item).__name__, **asdict(screen.item)},
+        "buttons": _buttons(screen),
+    }
+
+
+def _buttons(screen: screens.PageScreen | screens.QuestionScreen) -> list[dict[str, Any]]:
+    return [{"name": button.name, "label": button.label, "enabled": button.enabled} for button in screen.buttons]
+
+
+CONVERTERS: Mapping[type, tuple[str, Callable[[Any, NumberPicture], dict[str, Any]]]] = {
+    screens.TextScreen: ("text", _text),
+    screens.BlankScreen: ("blank", _blank),
+    screens.PlayScreen: ("play", _play),
+    screens.PageScreen: ("page", _page),
+    screens.QuestionScreen: ("question", _question),
+    screens.PairScreen: ("pair", _pair),
+    screens.FilmScreen: ("film", _film),
+}

@@ -1,0 +1,156 @@
+"""The server's processes: the server itself on a local port, and the workers and the dashboard beside it.
+
+The server prints its links and runs until it is stopped. Each worker has hosts of its own.
+"""
+
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import uvicorn
+
+from minihuman.errors import LogError, MinihumanError, ProtocolError
+from minihuman.experiment.activities.registry import find_kind
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
+from minihuman.web.limits import MAX_MESSAGE_BYTES
+from minihuman.web.server.app import WebServer
+
+HOST = "127.0.0.1"
+_WAITING = 1024  # connections that the system keeps until they are looked at
+
+
+class ServeError(MinihumanError, OSError):
+    """The server cannot run."""
+
+
+def require_browser_support(protocol: Protocol) -> None:
+    """Refuse a study with a part that needs a window.
+
+    Raises:
+        ProtocolError: if it has one.
+    """
+    parts = [*((block.name, block.kind) for block in protocol.blocks)]
+    parts += [(other.name, other.kind) for other in protocol.activities]
+    for name, kind in parts:
+        if not find_kind(kind).browser:
+            raise ProtocolError(f"part {name!r} has kind {kind!r}, which needs a window; use `minihuman run`")
+
+
+def open_listening_socket(port: int) -> socket.socket:
+    """Take a port of this machine; 0 takes a free one.
+
+    Raises:
+        ServeError: if it is taken.
+    """
+    taken = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        taken.bind((HOST, port))
+    except OSError as error:
+        taken.close()
+        raise ServeError(f"port {port} is not available ({error.strerror}); choose another with --port") from error
+    taken.listen(_WAITING)  # early connections wait until the server is ready
+    return taken
+
+
+def run_server(
+    protocol: Protocol, data: Path, taken: socket.socket, *, links: int, say: Callable[[str], None], address: str = ""
+) -> None:
+    """Serve a study until SIGTERM or Ctrl-C; ``say`` gets each link, to ``address`` or this machine.
+
+    Sessions are left as they are, for the next server to resume.
+    """
+    arrivals = Arrivals(protocol, data)
+    address = f"{address.rstrip('/')}/" if address else f"http://{HOST}:{taken.getsockname()[1]}/"
+    for token in arrivals.recruits.issue(links):
+        say(build_link(address, token))
+    if not links:
+        say(address)
+    for platform in protocol.web.recruitment_platforms:
+        say(f"for {platform}: {build_platform_link(platform, address)}")
+    server = WebServer(arrivals, data)
+    config = uvicorn.Config(
+        server.app(),
+        ws="websockets-sansio",
+        ws_max_size=MAX_MESSAGE_BYTES,
+        ws_ping_interval=20.0,
+        ws_per_message_deflate=False,
+        access_log=False,  # addresses are personal data
+        log_level="warning",
+        timeout_graceful_shutdown=2,
+    )
+    with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
+        uvicorn.Server(config).run(sockets=[taken])
+
+
+_PATIENCE_S = 30.0  # so long a worker may take to bring its logs to the disk
+_AGAIN_S = 1.0  # before one that died is started again
+
+
+def list_process_commands(
+    protocol: Path, study_dir: Path, *, port: int, workers: int, watch: bool
+) -> Iterator[tuple[str, ...]]:
+    """The words of each process beside the first worker; each worker has a port of its own, one after the other."""
+    if watch:
+        study_dir.mkdir(parents=True, exist_ok=True)
+        yield "watch", str(study_dir)
+    if workers > 1 and not port:
+        raise LogError("several workers use consecutive ports; give the first with --port")
+    for number in range(1, workers):
+        data = str(study_dir.parent)
+        yield "serve", str(protocol), "--data", data, "--port", str(port + number), "--links", "0"
+
+
+@contextmanager
+def keep_processes_running(commands: Iterable[Sequence[str]]) -> Iterator[None]:
+    """Keep processes running as long as this lasts: `minihuman` with these words. One that dies is started again.
+
+    They end with this process, SIGTERM included.
+    """
+    signal.signal(signal.SIGTERM, _leave)
+    kept = [_KeptProcess(words) for words in commands]
+    try:
+        yield
+    finally:
+        for one in kept:
+            one.stop()
+
+
+def _leave(*_: object) -> None:
+    raise SystemExit(0)
+
+
+class _KeptProcess:
+    def __init__(self, words: Sequence[str]) -> None:
+        self._command = [sys.executable, "-m", "minihuman", *words]
+        self._stopped = threading.Event()
+        self._starting = threading.Lock()  # held while it is restarted, which never happens after ``stop``
+        self._process = self._started()
+        self._thread = threading.Thread(target=self._keep, name=f"minihuman-{words[0]}", daemon=True)
+        self._thread.start()
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(self._command, stdin=subprocess.DEVNULL)
+
+    def _keep(self) -> None:
+        while not self._stopped.is_set():
+            self._process.wait()
+            self._stopped.wait(_AGAIN_S)
+            with self._starting:
+                if not self._stopped.is_set():
+                    self._process = self._started()
+
+    def stop(self) -> None:
+        with self._starting:
+            self._stopped.set()
+        self._process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_PATIENCE_S)
+        self._process.kill()
+        self._thread.join()

@@ -1,0 +1,372 @@
+"""The session host: one participant's session between a page and a log. Messages in, messages out; no socket, no clock.
+
+The page is the only source of inputs, and stamps them; the session alone decides their effect, and what the page showed
+in advance is compared with it at every step. The offset between page and server clock comes from the message with the
+shortest round trip; the depth of the look-ahead from the round-trip time and the rate of key presses.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from minihuman.experiment.activities.activity import RequestHandler, WorldFactory
+from minihuman.experiment.activities.agent_blocks import NewPolicy, PolicyRequest
+from minihuman.experiment.activities.preferences import ClipRequest
+from minihuman.experiment.machine import inputs
+from minihuman.experiment.machine.events import Event, Linked, Noted
+from minihuman.experiment.machine.pending_allocation import awaits_allocation
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.replay import BROWSER_NOTE
+from minihuman.log.record.recorder import Recorder
+from minihuman.web import messages
+from minihuman.web.messages import OutgoingStream, RoundTripMessage
+from minihuman.web.outbox import Outbox, PageSettings
+
+_DRIFT_AFTER_NS = 60_000_000_000  # before, jitter hides the drift
+
+
+class PageClock:
+    """Takes what the page measured, and says it for the log."""
+
+    def __init__(self) -> None:
+        self.rtt_ns: int | None = None  # of the quickest of the latest; None until one was measured
+        self._first: tuple[int, int] | None = None  # time and offset of the first
+
+    def linked(self, at_ns: int, link: RoundTripMessage) -> Linked:
+        """An event for the log.
+
+        Args:
+            at_ns: the session's time.
+            link: the quickest of the page's latest messages there and back.
+        """
+        least_ns = max(0, (link.back - link.sent) - (link.answered - link.received))
+        offset_ns = ((link.received - link.sent) + (link.answered - link.back)) // 2
+        self.rtt_ns = least_ns
+        if self._first is None:
+            self._first = at_ns, offset_ns
+        passed_ns = at_ns - self._first[0]
+        drift = (offset_ns - self._first[1]) / passed_ns * 1e6 if passed_ns >= _DRIFT_AFTER_NS else None
+        return Linked(at_ns, offset_ns, -(-least_ns // 2), link.latest, least_ns, drift)
+
+
+_LATEST = 8
+_USUAL_HZ = 3.0
+_PAUSE_NS = 2_000_000_000  # a longer pause does not count
+
+
+class KeyRate:
+    """Takes when keys were pressed."""
+
+    def __init__(self) -> None:
+        self._last_ns: int | None = None
+        self._between_ns: deque[int] = deque(maxlen=_LATEST)
+
+    def pressed(self, t_ns: int) -> None:
+        """A key was."""
+        if self._last_ns is not None and 0 < t_ns - self._last_ns < _PAUSE_NS:
+            self._between_ns.append(t_ns - self._last_ns)
+        self._last_ns = t_ns
+
+    @property
+    def hz(self) -> float:
+        """Keys a second, of the quicker half."""
+        if not self._between_ns:
+            return _USUAL_HZ
+        return 1e9 / sorted(self._between_ns)[len(self._between_ns) // 4]
+
+
+_POINTERS: dict[str, type[inputs.PointerPressed | inputs.PointerMoved | inputs.PointerReleased]] = {
+    "pressed": inputs.PointerPressed,
+    "moved": inputs.PointerMoved,
+    "released": inputs.PointerReleased,
+}
+_MOST_UNHEARD = 20  # a page has one in a segment
+_FAR_RTT_NS = 150_000_000  # until the latency is measured
+
+
+@dataclass(slots=True)
+class _PendingMessage:
+    """A message of the page's that was taken, and the write that has to be on the disk for it to be safe."""
+
+    number: int
+    write: int
+
+
+class SessionHost:
+    """Receives the page's messages and fills the outbox with the answers.
+
+    Args:
+        session: new, or resumed from its log.
+        recorder: where its events go; the session's, and a few of the page's own.
+        make_world: makes worlds to look ahead in.
+        settings: what of the protocol is about pages.
+        agent: answers what a part wants from outside; None where no part does.
+        logged: the events of the log that the session is resumed from.
+        unwritten: events of that session that the log does not hold.
+    """
+
+    def __init__(
+        self,
+        session: SessionMachine,
+        recorder: Recorder,
+        make_world: WorldFactory,
+        settings: PageSettings,
+        *,
+        agent: RequestHandler | None = None,
+        logged: Sequence[Event] = (),
+        unwritten: Sequence[Event] = (),
+    ) -> None:
+        self.session = session
+        self.recorder = recorder
+        self.presses = 0
+        self._mark_ns = logged[-1].t_ns if logged else 0
+        self.last_at_ns = self._mark_ns
+        self._outbox = Outbox(session, make_world, settings, logged)
+        self._agent = agent
+        self._learnt: NewPolicy | None = None  # what a learner made, until the session has it
+        self._learnt_told = False  # the page was asked to say when
+        self._last_asked = 0
+        self._writes = 0  # of events
+        self._begun = bool(logged)  # the session knows what time it is
+        self._before_plan: list[Event] = []  # of the page's own, until the group is drawn
+        self._taken: deque[_PendingMessage] = deque()
+        self._unheard = 0  # notes of what was done in segments before
+        self._settled = 0  # the last message of the page's that is safe
+        self._link = PageClock()
+        self._rate = KeyRate()
+        self._asked: dict[int, Callable[[int], inputs.Input | None]] = {}  # what happens at the page's echo
+        self._write(unwritten)
+
+    # What the outside looks at
+
+    @property
+    def over(self) -> bool:
+        """Whether the session is."""
+        return self.session.over
+
+    @property
+    def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
+        """The messages to the page; another object after a restart."""
+        return self._outbox.outgoing
+
+    @property
+    def rtt_ns(self) -> int | None:
+        """The shortest recent round trip; None until it was measured."""
+        return self._link.rtt_ns
+
+    @property
+    def has_agent(self) -> bool:
+        """Whether a part may want something from outside."""
+        return self._agent is not None
+
+    def safe(self) -> int:
+        """The last of the page's messages that is on the disk, and all before it: what may be acknowledged."""
+        durable = self.recorder.durable_writes
+        while self._taken and self._taken[0].write <= durable:
+            self._settled = self._taken.popleft().number
+        return self._settled
+
+    # Inputs
+
+    def receive(self, number: int, at_ns: int, message: messages.PageMessage) -> None:
+        """Take a numbered message of the page's.
+
+        Raises:
+            LogError: if the log cannot be written.
+            MessageError: if its time is not later than the last one's.
+        """
+        self._outbox.through = number
+        if _may_lead_on(message) and not (_is_release(message) and self._outbox.ignores_releases):
+            self._outbox.moved = number
+        if at_ns <= self._mark_ns:  # it is in the log that the session was resumed from
+            self._taken.append(_PendingMessage(number, 0))
+            return
+        if at_ns <= self.last_at_ns:
+            raise messages.MessageError(
+                f"message {number} has time {at_ns} ns, which is not after the previous one's {self.last_at_ns} ns"
+            )
+        self.last_at_ns = self._outbox.at_ns = at_ns
+        if not self._begun and not isinstance(message, messages.TickMessage):
+            self._write(self.session.receive(inputs.Tick(at_ns)))
+        self._begun = True
+        events = self._events(message, at_ns)
+        self._write(events)
+        depends_on_next = isinstance(message, messages.DisplayedMessage) and not events  # kept until that is safe
+        unsaid = depends_on_next or awaits_allocation(self.session)
+        self._taken.append(_PendingMessage(number, self._writes + unsaid))
+        self._outbox.follow(events)
+        self._answer()
+
+    def stop(self, stop: inputs.Stop | inputs.ExperimenterCommand) -> None:
+        """End the session from outside, or do what the experimenter asks while no page is there.
+
+        Raises:
+            LogError: if the log cannot be written.
+        """
+        self._write(self.session.receive(stop))
+
+    def ask(self, what: str, text: str) -> None:
+        """Let the page say when the experimenter's wish reached it."""
+        self._ask(lambda at_ns: inputs.ExperimenterCommand(at_ns, what, text))  # type: ignore[arg-type]
+
+    def _ask(self, then: Callable[[int], inputs.Input | None]) -> None:
+        number = self._last_asked = self._last_asked + 1
+        self._asked[number] = then
+        self.outgoing.add(messages.CommandMessage(number))
+
+    # What a part wants from outside
+
+    def _answer(self) -> None:
+        """Answer the part's requests at the time of the page's last message; a learner's work is polled for."""
+        while self._agent is not None and not self.session.over and (want := self.session.request) is not None:
+            if isinstance(want, PolicyRequest) and want.learning:
+                return
+            given = self._agent.answer(want, self.session.play, self.last_at_ns)
+            if given is None:
+                return
+            events = self.session.receive(given)
+            self._write(events)
+            self._outbox.follow(events)
+
+    def poll(self) -> bool:
+        """See whether a learner that was asked has made something; True if there is something to tell the page."""
+        if not self.session.over and isinstance(self.session.request, ClipRequest):
+            before = self._writes
+            self._answer()
+            return self._writes > before
+        if self._agent is None or self._learnt_told or (want := self._wants_learnt) is None:
+            return False
+        if self._learnt is None:
+            given = self._agent.answer(want, None, self.last_at_ns)
+            self._learnt = given if isinstance(given, NewPolicy) else None
+        if self._learnt is None:
+            return False
+        self._learnt_told = True
+        self._ask(self._take_learnt)
+        return True
+
+    @property
+    def _wants_learnt(self) -> PolicyRequest | None:
+        """What a learner was asked for, where it can be taken now; while an episode is played it has to wait."""
+        want = None if self.session.over else self.session.request
+        return want if isinstance(want, PolicyRequest) and want.learning else None
+
+    def _take_learnt(self, at_ns: int) -> inputs.Input | None:
+        """The policy that was made; if an episode has begun since the page is asked again after it."""
+        self._learnt_told = False
+        if self._learnt is None or self._wants_learnt is None:
+            return None
+        given, self._learnt = self._learnt, None
+        return replace(given, t_ns=at_ns)
+
+    def _events(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
+        match message:
+            case messages.RoundTripMessage():
+                return [self._link.linked(at_ns, message)]
+            case messages.LateInputMessage():
+                self._unheard += 1
+                if self._unheard > _MOST_UNHEARD:
+                    return []
+                return [Noted(at_ns, BROWSER_NOTE, f"not taken: {message.text}")]
+            case messages.KeyMessage(trusted=False):
+                what = "down" if message.down else "up"
+                made = Noted(
+                    at_ns, BROWSER_NOTE, f"key {message.key} {what} at {message.stamp} ns was made by a script"
+                )
+                return [made, *self._played(message, at_ns)]
+            case messages.DisplayedMessage(step=step) if step >= 0:
+                return self._step_shown(message, at_ns)
+        return self._played(message, at_ns)
+
+    def _played(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
+        happened = self._input(message, at_ns)
+        return [] if happened is None else self.session.receive(happened, at_ns=at_ns)
+
+    def _input(self, message: messages.PageMessage, at_ns: int) -> inputs.Input | None:
+        match message:
+            case messages.KeyMessage():
+                stamp_ns = min(message.stamp, at_ns)
+                if not message.down:
+                    return inputs.KeyUp(stamp_ns, message.key, message.symbol)
+                self.presses += not message.repeat
+                self._rate.pressed(stamp_ns)
+                return inputs.KeyDown(stamp_ns, message.key, message.symbol, repeat=message.repeat)
+            case messages.DisplayedMessage() if self._outbox.is_present(message):
+                return inputs.ScreenShown(at_ns, *_in_order(message, at_ns))
+            case messages.TickMessage():
+                return inputs.Tick(at_ns)
+            case messages.TextMessage():
+                return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
+            case messages.PointerMessage():
+                return _POINTERS[message.what](at_ns, message.x, message.y, message.target, message.along)
+            case messages.FocusMessage():
+                return inputs.FocusChanged(at_ns, message.focused)
+            case messages.CommandEcho() if message.number in self._asked:
+                return self._asked.pop(message.number)(at_ns)
+        return None
+
+    def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
+        """Word of a step's picture: held against where the session was then."""
+        if not self._outbox.knows(message):
+            return []
+        difference = self._outbox.difference(message)
+        events: list[Event] = [Noted(at_ns, BROWSER_NOTE, difference)] if difference else []
+        submit_ns, flip_ns = _in_order(message, at_ns)
+        return [
+            *events,
+            *self.session.receive(inputs.ScreenShown(at_ns, submit_ns, flip_ns, message.step), at_ns=at_ns),
+        ]
+
+    def _write(self, events: Sequence[Event]) -> None:
+        """Write what the session says; what the page says of itself before there is a plan comes with it."""
+        if awaits_allocation(self.session):
+            self._before_plan += events
+            return
+        if events and self._before_plan:
+            events = sorted([*events, *self._before_plan], key=lambda event: event.t_ns)
+            self._before_plan = []
+        if events:
+            self._writes += 1
+            self.recorder.write(events)
+
+    # Messages to the page
+
+    def grow(self) -> bool:
+        """Look one scene, or one screen, further ahead; False if there is nothing to look at."""
+        return self._outbox.grow(self._link.rtt_ns or _FAR_RTT_NS, self._rate.hz)
+
+    def send_prefetched(self) -> None:
+        """Send what was prefetched since the last message."""
+        self._outbox.send_prefetched()
+
+    def restart(self) -> None:
+        """The page is another one, or knows nothing any more: tell it all from the start."""
+        self._outbox.restart(self._asked, begun=self._begun)
+        if not self.over and self._begun:
+            self._answer()
+
+    def close_agent(self) -> None:
+        """Let a learner go."""
+        if self._agent is not None:
+            self._agent.close()
+
+    def close(self) -> None:
+        """Let go of worlds and of a learner."""
+        self.session.close()
+        self.close_agent()
+        self._outbox.close()
+
+
+def _may_lead_on(message: messages.PageMessage) -> bool:
+    """Whether a message may change the session: reports of screens and of the latency do not."""
+    return not isinstance(message, messages.DisplayedMessage | messages.RoundTripMessage | messages.LateInputMessage)
+
+
+def _is_release(message: messages.PageMessage) -> bool:
+    return isinstance(message, messages.KeyMessage) and not message.down
+
+
+def _in_order(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:
+    """When it was submitted and when it was there, no later than the word of it."""
+    flip_ns = min(message.flip, at_ns)
+    return min(message.submit, flip_ns), flip_ns

@@ -1,0 +1,1 @@
+"""Adapters: any Gymnasium environment behind one face."""

@@ -1,0 +1,187 @@
+"""Pose, map, hashes, save and restore of worlds built like Minigrid's or Miniworld's, without importing either.
+
+A world counts as Minigrid-like if it has a `grid` of cells, an `agent_pos` and an `agent_dir`; as Miniworld-like if it
+has an `agent` with `pos` and `dir`, `rooms` and `entities`.
+"""
+
+import abc
+import copy
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.colours import RGB_BY_COLOUR, hex_colour
+from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.hashing import hash64
+from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
+
+_YAW_RAD = (0.0, -math.pi / 2, math.pi, math.pi / 2)  # right, down, left, up
+_MINIGRID_COLOURS = {
+    "red": "#ff0000",
+    "green": "#00ff00",
+    "blue": "#0000ff",
+    "purple": "#7027c3",
+    "yellow": "#ffff00",
+    "grey": "#646464",
+}
+
+
+def is_minigrid_like(env: Any) -> bool:
+    """Whether an unwrapped environment keeps its state the way Minigrid's do."""
+    return all(hasattr(env, name) for name in ("grid", "agent_pos", "agent_dir", "get_frame")) and hasattr(
+        env.grid, "encode"
+    )
+
+
+class _Adapter(NativeWorld):
+    """An environment seen through our contract; the environment keeps the state."""
+
+    def __init__(self, env: Any) -> None:
+        self._env = env
+
+    def state_hash(self) -> int:
+        """Everything in the environment that decides the future, the random stream included."""
+        return hash64(self._scene() | {"steps": int(self._env.step_count)})
+
+    def scene_hash(self) -> int:
+        """The same without the step count."""
+        return hash64(self._scene())
+
+    def advance(self, action: int) -> tuple[float, bool, bool]:
+        """A step; the environment knows none without an observation."""
+        _, reward, terminated, truncated, _ = self._env.step(action)
+        return float(reward), bool(terminated), bool(truncated)
+
+    @abc.abstractmethod
+    def _scene(self) -> dict[str, Any]:
+        """What is hashed."""
+
+
+class MinigridAdapter(_Adapter):
+    """A Minigrid-like environment; its hash covers cells, box contents, pose, load, mission and steps."""
+
+    def pose(self) -> Pose:
+        """Column, 0, row and heading."""
+        column, row = self._env.agent_pos
+        return Pose(x=float(column), y=0.0, z=float(row), yaw_rad=_YAW_RAD[int(self._env.agent_dir)])
+
+    def map(self) -> Map:
+        """Walls as the outlines of wall cells; every other cell's content as a thing."""
+        grid = self._env.grid
+        is_wall = np.zeros((grid.width, grid.height), dtype=np.bool_)
+        things: list[Thing] = []
+        for row in range(grid.height):
+            for column in range(grid.width):
+                cell = grid.get(column, row)
+                if cell is None:
+                    continue
+                if cell.type == "wall":
+                    is_wall[column, row] = True
+                else:
+                    colour = _MINIGRID_COLOURS.get(cell.color, "#646464")
+                    things.append(Thing(f"{cell.color} {cell.type}", float(column), float(row), 0.5, colour))
+        return Map("cell", (-0.5, -0.5, grid.width - 0.5, grid.height - 0.5), wall_outlines(is_wall), tuple(things))
+
+    def _scene(self) -> dict[str, Any]:
+        env = self._env
+        contents = [_nested(cell) for cell in env.grid.grid if cell is not None and cell.contains is not None]
+        return {
+            "cells": env.grid.encode(),
+            "contents": contents,
+            "agent": [int(env.agent_pos[0]), int(env.agent_pos[1]), int(env.agent_dir)],
+            "carrying": _nested(env.carrying),
+            "mission": str(env.mission),
+            "random": env.np_random.bit_generator.state,
+        }
+
+    def save(self) -> Any:
+        """A deep copy of the environment's attributes."""
+        return copy.deepcopy(vars(self._env))
+
+    def restore(self, saved: Any) -> None:
+        """Put a copy of the saved attributes back."""
+        if not isinstance(saved, dict):
+            raise WorldError(f"{saved!r} was not saved by this world; pass what save() returned")
+        vars(self._env).clear()
+        vars(self._env).update(copy.deepcopy(saved))
+
+    def picture(
+        self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The environment's own drawing; it knows only the classic palette, so ``palette`` changes nothing."""
+        env = self._env
+        columns, rows = (env.agent_view_size,) * 2 if view == "partial" else (env.width, env.height)
+        tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
+        return np.asarray(env.get_frame(env.highlight, tile_px, view == "partial"), dtype=np.uint8)
+
+
+def _nested(thing: Any) -> list[Any] | None:
+    """A thing's code and, inside it, that of what it contains."""
+    return None if thing is None else [[int(code) for code in thing.encode()], _nested(thing.contains)]
+
+
+_MINIWORLD_COLOURS = {name: hex_colour(rgb) for name, rgb in RGB_BY_COLOUR.items()}
+
+
+def is_miniworld_like(env: Any) -> bool:
+    """Whether an unwrapped environment keeps its state the way Miniworld's do."""
+    return all(hasattr(env, name) for name in ("agent", "rooms", "entities", "render_obs", "render_top_view"))
+
+
+class MiniworldAdapter(_Adapter):
+    """A Miniworld-like environment; its hash covers agent, entities, walls, load and steps."""
+
+    def pose(self) -> Pose:
+        """The agent's own position and direction, digit for digit."""
+        x, y, z = self._env.agent.pos
+        return Pose(float(x), float(y), float(z), float(self._env.agent.dir))
+
+    def map(self) -> Map:
+        """The walls that stop the agent, and everything that stands in the rooms but the agent."""
+        env = self._env
+        walls = tuple((float(a[0]), float(a[2]), float(b[0]), float(b[2])) for a, b in env.wall_segs)
+        things = tuple(_thing(entity) for entity in env.entities if entity is not env.agent)
+        return Map("m", (float(env.min_x), float(env.min_z), float(env.max_x), float(env.max_z)), walls, things)
+
+    def _scene(self) -> dict[str, Any]:
+        env = self._env
+        carrying = env.agent.carrying
+        return {
+            "entities": [_state(entity) for entity in env.entities],
+            "walls": np.asarray(env.wall_segs, dtype=np.float64),
+            "carrying": -1 if carrying is None else env.entities.index(carrying),
+            "random": env.np_random.bit_generator.state,
+        }
+
+    def save(self) -> Any:
+        """Its state is tied to an OpenGL context and cannot be copied."""
+        raise WorldError(
+            f"{type(self._env).__name__} cannot be saved mid-episode; use the minihuman/ world of that name"
+        )
+
+    def restore(self, saved: Any) -> None:
+        """Nothing can have been saved."""
+        self.save()
+
+    def picture(
+        self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The environment's own drawing, of the size it was made with; only the classic palette."""
+        draw = self._env.render_obs if view == "partial" else self._env.render_top_view
+        return np.asarray(draw(self._env.vis_fb), dtype=np.uint8)
+
+
+def _state(entity: Any) -> list[Any]:
+    place = [float(value) for value in entity.pos]
+    return [type(entity).__name__, place, float(entity.dir), float(entity.radius), float(entity.height)]
+
+
+def _thing(entity: Any) -> Thing:
+    colour = getattr(entity, "color", "grey")
+    kind = type(entity).__name__.lower()
+    name = f"{colour} {kind}" if hasattr(entity, "color") else kind
+    x, _, z = entity.pos
+    return Thing(name, float(x), float(z), float(entity.radius), _MINIWORLD_COLOURS.get(colour, "#636363"))

@@ -1,1 +1,0 @@
-"""Building: from rooms and passages to walls and faces."""

@@ -1,0 +1,1 @@
+"""Pathfinding: paths to a goal by the real moves, and bounds on their length."""

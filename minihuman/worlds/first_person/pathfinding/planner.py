@@ -1,0 +1,352 @@
+"""The planner: a path to a goal by a world's real motion rules, and how many steps any path takes at least.
+
+Also going to several things in turn, fetching one and putting it down next to another: each leg planned, its last steps
+tried.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.pathfinding.search import (
+    Body,
+    clearance_map,
+    distance_map,
+    lies_on,
+    search,
+    shortest_way,
+)
+from minihuman.worlds.first_person.rooms import FloorPlan
+from minihuman.worlds.first_person.rules import carrying_position
+from minihuman.worlds.first_person.state import WorldState
+
+if TYPE_CHECKING:
+    from minihuman.worlds.first_person.env import FirstPersonEnv
+
+_MOST_CELLS = 20_000_000  # that the floor is divided into: some seconds, and 200 MB
+_MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that rounding never decides a move
+
+
+def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ()) -> tuple[int, ...] | None:
+    """Actions that bring the agent near the goal; None where none were found.
+
+    If it carries something, they bring that near the goal once it is put down.
+
+    At the goal they are one action, since a world checks after a step. The agent is never near the things
+    to ``avoid``.
+
+    Where step length and turn vary, their defaults are planned with: plan again after a few steps.
+
+    Raises:
+        WorldError: if the world lacks a turn or the forward step.
+    """
+    stage, moves, carried = world.stage, _moves(world), world.stage.agent.carrying
+    start = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
+    reach = _reach(stage, goal, carried) - _MARGIN
+    x, _, z = stage.agent.pos if carried is None else carrying_position(stage, stage.agent.pos, carried)
+    body = Body(
+        _default(stage, "forward_step"),
+        math.radians(_default(stage, "turn_step")),
+        float(stage.agent.radius) + _MARGIN,
+        3 if carried is None else len(moves),  # with a thing in hand there may be no turning before a step back
+        math.hypot(x - start[0], z - start[1]),
+        0.0 if carried is None else float(carried.radius) + _MARGIN,
+    )
+    if math.hypot(x - goal.pos[0], z - goal.pos[2]) < reach:
+        return moves[:1]
+    cell = min(body.step / 2, 0.1)
+    bounds = np.array(stage.floor.bounds)
+    cells = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) / cell**2
+    if cells > _MOST_CELLS:
+        raise WorldError(
+            f"the floor has {cells:.0f} cells of {cell:g} m; paths can be planned on at most {_MOST_CELLS}"
+        )
+    walls, discs, zones = stage.floor.walls, _obstacles(stage, avoid), zones_of(world)
+    free = clearance_map(walls, discs, zones, bounds, cell, body.radius)
+    column, row = int((goal.pos[0] - bounds[0]) / cell), int((goal.pos[2] - bounds[1]) / cell)
+    distance = distance_map(free, column, row, (reach + body.ahead) / cell)
+    target = (goal.pos[0], goal.pos[2], reach)
+    found = search(walls, discs, zones, start, target, body, bounds, distance, cell)
+    return tuple(moves[move] for move in found) or None
+
+
+def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
+    """A lower bound on the steps to the goal: what it takes to cover the ground, and to turn first.
+
+    It is 1 at the goal, since a world checks after a step.
+
+    The ground is the shortest path of a point round the walls, covered in steps as long as the world's longest.
+    Things in the way, most of the body's width, and later turns are left out.
+    """
+    stage = world.stage
+    x, _, z = stage.agent.pos
+    dx, dz = goal.pos[0] - x, goal.pos[2] - z
+    straight, reach = math.hypot(dx, dz), _reach(stage, goal)
+    if straight < reach:
+        return 1
+    drift = max(abs(_low(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
+    longest = math.hypot(stage.reach, drift)
+    way = straight
+    if longest < 2 * stage.agent.radius:  # a longer step could jump across a wall
+        barriers = _barriers(stage, goal, reach, longest)
+        ends = np.array(((x, z), (goal.pos[0], goal.pos[2])))
+        way = shortest_way(barriers, np.concatenate((ends, _turning_points(stage.floor, barriers))))
+    steps = max(math.ceil((way - reach) / longest - 1e-9), 1)
+    if "move_back" in world.action_names:
+        return steps
+    off = abs((math.atan2(-dz, dx) - stage.agent.dir + math.pi) % (2 * math.pi) - math.pi)
+    spared = math.asin(reach / straight) + math.atan2(drift, _low(stage, "forward_step"))
+    return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
+
+
+def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
+    """The world's actions for a turn left, a turn right, a step and, if it has that, a step back."""
+    try:
+        moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
+    except ValueError:
+        raise WorldError(
+            f"no path can be planned with the actions {world.action_names}; add both turns and a step"
+        ) from None
+    return (*moves, world.action_names.index("move_back")) if "move_back" in world.action_names else moves
+
+
+def _default(stage: WorldState, name: str) -> float:
+    return stage.parameters.number(name, None)
+
+
+def _low(stage: WorldState, name: str) -> float:
+    value = stage.parameters[name].low
+    assert not isinstance(value, tuple)
+    return value
+
+
+def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> float:
+    """How far from the goal's middle, on the ground, the agent's may be to be near it; or what it carries, put down."""
+    height = stage.agent.pos[1] if mover is None else 0.0
+    threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)
+    rise = goal.pos[1] - height
+    return math.sqrt(max(threshold * threshold - rise * rise, 0.0))
+
+
+def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
+    """The rooms that end the episode, (rooms, edges, 4): where each edge starts, and its normal into the room."""
+    rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
+    most = max(map(len, rooms), default=0)
+    padded = [edges + edges[-1:] * (most - len(edges)) for edges in rooms]
+    return np.array(padded, dtype=np.float64).reshape(len(rooms), most, 4)
+
+
+def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64]:
+    """Every thing but the agent and what it carries: x, z, and how far the middles of these two keep from it.
+
+    From those to avoid, the agent stays so far that it is not near.
+    """
+    agent, carried = stage.agent, stage.agent.carrying
+    rows = [
+        (
+            thing.pos[0],
+            thing.pos[2],
+            (_reach(stage, thing) if thing in avoid else float(agent.radius + thing.radius)) + _MARGIN,
+            (0.0 if carried is None else float(carried.radius + thing.radius)) + _MARGIN,
+        )
+        for thing in stage.entities
+        if thing is not agent and thing is not carried
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:
+    """Segments that no way to the goal crosses, and that no stop near the goal has between itself and the goal.
+
+    A stop keeps the body's radius from every wall, and the line between two stops ``kept``: so walls reach that much
+    beyond their ends. Where the line from a stop near the goal to the goal crosses a segment, the segment is closer to
+    the goal than ``reach`` less what the stop keeps from it: of such segments, what is in reach is left out.
+    """
+    radius = float(stage.agent.radius)
+    kept = 0.999 * math.sqrt(radius * radius - longest * longest / 4)
+    middle = np.array((goal.pos[0], goal.pos[2]))
+    segments: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
+    for wall in _merged(stage.floor.walls):
+        a, b = wall[:2], wall[2:]
+        ahead = (b - a) / math.hypot(*(b - a))
+        segments += [(a, b, radius), (a + 0.01 * ahead, a - kept * ahead, radius - kept)]
+        segments += [(b - 0.01 * ahead, b + kept * ahead, radius - kept)]
+    rows = [row for a, b, margin in segments for row in _out_of_reach(a, b, middle, reach, margin)]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _out_of_reach(
+    a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64], reach: float, margin: float
+) -> list[tuple[float, ...]]:
+    """A segment whole where it is far enough from the goal, otherwise the parts of it that are out of reach."""
+    length = math.hypot(*(b - a))
+    share = float((middle - a) @ (b - a)) / length**2
+    foot = a + (b - a) * min(max(share, 0.0), 1.0)
+    if math.hypot(*(foot - middle)) + margin >= reach:
+        return [(*a, *b)]
+    across = math.hypot(*(a + (b - a) * share - middle))
+    half = math.sqrt(reach**2 - across**2) / length
+    before = [(*a, *(a + (b - a) * (share - half)))] if share > half else []
+    return before + ([(*(a + (b - a) * (share + half)), *b)] if share + half < 1 else [])
+
+
+def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The ends of barriers a way may bend at: those inside a room that no other barrier runs across, (n, 2) x, z."""
+    ends = barriers.reshape(-1, 2)
+    inside = np.zeros(len(ends), dtype=np.bool_)
+    for room in floor.rooms:
+        within = np.ones(len(ends), dtype=np.bool_)
+        for (x, z), _, _, _, (normal_x, normal_z) in room.outline.edges:
+            within &= normal_x * (ends[:, 0] - x) + normal_z * (ends[:, 1] - z) > -1e-6
+        inside |= within
+    return ends[inside & ~lies_on(barriers, ends)]
+
+
+def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same walls with pieces that continue each other joined into one."""
+    rows = [tuple(row) for row in walls.tolist()]
+    starts = {row[:2]: row for row in rows}
+    joined: dict[tuple[float, ...], None] = {}
+    continued = {
+        after[:2]
+        for row in rows
+        if (after := starts.get(row[2:])) is not None and after != row and _straight(row, after)
+    }
+    for row in rows:
+        if row[:2] in continued:
+            continue
+        end = row
+        while (after := starts.get(end[2:])) is not None and _straight(end, after):
+            end = after
+        joined[(*row[:2], *end[2:])] = None
+    return np.array(list(joined), dtype=np.float64).reshape(-1, 4)
+
+
+def _straight(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    ax, az, bx, bz = a[2] - a[0], a[3] - a[1], b[2] - b[0], b[3] - b[1]
+    return abs(ax * bz - az * bx) <= 1e-9 * math.hypot(ax, az) * math.hypot(bx, bz) and ax * bx + az * bz > 0
+
+
+BACKWARDS = 8  # steps back from a thing in which it is tried to take it: beside a wall it is taken from farther off
+
+
+def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> list[int] | None:
+    """Actions that take everything that is ``left``, the nearest first; None where none were found.
+
+    The world is left as it was. Its step limit counts.
+    """
+    saved, actions = world.save(), []
+    try:
+        while things := left():
+            x, _, z = world.agent.pos
+            nearest = min(things, key=lambda thing: math.hypot(thing.pos[0] - x, thing.pos[2] - z))
+            leg = _take(world, nearest, len(things), left)
+            if leg is None:
+                return None
+            actions += leg
+        return actions
+    finally:
+        world.restore(saved)
+
+
+def _take(world: "FirstPersonEnv", thing: Entity, count: int, left: Callable[[], list[Entity]]) -> list[int] | None:
+    """Approach a thing, face it and take it, or another in front of it."""
+    pickup = world.action_names.index("pickup")
+    for done in _approaches(world, thing, ()):
+        before = world.save()
+        ended = ends(world, pickup, [])
+        if len(left()) < count:
+            return [*done, pickup]
+        if ended:
+            return None
+        world.restore(before)
+    return None
+
+
+def _approaches(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity]) -> Iterator[list[int]]:
+    """Bring the agent near a thing, facing it, then again and again a step farther off: the actions done so far."""
+    back, done = world.action_names.index("move_back"), list[int]()
+    if any(ends(world, action, done) for action in plan(world, thing, avoid=avoid) or ()):
+        return
+    for _ in range(BACKWARDS):
+        if any(ends(world, action, done) for action in turns_to(world, thing)):
+            return
+        yield done
+        if ends(world, back, done):
+            return
+
+
+def ends(world: "FirstPersonEnv", action: int, done: list[int]) -> bool:
+    """Do it, and say whether the episode is over."""
+    _, terminated, truncated = world.advance(action)
+    done.append(action)
+    return terminated or truncated
+
+
+def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
+    """The turns after which the agent faces a thing as nearly as it can."""
+    turn_rad = math.radians(world.stage.parameters.number("turn_step", None))
+    x, _, z = world.agent.pos
+    wanted_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)
+    off_rad = (wanted_rad - world.agent.dir + math.pi) % (2 * math.pi) - math.pi
+    name = "turn_left" if off_rad > 0 else "turn_right"
+    return [world.action_names.index(name)] * round(abs(off_rad) / turn_rad)
+
+
+def plan_put_next(world: "FirstPersonEnv", thing: Entity, beside: Entity) -> list[int] | None:
+    """Actions after which a thing stands next to another and nothing is carried; None where none were found.
+
+    The world is left as it was. Its step limit counts.
+    """
+    saved, done = world.save(), list[int]()
+    try:
+        carried = world.agent.carrying
+        if carried is None and world.near(thing, beside):
+            return [world.action_names.index("turn_left")]  # a world looks after a step
+        if carried is not None and carried is not thing and ends(world, world.action_names.index("drop"), done):
+            return None
+        found = _bring(world, beside) if carried is thing else _fetch_and_bring(world, thing, beside)
+        return None if found is None else done + found
+    finally:
+        world.restore(saved)
+
+
+def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, beside: Entity) -> list[int] | None:
+    """Take a thing from where it can be carried away, keeping off more and more of the things that stand near it."""
+    saved = world.save()
+    near = [each for each in world.entities if each not in (thing, world.agent)]
+    near.sort(key=lambda each: math.dist(each.pos, thing.pos))
+    for kept_off in range(len(near) + 1):
+        found = _fetch(world, thing, beside, near[:kept_off])
+        if found is not None:
+            return found
+        world.restore(saved)
+    return None
+
+
+def _fetch(world: "FirstPersonEnv", thing: Entity, beside: Entity, avoid: list[Entity]) -> list[int] | None:
+    """Take it from near it, or from farther off: it then floats ahead of where it stood, perhaps into a wall."""
+    pickup = world.action_names.index("pickup")
+    for done in _approaches(world, thing, avoid):
+        before = world.save()
+        if not ends(world, pickup, []) and world.agent.carrying is thing:
+            brought = _bring(world, beside)
+            if brought is not None:
+                return [*done, pickup, *brought]
+        world.restore(before)
+    return None
+
+
+def _bring(world: "FirstPersonEnv", beside: Entity) -> list[int] | None:
+    """Carry what is in hand next to a thing, and put it down."""
+    carried, done = world.agent.carrying, list[int]()
+    assert carried is not None
+    if any(ends(world, action, done) for action in plan(world, beside) or ()):
+        return None
+    ends(world, world.action_names.index("drop"), done)
+    return done if world.near(carried, beside) else None

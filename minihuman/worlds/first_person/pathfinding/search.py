@@ -1,0 +1,394 @@
+"""Search kernels: A* over places and headings, distance and clearance maps on small cells, a lower bound on distance.
+
+Paths are made of the real moves: turns of one angle, steps of one length, a body that must fit at every stop. The
+heuristic is how far every place is from the goal around what is in the way. What is carried floats ahead and has to fit
+too: then it is what the path brings to the goal. The lower bound is the shortest path of a point round the ends of
+walls.
+
+It shares no code with `grid.core.search`: a grid's states are whole numbers, looked up by their content and queued in
+buckets by a whole cost; here places are real numbers, known again by cell and heading, and costs are real. So the queue
+is a binary heap in arrays that the caller gives: entries are a key and a number, of equal keys the smaller number comes
+first, and the first `size` places are in use.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.first_person.walls import touches_wall
+from minihuman.worlds.kernels import device_function, kernel
+
+Keys = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+
+@device_function(nogil=True)
+def push(keys: Keys, numbers: Numbers, size: int, key: float, number: int) -> int:
+    """Add an entry; the caller has made sure that there is room."""
+    place = size
+    while place > 0:
+        above = (place - 1) >> 1
+        if not _before(key, number, keys[above], numbers[above]):
+            break
+        keys[place], numbers[place] = keys[above], numbers[above]
+        place = above
+    keys[place], numbers[place] = key, number
+    return size + 1
+
+
+@device_function(nogil=True)
+def drop_first(keys: Keys, numbers: Numbers, size: int) -> int:
+    """Take the first entry, which stands at 0, away; the next comes to stand there."""
+    size -= 1
+    key, number = keys[size], numbers[size]
+    place = 0
+    while 2 * place + 1 < size:
+        below = 2 * place + 1
+        if below + 1 < size and _before(keys[below + 1], numbers[below + 1], keys[below], numbers[below]):
+            below += 1
+        if not _before(keys[below], numbers[below], key, number):
+            break
+        keys[place], numbers[place] = keys[below], numbers[below]
+        place = below
+    keys[place], numbers[place] = key, number
+    return size
+
+
+@device_function(nogil=True)
+def _before(key: float, number: int, other_key: float, other_number: int) -> bool:
+    return key < other_key or (key == other_key and number < other_number)
+
+
+_AROUND = (  # columns right, rows down, distance
+    *((1, 0, 1.0), (0, 1, 1.0), (-1, 0, 1.0), (0, -1, 1.0)),
+    *((1, 1, math.sqrt(2)), (-1, 1, math.sqrt(2)), (1, -1, math.sqrt(2)), (-1, -1, math.sqrt(2))),
+    *((1, 2, math.sqrt(5)), (2, 1, math.sqrt(5)), (-1, 2, math.sqrt(5)), (-2, 1, math.sqrt(5))),
+    *((1, -2, math.sqrt(5)), (2, -1, math.sqrt(5)), (-1, -2, math.sqrt(5)), (-2, -1, math.sqrt(5))),
+)
+
+
+def clearance_map(
+    walls: NDArray[np.float64],
+    discs: NDArray[np.float64],
+    zones: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+    cell: float,
+    radius: float,
+) -> NDArray[np.bool_]:
+    """Which cells of a grid over ``bounds`` (x0, z0, x1, z1) a body of this radius may stand in the middle of.
+
+    ``discs`` are (n, 3 or more): x, z and how far from it the body's middle has to stay. ``zones`` are (rooms, edges,
+    4): convex areas it stays out of, each edge a point on it and its normal inwards.
+    """
+    columns, rows = int((bounds[2] - bounds[0]) / cell) + 1, int((bounds[3] - bounds[1]) / cell) + 1
+    free = np.ones((columns, rows), np.bool_)
+    _clear(walls, discs, zones, bounds, cell, radius, free)
+    return free
+
+
+def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_cells: float) -> NDArray[np.float64]:
+    """How far each cell is from the goal's, in cells; 0 within ``goal_cells`` of it, infinite without a path."""
+    waiting = free.size
+    while True:
+        distance = np.full(free.shape, np.inf)
+        keys, numbers = np.empty(waiting), np.empty(waiting, np.int64)
+        if _measure(free, goal_column, goal_row, goal_cells, distance, keys, numbers):
+            return distance
+        waiting *= 2  # a cell waits once for each shorter way to it
+
+
+@kernel(nogil=True)
+def _clear(
+    walls: NDArray[np.float64],
+    discs: NDArray[np.float64],
+    zones: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+    cell: float,
+    radius: float,
+    free: NDArray[np.bool_],
+) -> None:
+    columns, rows = free.shape
+    for index in range(walls.shape[0]):
+        first_c = max(int((min(walls[index, 0], walls[index, 2]) - radius - bounds[0]) / cell), 0)
+        last_c = min(int((max(walls[index, 0], walls[index, 2]) + radius - bounds[0]) / cell) + 1, columns - 1)
+        first_r = max(int((min(walls[index, 1], walls[index, 3]) - radius - bounds[1]) / cell), 0)
+        last_r = min(int((max(walls[index, 1], walls[index, 3]) + radius - bounds[1]) / cell) + 1, rows - 1)
+        for column in range(first_c, last_c + 1):
+            for row in range(first_r, last_r + 1):
+                x, z = bounds[0] + (column + 0.5) * cell, bounds[1] + (row + 0.5) * cell
+                if free[column, row] and touches_wall(walls[index : index + 1], x, z, radius):
+                    free[column, row] = False
+    for column in range(columns):
+        for row in range(rows):
+            x, z = bounds[0] + (column + 0.5) * cell, bounds[1] + (row + 0.5) * cell
+            for index in range(discs.shape[0]):
+                dx, dz = x - discs[index, 0], z - discs[index, 1]
+                if dx * dx + dz * dz < discs[index, 2] * discs[index, 2]:
+                    free[column, row] = False
+            if in_zone(zones, x, z):
+                free[column, row] = False
+
+
+@device_function(nogil=True)
+def in_zone(zones: NDArray[np.float64], x: float, z: float) -> bool:
+    """Whether a place is inside one of the convex areas."""
+    for zone in range(zones.shape[0]):
+        inside = True
+        for edge in range(zones.shape[1]):
+            off_x, off_z = x - zones[zone, edge, 0], z - zones[zone, edge, 1]
+            if zones[zone, edge, 2] * off_x + zones[zone, edge, 3] * off_z <= 0:
+                inside = False
+        if inside:
+            return True
+    return False
+
+
+@kernel(nogil=True)
+def _measure(
+    free: NDArray[np.bool_],
+    goal_column: int,
+    goal_row: int,
+    goal_cells: float,
+    distance: NDArray[np.float64],
+    keys: Keys,
+    numbers: Numbers,
+) -> bool:
+    """Whether there was room for all cells that had to wait."""
+    columns, rows = free.shape
+    waiting = 0
+    reach = int(goal_cells) + 1
+    for column in range(max(goal_column - reach, 0), min(goal_column + reach, columns - 1) + 1):
+        for row in range(max(goal_row - reach, 0), min(goal_row + reach, rows - 1) + 1):
+            if free[column, row] and math.hypot(column - goal_column, row - goal_row) <= goal_cells:
+                distance[column, row] = 0.0
+                waiting = push(keys, numbers, waiting, 0.0, column * rows + row)
+    while waiting > 0:
+        reached, column, row = keys[0], numbers[0] // rows, numbers[0] % rows
+        waiting = drop_first(keys, numbers, waiting)
+        if reached > distance[column, row]:
+            continue
+        for right, down, length in _AROUND:
+            c, r = column + right, row + down
+            if 0 <= c < columns and 0 <= r < rows and free[c, r] and reached + length < distance[c, r]:
+                if waiting == len(keys):
+                    return False
+                distance[c, r] = reached + length
+                waiting = push(keys, numbers, waiting, reached + length, c * rows + r)
+    return True
+
+
+def shortest_way(barriers: NDArray[np.float64], nodes: NDArray[np.float64]) -> float:
+    """The length of the shortest line from the first node to the second that crosses no barrier; infinite if none.
+
+    ``barriers`` is (n, 4): x0, z0, x1, z1, and may be touched; ``nodes`` is (m, 2): x, z, where the line may bend.
+    """
+    return _shortest(barriers, nodes, np.full(len(nodes), np.inf), np.zeros(len(nodes), np.bool_))
+
+
+def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points lie on a barrier, not at its ends."""
+    found = np.zeros(len(points), np.bool_)
+    _mark(barriers, points, found)
+    return found
+
+
+@kernel(nogil=True)
+def _shortest(
+    barriers: NDArray[np.float64], nodes: NDArray[np.float64], reached: NDArray[np.float64], done: NDArray[np.bool_]
+) -> float:
+    count = nodes.shape[0]
+    reached[0] = 0.0
+    while True:
+        here = -1
+        for node in range(count):
+            if not done[node] and reached[node] < np.inf and (here < 0 or reached[node] < reached[here]):
+                here = node
+        if here < 0 or here == 1:
+            return float(reached[1])
+        done[here] = True
+        for node in range(count):
+            length = math.hypot(nodes[node, 0] - nodes[here, 0], nodes[node, 1] - nodes[here, 1])
+            if not done[node] and reached[here] + length < reached[node] and _sees(barriers, nodes, here, node):
+                reached[node] = reached[here] + length
+
+
+@kernel(nogil=True)
+def _mark(barriers: NDArray[np.float64], points: NDArray[np.float64], found: NDArray[np.bool_]) -> None:
+    for place in range(points.shape[0]):
+        x, z = points[place, 0], points[place, 1]
+        for index in range(barriers.shape[0]):
+            ax, az, bx, bz = barriers[index, 0], barriers[index, 1], barriers[index, 2], barriers[index, 3]
+            length = math.hypot(bx - ax, bz - az)
+            along = ((x - ax) * (bx - ax) + (z - az) * (bz - az)) / length
+            across = ((x - ax) * (bz - az) - (z - az) * (bx - ax)) / length
+            if abs(across) < 1e-9 and 1e-6 < along < length - 1e-6:
+                found[place] = True
+
+
+@device_function(nogil=True)
+def _sees(barriers: NDArray[np.float64], nodes: NDArray[np.float64], a: int, b: int) -> bool:
+    ax, az, bx, bz = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1]
+    for index in range(barriers.shape[0]):
+        cx, cz, dx, dz = barriers[index, 0], barriers[index, 1], barriers[index, 2], barriers[index, 3]
+        if (
+            _side(ax, az, bx, bz, cx, cz) * _side(ax, az, bx, bz, dx, dz) < 0
+            and _side(cx, cz, dx, dz, ax, az) * _side(cx, cz, dx, dz, bx, bz) < 0
+        ):
+            return False
+    return True
+
+
+@device_function(nogil=True)
+def _side(ax: float, az: float, bx: float, bz: float, x: float, z: float) -> float:
+    """Above 0 left of the line from a to b, below 0 right of it, and 0 where rounding could not tell."""
+    turn = (bx - ax) * (z - az) - (bz - az) * (x - ax)
+    return 0.0 if abs(turn) < 1e-9 else turn
+
+
+TURN_LEFT, TURN_RIGHT, FORWARD, BACK = 0, 1, 2, 3  # what the route is made of
+_MOST_STOPS = 2_000_000  # a search that has seen so many has no way
+
+
+class Body(NamedTuple):
+    """How an agent moves and what room it takes: metres, radians; ``ahead`` and ``carried`` are 0 with empty hands."""
+
+    step: float
+    turn: float
+    radius: float
+    moves: int  # 4 where it steps back too, else 3
+    ahead: float  # from its middle to the middle of what it carries
+    carried: float  # the radius of that
+
+
+class Stops(NamedTuple):
+    """Places on the ways that are being tried: room for as many as there may be, of which memory is what is used."""
+
+    x: NDArray[np.float64]
+    z: NDArray[np.float64]
+    heading: NDArray[np.int64]  # turns to the left since the start
+    parent: NDArray[np.int64]
+    action: NDArray[np.int8]
+    cost: NDArray[np.int64]
+    keys: NDArray[np.float64]  # a heap of those to expand, by the expected cost of the path through them
+    numbers: NDArray[np.int64]
+
+
+def search(
+    walls: NDArray[np.float64],
+    discs: NDArray[np.float64],
+    zones: NDArray[np.float64],
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    body: Body,
+    bounds: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    cell: float,
+) -> list[int]:
+    """The moves from ``start`` (x, z, yaw) to within ``goal`` (x, z, radius); empty where there is no path.
+
+    ``discs`` are (n, 4): x, z, and how far from it the body's middle and that of what it carries have to stay.
+    ``distance`` comes from ``distance_map`` over cells of size ``cell``.
+    """
+    most = _MOST_STOPS
+    stops = Stops(
+        *(np.empty(most), np.empty(most), np.empty(most, np.int64), np.empty(most, np.int64)),
+        *(np.empty(most, np.int8), np.empty(most, np.int64), np.empty(most), np.empty(most, np.int64)),
+    )
+    seen = np.zeros((*distance.shape, round(2 * math.pi / body.turn)), np.bool_)
+    last = _search(walls, discs, zones, start, goal, body, bounds, distance, cell, stops, seen)
+    moves = []
+    while last > 0:
+        moves.append(int(stops.action[last]))
+        last = stops.parent[last]
+    return moves[::-1]
+
+
+@kernel(nogil=True)
+def _search(
+    walls: NDArray[np.float64],
+    discs: NDArray[np.float64],
+    zones: NDArray[np.float64],
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    body: Body,
+    bounds: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    cell: float,
+    stops: Stops,
+    seen: NDArray[np.bool_],
+) -> int:
+    """The stop at the goal; -1 where there is none."""
+    columns, rows, headings = seen.shape
+    stops.x[0], stops.z[0], stops.heading[0] = start[0], start[1], 0
+    stops.parent[0], stops.action[0], stops.cost[0] = -1, -1, 0
+    count = 1
+    waiting = push(stops.keys, stops.numbers, 0, 0.0, 0)
+    while waiting > 0 and count < len(stops.x) - 3:
+        here = stops.numbers[0]
+        waiting = drop_first(stops.keys, stops.numbers, waiting)
+        x, z, heading = stops.x[here], stops.z[here], stops.heading[here]
+        place = int((x - bounds[0]) / cell), int((z - bounds[1]) / cell), heading % headings
+        if seen[place]:
+            continue
+        seen[place] = True
+        yaw = start[2] + heading * body.turn
+        ahead_x, ahead_z = x + body.ahead * math.cos(yaw), z - body.ahead * math.sin(yaw)
+        if math.hypot(ahead_x - goal[0], ahead_z - goal[1]) < goal[2]:
+            return int(here)
+        for move in range(body.moves):
+            new_x, new_z, new_heading = x, z, heading
+            if move in (FORWARD, BACK):
+                step = body.step if move == FORWARD else -body.step
+                new_x, new_z = new_x + math.cos(yaw) * step, new_z - math.sin(yaw) * step
+                if _blocked(walls, discs, 2, new_x, new_z, body.radius) or in_zone(zones, new_x, new_z):
+                    continue
+            else:
+                new_heading += 1 if move == TURN_LEFT else -1
+            new_yaw = start[2] + new_heading * body.turn
+            if body.carried > 0.0:
+                ahead_x, ahead_z = new_x + body.ahead * math.cos(new_yaw), new_z - body.ahead * math.sin(new_yaw)
+                if _blocked(walls, discs, 3, ahead_x, ahead_z, body.carried):
+                    continue
+            column, row = int((new_x - bounds[0]) / cell), int((new_z - bounds[1]) / cell)
+            if not (0 <= column < columns and 0 <= row < rows) or seen[column, row, new_heading % headings]:
+                continue
+            left = _still_to_go(distance, column, row, new_yaw, cell, body.step, body.turn)
+            stops.x[count], stops.z[count], stops.heading[count] = new_x, new_z, new_heading
+            stops.parent[count], stops.action[count], stops.cost[count] = here, move, stops.cost[here] + 1
+            waiting = push(stops.keys, stops.numbers, waiting, stops.cost[count] + 1.5 * left, count)
+            count += 1
+    return -1
+
+
+@device_function(nogil=True)
+def _blocked(
+    walls: NDArray[np.float64], discs: NDArray[np.float64], kept: int, x: float, z: float, radius: float
+) -> bool:
+    for index in range(discs.shape[0]):
+        if math.hypot(discs[index, 0] - x, discs[index, 1] - z) < discs[index, kept]:
+            return True
+    return touches_wall(walls, x, z, radius)
+
+
+@device_function(nogil=True)
+def _still_to_go(
+    distance: NDArray[np.float64], column: int, row: int, yaw: float, cell: float, step: float, turn: float
+) -> float:
+    """About how many moves are left: the way, and the turn towards where the way leads."""
+    columns, rows = distance.shape
+    best, best_yaw, found = np.inf, yaw, distance[column, row]
+    for right in range(-3, 4):
+        for down in range(-3, 4):
+            c, r = column + right, row + down
+            if (right or down) and 0 <= c < columns and 0 <= r < rows:
+                through = distance[c, r] + math.hypot(right, down)
+                if through < best:
+                    best, best_yaw = through, math.atan2(-float(down), float(right))
+    if found == np.inf:
+        found = best
+    if found == 0.0:
+        return 0.0
+    off = abs((best_yaw - yaw + math.pi) % (2 * math.pi) - math.pi)
+    return float(found * cell / step + max(off - turn, 0.0) / turn)

@@ -1,0 +1,296 @@
+"""Pictures of a first-person state: what the agent sees, how far away it is, the world from above.
+
+Turns the state into the scene that the renderer draws. Also the pieces of compilation that processes can share.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.colours import rgb_of
+from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.first_person.entities import Box, ColouredMesh, Entity, ImageFrame, Mesh, Position, TextFrame
+from minihuman.worlds.first_person.render.asset_files import asset_library, library_lock
+from minihuman.worlds.first_person.render.assets import Library
+from minihuman.worlds.first_person.render.drawing import RenderTarget, render_depth, render_top, visible_things
+from minihuman.worlds.first_person.render.kernel_tables import F64, I64, FaceTable, RoomTable
+from minihuman.worlds.first_person.render.rasterisation import VIEW_SIZE
+from minihuman.worlds.first_person.render.scene import (
+    FAR_M,
+    NEAR_M,
+    BoxLook,
+    Camera,
+    FrameLook,
+    Light,
+    Look,
+    MeshLook,
+    Scene,
+    SceneRoom,
+    ShadowLook,
+    Surface,
+    add_things,
+    build_scene,
+)
+from minihuman.worlds.first_person.render.shading import colour
+from minihuman.worlds.first_person.render.visibility import size_of
+from minihuman.worlds.first_person.rooms import FloorPlan, Room, RoomPlan, finish_floor_plan, rectangle
+from minihuman.worlds.first_person.state import WorldState
+from minihuman.worlds.first_person.walls import CEILING, corners_of, room_faces, touches_wall
+from minihuman.worlds.pose import Pose
+
+GONE = (np.nan,) * 4
+
+
+def light(stage: WorldState) -> Light:
+    """The light of an episode."""
+    x, y, z = stage.light_pos
+    return Light((x + 1, y + 1, z + 1), stage.light_colour, stage.light_ambient)
+
+
+def places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
+    """Where the things are now, (n, 4) x, y, z, yaw_rad; not a number for one that left the stage."""
+    present = set(map(id, stage.entities))
+    rows = [(*thing.pos, thing.dir) if id(thing) in present else GONE for thing in things]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def shaded(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the shadows of things are: below them; not a number where a thing is not on the ground."""
+    return np.where(places[:, 1:2] == 0.0, places, np.nan)
+
+
+def shadow(thing: Entity) -> ShadowLook:
+    """The shadow of a thing: of a box round its corners, of others narrower than what collides; of frames none."""
+    part = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}.get(type(thing), 0.7)
+    return ShadowLook(part * float(thing.radius))
+
+
+def room_tables(floor: FloorPlan, library: Library) -> tuple[FaceTable, RoomTable]:
+    """The rooms of a floor plan as the renderer's tables: floor, ceiling and pieces of wall, and the openings."""
+    edges, first = floor.edges, floor.first_edge
+    heights = np.array([room.wall_height for room in floor.rooms])
+    textures, sizes_m = _coverings(floor, library)
+    faces, first_face = room_faces(first, edges, heights, floor.pieces, textures, sizes_m)
+    doors = floor.portals[floor.portals[:, 5] >= 0]
+    (x, z), (a, b) = edges[:, :2].T, edges[:, 5:].T
+    bounds = [extent.reduceat(at, first[:-1]) for extent in (np.minimum, np.maximum) for at in (x, z)]
+    return faces, RoomTable(
+        first_face,
+        np.column_stack(bounds),
+        first.astype(np.int32),
+        np.column_stack((a, b, -(a * x + b * z))),
+        np.searchsorted(doors[:, 0], first).astype(np.int32),
+        corners_of(edges, doors),
+        doors[:, 5].astype(np.int32),
+        textures[:, CEILING] >= 0,
+    )
+
+
+def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
+    """Of each room's floor, wall and ceiling the row of the texture, and how many metres it covers, right and up."""
+    numbers: dict[tuple[str | None, ...], int] = {}  # rooms covered alike share one
+    which = [numbers.setdefault(_covering(room), len(numbers)) for room in floor.rooms]
+    rows = [[-1 if name is None else library.texture_row(name) for name in names] for names in numbers]
+    sizes_m = [[(1.0, 1.0) if name is None else library.texture_size_m(name) for name in names] for names in numbers]
+    return np.array(rows)[which], np.array(sizes_m)[which]
+
+
+def _covering(room: RoomPlan) -> tuple[str | None, ...]:
+    """The textures of floor, wall and ceiling, None for no ceiling."""
+    wall, floor, ceiling = room.pictures
+    above = None if room.ceiling is None else variant(room.ceiling, ceiling)
+    return variant(room.floor, floor), variant(room.wall, wall), above
+
+
+def variant(texture: str, number: int) -> str:
+    """The name of one picture of a texture, counted from 0."""
+    return f"{texture}_{number + 1}"
+
+
+def look(thing: Entity, palette: Palette, library: Library) -> Look:
+    """What a thing looks like; only our own balls and keys come in the colours of every palette.
+
+    Raises:
+        WorldError: if it is of a kind that cannot be drawn.
+    """
+    match thing:
+        case Box():
+            return BoxLook(thing.size, thing.rgb if palette == "classic" else rgb_of(thing.colour_name, palette))
+        case ColouredMesh() if palette != "classic" and not library.brings(thing.mesh):
+            return MeshLook(f"{thing.kind}_white", thing.height, rgb_of(thing.colour_name, palette))
+        case Mesh():
+            return MeshLook(thing.mesh, thing.height)
+        case ImageFrame():
+            return FrameLook((variant(thing.texture, 0),), thing.width, thing.height, thing.depth)
+        case TextFrame():
+            letters = tuple(
+                None if texture is None else variant(texture, number)
+                for texture, number in zip(thing.textures, thing.variants, strict=True)
+            )
+            return FrameLook(letters, thing.width, thing.height, thing.depth)
+        case _:
+            raise WorldError(f"{thing!r} is a {type(thing).__name__}, which cannot be drawn; use a box, mesh or frame")
+
+
+_MOST_EASELS = 8  # palettes and sizes; a window that is drawn larger passes many sizes
+
+
+class WorldRenderer:
+    """Draws one world. It keeps the scene between steps; a copy of a world starts with nothing kept."""
+
+    def __init__(self, size_px: tuple[int, int], assets: str | None, *, shadows: bool = False) -> None:
+        self.shadows = shadows  # whether things have them, on the ground
+        self.size_px = size_px  # of an observation: width, height
+        self.assets = assets  # folder of textures and meshes beside our own; None: only those
+        self._floor: FloorPlan | None = None
+        self._rooms: tuple[FaceTable, RoomTable]  # the floor's
+        self._staged: dict[Palette, tuple[WorldState, list[Entity], Scene]] = {}
+        self._easels: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # where what the agent sees is drawn
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(WorldRenderer, shadows=self.shadows), (self.size_px, self.assets)
+
+    def measure(self, entity: Entity) -> None:
+        """Say how wide a thing is whose mesh is the folder's.
+
+        Raises:
+            WorldError: if there is no such mesh.
+        """
+        if isinstance(entity, Mesh) and math.isnan(entity.radius):
+            with library_lock:
+                entity.measure(*asset_library(self.assets).mesh_extents(entity.mesh))
+
+    def observation(self, stage: WorldState, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """What the agent sees, in the size of an observation; drawn into ``out`` if there is one."""
+        return self.aim_target(stage).draw(out)
+
+    def aim_target(
+        self, stage: WorldState, palette: Palette = "classic", size_px: tuple[int, int] | None = None
+    ) -> RenderTarget:
+        """Where what the agent sees is drawn next, all in its place; in the size of an observation if none is given."""
+        key = palette, size_px or self.size_px
+        observed = self._easels.get(key)
+        if observed is None or observed.stage is not stage or observed.entities != stage.entities:
+            camera(stage)  # or it says what is wrong with it
+            target = RenderTarget(self.scene(stage, palette), *key[1])
+            if len(self._easels) == _MOST_EASELS:
+                self._easels.clear()
+            observed = _Observed(stage, self._staged[palette][1], target, shadows=self.shadows)
+            self._easels[key] = observed
+        return observed.aim_target()
+
+    def draw(self, stage: WorldState, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
+        """What the agent sees, or the world from above with the agent in it."""
+        if min(size_px) < 1:
+            raise WorldError(f"a picture cannot be {size_px[0]} x {size_px[1]} pixels; both must be 1 or more")
+        if view == "partial":
+            return self.aim_target(stage, palette, (size_px[0], size_px[1])).draw()
+        return render_top(self.scene(stage, palette), *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
+
+    def depth(self, stage: WorldState, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
+        """How far away what the agent sees is, metres along its view."""
+        return render_depth(self.scene(stage), camera(stage), *size_px)
+
+    def visible(self, stage: WorldState) -> list[Entity]:
+        """The things in the agent's view, in the order they were placed."""
+        scene = self.scene(stage)
+        things = self._staged["classic"][1]
+        numbers = visible_things(scene, camera(stage), *self.size_px)
+        seen = {id(things[number]) for number in numbers if number < len(things)}  # after them come their shadows
+        return [entity for entity in stage.entities if id(entity) in seen]
+
+    def scene(self, stage: WorldState, palette: Palette = "classic") -> Scene:
+        """The scene now: laid out anew for a new stage or a new thing, otherwise with its things moved."""
+        if self._floor is not stage.floor:
+            with library_lock:
+                rooms = room_tables(stage.floor, asset_library(self.assets))
+            self._floor, self._rooms, self._staged = stage.floor, rooms, {}
+        kept = self._staged.get(palette)
+        things = [entity for entity in stage.entities if entity is not stage.agent]
+        if kept is not None and kept[0] is stage and set(map(id, things)) <= set(map(id, kept[1])):
+            things, scene = kept[1], kept[2].at(self._places(stage, kept[1]))
+        else:
+            looks = [look(thing, palette, asset_library(self.assets)) for thing in things]
+            looks += map(shadow, things) if self.shadows else ()
+            with library_lock:
+                scene = add_things(
+                    self._rooms,
+                    looks,
+                    library=asset_library(self.assets),
+                    places=self._places(stage, things),
+                    light=light(stage),
+                    sky=stage.sky_colour,
+                )
+        self._staged[palette] = stage, things, scene
+        return scene
+
+    def _places(self, stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
+        where = places(stage, things)
+        return np.concatenate([where, shaded(where)]) if self.shadows else where
+
+
+class _Observed:
+    """The observations of a stage on which the same things are; it knows where each was at the last one."""
+
+    def __init__(self, stage: WorldState, things: Sequence[Entity], target: RenderTarget, *, shadows: bool) -> None:
+        self.stage = stage
+        self.entities = list(stage.entities)
+        self._easel = target
+        self._shadows = len(things) if shadows else 0  # where they begin
+        self._things = [(number, thing) for number, thing in enumerate(things) if thing in self.entities]
+        self._at = [(thing.pos, thing.dir) for _, thing in self._things]
+
+    def aim_target(self) -> RenderTarget:
+        for nth, (number, thing) in enumerate(self._things):
+            pos, yaw_rad = self._at[nth]
+            if thing.pos is not pos or thing.dir != yaw_rad:
+                self._at[nth] = thing.pos, thing.dir
+                self._easel.move(number, thing.pos, thing.dir)
+                if self._shadows:
+                    x, y, z, yaw = shaded(np.array([(*thing.pos, thing.dir)]))[0].tolist()
+                    self._easel.move(number + self._shadows, (x, y, z), yaw)
+        agent = self.stage.agent
+        x, y, z = agent.pos
+        yaw_rad, ahead = agent.dir, agent.cam_fwd_disp
+        eye = x + ahead * math.cos(yaw_rad), y + agent.cam_height, z - ahead * math.sin(yaw_rad)
+        pitch_rad = agent.cam_pitch * (math.pi / 180)
+        self._easel.aim(eye, yaw_rad, pitch_rad, agent.cam_fov_y, NEAR_M, FAR_M)
+        return self._easel
+
+
+def camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
+    """The agent's eye, where the agent stands or as if it stood elsewhere."""
+    agent = stage.agent
+    x, y, z = agent.pos if pos is None else pos
+    yaw = agent.dir if yaw_rad is None else yaw_rad
+    position = (x + agent.cam_fwd_disp * math.cos(yaw), y + agent.cam_height, z - agent.cam_fwd_disp * math.sin(yaw))
+    return Camera(position, yaw, agent.cam_pitch * (math.pi / 180), agent.cam_fov_y)
+
+
+def compile_walls() -> None:
+    """Build a room and walk into nothing."""
+    floor = finish_floor_plan([Room(rectangle(0.0, 1.0, 0.0, 1.0))], None)
+    room_tables(floor, asset_library(None))
+    touches_wall(floor.walls, 0.5, 0.5, 0.1)
+
+
+def compile_shading() -> None:
+    """Colour a picture without rows."""
+    floats, wholes = size_of(0, 0, 0, 0, 0)
+    nothing = np.zeros((1, 1, 3), np.uint8)
+    colour(*asset_library(None).textures, np.zeros(VIEW_SIZE), np.zeros(floats), np.zeros(wholes, np.int32), nothing)
+
+
+def compile_visibility() -> None:
+    """Look at a room of a single wall, without colouring it."""
+    corners = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    room = SceneRoom(corners[::-1, ::2], [Surface(corners, corners[:, 1:], "concrete_1")])
+    visible_things(build_scene([room], library=asset_library(None)), Camera((-1.0, 0.5, 0.0), 0.0), 1, 1)
+
+
+COMPILE_PIECES = compile_walls, compile_shading, compile_visibility

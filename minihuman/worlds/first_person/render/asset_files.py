@@ -1,0 +1,347 @@
+"""The asset library: built-in textures and meshes, and those of a world's own folder, read once per process.
+
+A folder has `textures/NAME.png`, `meshes/NAME.obj` (with materials; errors name the line) and `meshes/NAME.glb`, as
+Miniworld's package folder has. What the folder lacks is taken from our own.
+"""
+
+import threading
+import zlib
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.render.assets import Assets, Library, MeshData, Texture
+from minihuman.worlds.first_person.render.built_in_meshes import SHAPES, mesh_named
+from minihuman.worlds.first_person.render.built_in_textures import RECIPES, as_bright
+from minihuman.worlds.first_person.render.kernel_tables import F64
+
+_LETTER_PX = 128
+_LETTER_STYLES = 9  # as many looks of a letter as Miniworld draws from
+
+
+class OwnAssets(Assets):
+    """The textures of `RECIPES`, a picture for each letter and digit, and the meshes of `SHAPES`."""
+
+    def texture(self, name: str) -> Texture:
+        """Paint a texture. A letter is "chars/ch_0x", its code and "_" and a variant; others are a recipe's name."""
+        stem, _, variant = name.rpartition("_")
+        if not variant.isdigit():
+            stem, variant = name, "1"
+        if stem.startswith("chars/ch_0x") and stem[11:].isdigit():
+            return _letter(chr(int(stem[11:])), int(variant))
+        if stem not in RECIPES or not 1 <= int(variant) <= len(RECIPES[stem][1]):
+            raise WorldError(f"unknown texture {name!r}; use one of {', '.join(RECIPES)}, with _1 and up for variants")
+        recipe, kinds = RECIPES[stem]
+        wide_m, high_m, bright = kinds[int(variant) - 1]
+        seed = zlib.crc32(stem.encode()) % 1_000_003 + 1000 * int(variant)
+        return Texture(as_bright(recipe(seed), bright), (wide_m, high_m))
+
+    def mesh(self, name: str) -> MeshData:
+        """Make a mesh."""
+        mesh = mesh_named(name)
+        if mesh is None:
+            raise WorldError(
+                f"unknown mesh {name!r}; use one of {', '.join(SHAPES)}; balls and keys take a colour, as in key_red"
+            )
+        return mesh
+
+
+def own_library() -> Library:
+    """A library of our own assets; it fills as scenes ask for them."""
+    return Library(OwnAssets())
+
+
+def _letter(letter: str, variant: int) -> Texture:
+    """A dark letter on paper, or its like: the variants differ in ink and paper."""
+    if not 1 <= variant <= _LETTER_STYLES:
+        raise WorldError(f"the letter {letter!r} has variants 1 to {_LETTER_STYLES}, not {variant}")
+    paper = 250 - 9 * (variant - 1)
+    image = Image.new("RGB", (_LETTER_PX, _LETTER_PX), (paper, paper, max(paper - 4 * variant, 0)))
+    font = ImageFont.load_default(112)
+    ink = (18 + 6 * variant, 20, 28 + 8 * variant)
+    ImageDraw.Draw(image).text((_LETTER_PX / 2, _LETTER_PX / 2), letter, font=font, fill=ink, anchor="mm")
+    return Texture(np.asarray(image), (0.25, 0.25))
+
+
+Rgb = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """What a face is made of: a colour, and the file of a texture where it has one."""
+
+    colour: Rgb = (1.0, 1.0, 1.0)
+    texture: Path | None = None
+
+
+@dataclass(slots=True)
+class _Lines:
+    vertices: list[list[float]] = field(default_factory=list)
+    places: list[list[float]] = field(default_factory=list)
+    normals: list[list[float]] = field(default_factory=list)
+    faces: list[list[tuple[int, int | None, int]]] = field(default_factory=list)  # (vertex, place, normal), from 0
+    materials: list[str] = field(default_factory=list)  # one per face
+
+
+def read_obj(path: Path) -> MeshData:
+    """Read a mesh of triangles with normals; its base is moved to y = 0 and its middle to x = z = 0.
+
+    Materials come from the .mtl file of the same name; a .png of the same name covers faces without a material.
+    Texture names in the mesh are file paths.
+
+    Raises:
+        WorldError: if the file is missing, a line makes no sense, or there is no triangle in it.
+    """
+    lines = _read_lines(path)
+    if not lines.faces:
+        raise WorldError(f"{path}: the file has no faces; a mesh needs at least one triangle")
+    image = path.with_suffix(".png")
+    materials = {"": Material(texture=image if image.exists() else None), **read_mtl(path.with_suffix(".mtl"))}
+    vertices, normals = np.array(lines.vertices, np.float32), np.array(lines.normals, np.float32)
+    places = np.array(lines.places or [[0.0, 0.0]], np.float32)
+    index = np.array([[[v, 0 if t is None else t, n] for v, t, n in face] for face in lines.faces])
+    placed = np.array([[[t is not None] for _, t, _ in face] for face in lines.faces])
+    chosen = [materials.get(name, materials[""]) for name in lines.materials]
+    corners = vertices[index[:, :, 0]].astype(np.float64)
+    # Miniworld takes the smallest of the three corners' largest coordinates here; things stand where its files say
+    far = corners.max(axis=0).min(axis=0)
+    return MeshData(
+        _centred(corners, path, far),
+        normals[index[:, :, 2]].astype(np.float64),
+        np.where(placed, places[index[:, :, 1]], 0.0).astype(np.float64),
+        np.array([material.colour for material in chosen], np.float64),
+        tuple(None if material.texture is None else str(material.texture) for material in chosen),
+        light_scales=True,
+    )
+
+
+def read_mtl(path: Path) -> dict[str, Material]:
+    """The materials of a file by name; none if there is no such file.
+
+    Raises:
+        WorldError: if a line makes no sense.
+    """
+    materials: dict[str, Material] = {}
+    if not path.exists():
+        return materials
+    name = ""
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        match line.split():
+            case ["newmtl", name]:
+                materials[name] = Material()
+            case ["Kd", *numbers] if name:
+                red, green, blue = _numbers(numbers, 3, path, number)
+                materials[name] = Material((red, green, blue), materials[name].texture)
+            case ["map_Kd", *_, file] if name:
+                materials[name] = Material(materials[name].colour, path.parent / file)
+            case ["Kd" | "map_Kd", *_]:
+                raise WorldError(f"{path}:{number}: a colour or texture comes before the first newmtl")
+    return materials
+
+
+def _read_lines(path: Path) -> _Lines:
+    try:
+        text = path.read_text()
+    except OSError as error:
+        raise WorldError(f"{path}: cannot be read ({error.strerror}); check the mesh's name") from error
+    except UnicodeDecodeError as error:
+        raise WorldError(f"{path} is not a text file; a mesh must be an OBJ file") from error
+    lines = _Lines()
+    material = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        match line.split():
+            case ["v", *numbers]:
+                lines.vertices.append(_numbers(numbers, 3, path, number))
+            case ["vt", *numbers]:
+                lines.places.append(_numbers(numbers[:2], 2, path, number))
+            case ["vn", *numbers]:
+                lines.normals.append(_numbers(numbers, 3, path, number))
+            case ["usemtl", name]:
+                material = name
+            case ["f", *corners]:
+                if len(corners) != 3:
+                    raise WorldError(
+                        f"{path}:{number}: a face has {len(corners)} corners; export the mesh as triangles"
+                    )
+                lines.faces.append([_corner(corner, lines, path, number) for corner in corners])
+                lines.materials.append(material)
+    return lines
+
+
+def _numbers(words: list[str], count: int, path: Path, number: int) -> list[float]:
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        values = []
+    if len(values) != count or not np.all(np.isfinite(values)):
+        raise WorldError(f"{path}:{number}: expected {count} numbers, not {' '.join(words)!r}")
+    return values
+
+
+def _corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int | None, int]:
+    parts = word.split("/")
+    vertex, place, normal = (parts[0], parts[1], parts[2]) if len(parts) == 3 else (parts[0], "", parts[-1])
+    if len(parts) not in (2, 3):
+        raise WorldError(f"{path}:{number}: the corner {word!r} has no normal; write it as vertex/texture/normal")
+    return (
+        _index(vertex, len(lines.vertices), "vertex", path, number),
+        _index(place, len(lines.places), "texture place", path, number) if place else None,
+        _index(normal, len(lines.normals), "normal", path, number),
+    )
+
+
+def _index(word: str, count: int, what: str, path: Path, number: int) -> int:
+    try:
+        index = int(word)
+    except ValueError:
+        index = 0
+    if not 1 <= index <= count:
+        raise WorldError(f"{path}:{number}: {what} {word!r} does not exist; {count} precede this line, numbered from 1")
+    return index - 1
+
+
+def _centred(corners: F64, path: Path, far: F64) -> F64:
+    """Corners with their base at y = 0 and the middle between their lowest place and ``far`` at x = z = 0."""
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    if high[1] <= low[1]:
+        raise WorldError(f"{path}: the mesh is flat; it needs a height")
+    middle = (low + far) / 2
+    centred: F64 = corners - np.array([middle[0], low[1], middle[2]])
+    return centred
+
+
+def read_glb(path: Path) -> MeshData:
+    """Read a mesh; its base is moved to y = 0 and the middle of its width and depth to x = z = 0.
+
+    A triangle has its material's colour or texture, or the mean of its corners' colours where it has no material. Its
+    textures are inside the mesh.
+
+    Raises:
+        WorldError: if the file cannot be read, has no triangle in it or no height.
+    """
+    import trimesh  # only worlds with such a mesh need it
+
+    try:
+        parts: list[Any] = [part for part in trimesh.load_scene(path).dump() if len(getattr(part, "faces", ()))]
+    except Exception as error:  # whatever a reader of a foreign format raises
+        raise WorldError(f"{path}: cannot be read as a mesh ({error}); export it as GLB again") from error
+    if not parts:
+        raise WorldError(f"{path}: the file has no triangles; a mesh needs at least one")
+    images: dict[str, Texture] = {}
+    names: list[str | None] = []
+    colours, places = [], []
+    for number, part in enumerate(parts):
+        image = _image(part)
+        if image is not None:
+            images[f"{path}#{number}"] = image
+        names += [None if image is None else f"{path}#{number}"] * len(part.faces)
+        colours.append(_colours(part))
+        places.append(_places(part))
+    corners: F64 = np.concatenate([np.asarray(part.triangles, np.float64) for part in parts])
+    normals = np.concatenate([np.asarray(part.vertex_normals, np.float64)[part.faces] for part in parts])
+    return MeshData(
+        _centred(corners, path, corners.max(axis=(0, 1))),
+        normals,
+        np.concatenate(places),
+        np.concatenate(colours),
+        tuple(names),
+        images=images,
+    )
+
+
+def _image(part: Any) -> Texture | None:
+    """The texture of a part; a metre of it is all of it, as its places say where on it a corner is."""
+    material = getattr(part.visual, "material", None)
+    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if image is None or getattr(part.visual, "uv", None) is None:
+        return None
+    return Texture(np.asarray(image.convert("RGB")), (1.0, 1.0))
+
+
+def _colours(part: Any) -> F64:
+    """A colour a triangle, 0 to 1."""
+    material = getattr(part.visual, "material", None)
+    if material is None:
+        return np.array(part.visual.face_colors[:, :3], np.float64) / 255
+    factor = getattr(material, "baseColorFactor", None)
+    rgb = np.ones(3) if factor is None else np.asarray(factor, np.float64)[:3] / 255
+    return np.tile(rgb, (len(part.faces), 1))
+
+
+def _places(part: Any) -> F64:
+    uv: NDArray[np.float64] | None = getattr(part.visual, "uv", None)
+    return np.zeros((len(part.faces), 3, 2)) if uv is None else np.asarray(uv, np.float64)[part.faces]
+
+
+TEXELS_A_METRE = 512
+_READERS = {".obj": read_obj, ".glb": read_glb}
+
+
+class FolderAssets(Assets):
+    """The textures and meshes in a folder, and our own where it has none of a name."""
+
+    def __init__(self, folder: Path) -> None:
+        if not any((folder / part).is_dir() for part in ("textures", "meshes")):
+            raise WorldError(f"{folder} has neither a textures nor a meshes folder; name the folder above them")
+        self._folder = folder
+        self._own = OwnAssets()
+
+    @cached_property
+    def meshes(self) -> dict[str, Path]:
+        """The folder's meshes: their files by name."""
+        files = sorted((self._folder / "meshes").glob("*"), reverse=True)  # an OBJ file stands before a GLB file
+        return {file.stem: file for file in files if file.suffix in _READERS}
+
+    def texture(self, name: str) -> Texture:
+        """A PNG of the folder, 512 texels a metre; ``NAME.png`` is also the first picture of a texture, "NAME_1"."""
+        path = self._texture_file(name)
+        if path is None:
+            try:
+                return self._own.texture(name)
+            except WorldError as error:
+                raise WorldError(f"{self._folder} has no texture {name!r}; {error}") from error
+        try:
+            with Image.open(path) as image:
+                pixels = np.asarray(image.convert("RGB"))
+        except OSError as error:
+            raise WorldError(f"texture {name!r}: {path} cannot be read as an image") from error
+        height, width = pixels.shape[:2]
+        return Texture(pixels, (width / TEXELS_A_METRE, height / TEXELS_A_METRE))
+
+    def mesh(self, name: str) -> MeshData:
+        """An OBJ or GLB file of the folder, or our own mesh of that name."""
+        file = self.meshes.get(name)
+        if file is not None:
+            return _READERS[file.suffix](file)
+        try:
+            return self._own.mesh(name)
+        except WorldError as error:
+            raise WorldError(f"{self._folder} has no mesh {name!r}; {error}") from error
+
+    def brings(self, mesh: str) -> bool:
+        """Whether the folder has this mesh."""
+        return mesh in self.meshes
+
+    def _texture_file(self, name: str) -> Path | None:
+        """Where a texture is; None where it is not the folder's. A mesh's texture is named by its path."""
+        if name.endswith(".png"):
+            return Path(name)
+        names = (name, name.removesuffix("_1"))
+        return next(
+            (file for file in (self._folder / "textures" / f"{one}.png" for one in names) if file.exists()), None
+        )
+
+
+library_lock = threading.Lock()  # hold it while a scene is laid out: that may read another texture into the library
+
+
+@cache
+def asset_library(folder: str | None) -> Library:
+    """The library of a folder, or of our own assets; always the same one."""
+    return own_library() if folder is None else Library(FolderAssets(Path(folder)))

@@ -1,0 +1,293 @@
+"""Drawing: a scene and a camera in; a picture, distances, a plan from above, or the things in sight out."""
+
+import math
+import os
+import struct
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.render import visibility
+from minihuman.worlds.first_person.render.assets import ARROW_FACES, CUBE_FACES
+from minihuman.worlds.first_person.render.kernel_tables import F64, I32
+from minihuman.worlds.first_person.render.rasterisation import BOTTOM, HEIGHT, LEAST, LIGHT, ROOM, SKY, TOP, VIEW_SIZE
+from minihuman.worlds.first_person.render.scene import Camera, Light, Scene, SceneTables, Vector
+from minihuman.worlds.first_person.render.shading import colour
+from minihuman.worlds.first_person.render.visibility import size_of
+from minihuman.worlds.pose import Pose
+
+_GLOBAL_AMBIENT = 0.2  # OpenGL adds this much white to every light
+_AGENT_RGB = (1.0, 0.0, 0.0)
+_AGENT_RADIUS_M = 0.4
+_AGENT_HEIGHT_M = 1.6
+_PLAN_MARGIN_M = 1.0
+_AGENT_BOX_M = _AGENT_RADIUS_M, 0.0, 0.0, _AGENT_RADIUS_M
+_QUERY_CUBE_M = 0.2
+_QUERY_BOX_M = _QUERY_CUBE_M / 2, 0.0, _QUERY_CUBE_M, _QUERY_CUBE_M / 2
+MOST_SPANS = 43  # of a row of samples, at first; an odd number spreads rows over a processor's cache
+_BAND_PIXELS = 150_000  # below that, handing half of a picture to another thread takes as long as drawing it
+_BANDS_A_CORE = 3  # a floor takes longer than a ceiling: of two halves one would be waited for
+
+_EYE = struct.Struct(f"{LIGHT}d")  # a view up to the light
+_memory = threading.local()  # arrays to draw into, kept from picture to picture; they hold nothing from one to the next
+
+
+def render(
+    scene: Scene, camera: Camera, width: int, height: int, *, out: NDArray[np.uint8] | None = None
+) -> NDArray[np.uint8]:
+    """What the camera sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is one.
+
+    Raises:
+        WorldError: if the picture has no pixels or is over 4096 a side.
+    """
+    target = RenderTarget(scene, width, height)
+    target.aim(*_as_numbers(camera))
+    return target.draw(out)
+
+
+class RenderTarget:
+    """Where a scene is drawn again and again in one size: what does not change from picture to picture is made once.
+
+    Raises:
+        WorldError: if the picture has no pixels or is over 4096 a side.
+    """
+
+    def __init__(self, scene: Scene, width: int, height: int) -> None:
+        _check_size(width, height)
+        self.size_px = width, height
+        self.layout = scene.layout
+        self.places = _turned(scene.places)
+        self.view = np.zeros(VIEW_SIZE)
+        _complete(scene, self.view, width, height)
+
+    def move(self, thing: int, pos: Vector, yaw_rad: float) -> None:
+        """Put a thing elsewhere."""
+        self.places[thing, :5] = (*pos, math.cos(yaw_rad), math.sin(yaw_rad))
+
+    def aim(self, pos: Vector, yaw_rad: float, pitch_rad: float, fov_y_deg: float, near_m: float, far_m: float) -> None:
+        """Say where the eye is that sees the next picture, and how it looks."""
+        _aim(self.view, pos, yaw_rad, pitch_rad, fov_y_deg, near_m, far_m, *self.size_px)
+        self.view[ROOM:] = MOST_SPANS, self.layout.capacity, self.layout.most_corners
+
+    def draw(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """What the eye sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is."""
+        width, height = self.size_px
+        picture = np.empty((height, width, 3), np.uint8) if out is None else out
+        _draw(self.layout, self.view, self.places, picture)
+        return picture
+
+    def room(self) -> tuple[int, int]:
+        """How many float64 and int32 there have to be to draw in, unless a row has more spans than most have."""
+        return _room(self.layout, self.size_px[1], MOST_SPANS)
+
+
+def render_depth(scene: Scene, camera: Camera, width: int, height: int) -> NDArray[np.float32]:
+    """How far things are along the camera's axis, float32[height, width], metres; ``far_m`` where there is nothing."""
+    view = _perspective(camera, width, height)
+    _complete(scene, view, width, height)
+    out = np.empty((height, width), np.float32)
+    visibility.distances(view, *_cover(scene.layout, view, _turned(scene.places)), out)
+    return out
+
+
+def render_top(scene: Scene, width: int, height: int, *, agent: Pose | None = None) -> NDArray[np.uint8]:
+    """The floor plan from above, -z up the page, a metre of sky around it, uint8[height, width, 3].
+
+    ``agent`` adds a red arrowhead where someone stands.
+    """
+    if agent is not None:
+        scene = _with_agent(scene, agent)
+    view, out = _from_above(scene.layout, width, height), np.empty((height, width, 3), np.uint8)
+    _complete(scene, view, width, height)
+    _draw(scene.layout, view, _turned(scene.places), out)
+    return out
+
+
+def plan_scale(scene: Scene, width: int, height: int) -> tuple[float, float, float]:
+    """Pixels a metre in ``render_top``, and the pixel (column, row, as floats) where x = 0 and z = 0."""
+    scale, middle_x, middle_z = _fit(scene.layout, width, height)
+    return scale, width / 2 - middle_x * scale, height / 2 - middle_z * scale
+
+
+def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> list[int]:
+    """The indices of the things that can be seen: a small cube at a thing's place stands for it, as in Miniworld."""
+    count = scene.layout.thing_count
+    cube = [*CUBE_FACES, *(_QUERY_CUBE_M,) * 3, 1.0, *(1.0,) * 3, *(_QUERY_CUBE_M,) * 2, *_QUERY_BOX_M]
+    places = scene.places.copy()
+    places[:, 3] = np.where(np.isnan(places[:, 3]), np.nan, 0.0)
+    cubes = np.tile(np.array(cube), (count, 1))
+    view, turned = _perspective(camera, width, height), _turned(places)
+    _complete(scene, view, width, height)
+    _cover(replace(scene.layout, things=cubes), view, turned)
+    return [int(index) for index in np.flatnonzero(turned[:, visibility.SAMPLES])]
+
+
+def _draw(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
+    """Draw into ``out``; a large picture in bands, each as it would be in the whole, which all cores take in turn."""
+    height, width = out.shape[:2]
+    cores = min(_cores(), width * height // _BAND_PIXELS)
+    if cores < 2:
+        _colour_band(layout, view, places, out)
+        return
+    count = _BANDS_A_CORE * cores
+    bands = iter(list(pairwise(height * number // count for number in range(count + 1))))
+
+    def share(view: F64, places: F64) -> None:
+        for view[TOP], view[BOTTOM] in bands:
+            _colour_band(layout, view, places, out)
+
+    others = [_helpers(os.getpid()).submit(share, view.copy(), places.copy()) for _ in range(cores - 1)]
+    share(view.copy(), places)
+    for other in others:
+        other.result()
+
+
+def _colour_band(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
+    colour(*layout.textures, view, *_cover(layout, view, places), out)
+
+
+def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
+    """Find out which face covers each sample; gives back the memory where that is written."""
+    spans = MOST_SPANS
+    while True:
+        view[ROOM:] = spans, layout.capacity, layout.most_corners
+        memory = memory_for(*_room(layout, int(view[HEIGHT]), spans))
+        if visibility.cover(*layout.packed_rooms, *layout.packed_library, layout.things, places, view, *memory):
+            return memory
+        spans *= 2
+
+
+def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
+    """Add to a view's camera what else the kernels ask of it."""
+    view[LIGHT:SKY] = _light(scene.light)
+    view[SKY:LEAST] = scene.sky
+    view[TOP:ROOM] = 0.0, height, height, width
+
+
+@cache
+def _cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def _helpers(process: int) -> ThreadPoolExecutor:
+    """Threads that draw bands; a forked process needs its own."""
+    return ThreadPoolExecutor(_cores(), thread_name_prefix=f"bands-{process}")
+
+
+def _perspective(camera: Camera, width: int, height: int) -> F64:
+    _check_size(width, height)
+    view = np.zeros(VIEW_SIZE)
+    _aim(view, *_as_numbers(camera), width, height)
+    return view
+
+
+def _as_numbers(camera: Camera) -> tuple[Vector, float, float, float, float, float]:
+    return camera.position, camera.yaw_rad, camera.pitch_rad, camera.fov_y_deg, camera.near_m, camera.far_m
+
+
+def _aim(
+    view: F64,
+    pos: Vector,
+    yaw_rad: float,
+    pitch_rad: float,
+    fov_y_deg: float,
+    near_m: float,
+    far_m: float,
+    width: int,
+    height: int,
+) -> None:
+    """Write down where an eye is and how it looks."""
+    cos_yaw, sin_yaw = math.cos(yaw_rad), math.sin(yaw_rad)
+    cos_pitch, sin_pitch = math.cos(pitch_rad), math.sin(pitch_rad)
+    focal = height / 2 / math.tan(math.radians(fov_y_deg) / 2)
+    _EYE.pack_into(
+        view.data,
+        0,
+        *pos,
+        *(sin_yaw, 0.0, cos_yaw),
+        *(-sin_pitch * cos_yaw, cos_pitch, sin_pitch * sin_yaw),
+        *(cos_pitch * cos_yaw, sin_pitch, -cos_pitch * sin_yaw),
+        *(focal, focal, width / 2, height / 2),
+        *(near_m, far_m, 0.0),
+    )
+    view[LEAST] = 0.5 / far_m
+
+
+def _fit(layout: SceneTables, width: int, height: int) -> tuple[float, float, float]:
+    x0, z0, x1, z1 = layout.bounds
+    scale = min(width / (x1 - x0 + 2 * _PLAN_MARGIN_M), height / (z1 - z0 + 2 * _PLAN_MARGIN_M))
+    return scale, (x0 + x1) / 2, (z0 + z1) / 2
+
+
+def _from_above(layout: SceneTables, width: int, height: int) -> F64:
+    _check_size(width, height)
+    scale, middle_x, middle_z = _fit(layout, width, height)
+    view = np.empty(VIEW_SIZE)
+    view[:LIGHT] = (
+        *(middle_x, 0.0, middle_z),
+        *(1.0, 0.0, 0.0),
+        *(0.0, 0.0, -1.0),
+        *(0.0, -1.0, 0.0),
+        *(scale, scale, width / 2, height / 2),
+        *(-100.0, 100.0, 1.0),
+    )
+    view[LEAST] = 0.5
+    return view
+
+
+def _light(light: Light) -> F64:
+    x, y, z = light.towards
+    length = math.sqrt(x * x + y * y + z * z)
+    if length == 0.0:
+        raise WorldError("the light's direction is (0, 0, 0); give it a length above 0")
+    out = np.empty(9)
+    out[:] = (x / length, y / length, z / length, *light.colour, *(part + _GLOBAL_AMBIENT for part in light.ambient))
+    return out
+
+
+def _turned(places: F64) -> F64:
+    """Places with the cosine and sine of their yaw, by the one sine that is the same compiled or not.
+
+    There is a last column for how many samples each thing gets.
+    """
+    out = np.empty((len(places), 6))
+    out[:, :3] = places[:, :3]
+    for row, yaw in enumerate(places[:, 3].tolist()):
+        out[row, 3] = math.cos(yaw)
+        out[row, 4] = math.sin(yaw)
+    return out
+
+
+def _check_size(width: int, height: int) -> None:
+    if not (1 <= width <= 4096 and 1 <= height <= 4096):
+        raise WorldError(f"a picture cannot be {width} x {height} pixels; each side must be 1 to 4096")
+
+
+def _room(layout: SceneTables, height: int, spans: int) -> tuple[int, int]:
+    return size_of(height, spans, layout.capacity, layout.most_corners, len(layout.rooms.bounds))
+
+
+def memory_for(float_count: int, whole_count: int) -> tuple[F64, I32]:
+    """What pictures are drawn in: one memory a thread, that grows."""
+    kept: tuple[F64, I32] | None = getattr(_memory, "kept", None)
+    if kept is None or len(kept[0]) < float_count or len(kept[1]) < whole_count:
+        kept = np.zeros(float_count), np.zeros(whole_count, np.int32)
+        _memory.kept = kept
+    return kept
+
+
+def _with_agent(scene: Scene, agent: Pose) -> Scene:
+    arrow = np.array(
+        [[*ARROW_FACES, *(_AGENT_RADIUS_M,) * 3, 1.0, *_AGENT_RGB, *(_AGENT_RADIUS_M,) * 2, *_AGENT_BOX_M]]
+    )
+    place = np.array([[agent.x, agent.y + _AGENT_HEIGHT_M, agent.z, agent.yaw_rad]])
+    layout = replace(scene.layout, things=np.concatenate([scene.layout.things, arrow]))
+    return replace(scene, layout=layout, places=np.concatenate([scene.places, place]))

@@ -1,0 +1,88 @@
+"""What the render kernels read and write, as flat arrays. A kernel knows these tables and nothing else.
+
+Everything a kernel computes uses +, -, x, /, square roots, rounding, comparisons and bits only: no sine, no fused
+multiply-add, no reordering. That is why a picture is the same on every machine, compiled or not.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+
+
+SHADE = -2  # in place of a texture: the face has the first of each pixel's four samples; -3: the second; and so on
+
+
+class FaceTable(NamedTuple):
+    """Flat convex faces; the corners of face f are rows start[f] to start[f + 1] of the corner arrays."""
+
+    start: I32  # (faces + 1,)
+    position: F64  # (corners, 3) metres, or the mesh's own units
+    texture_place: F64  # (corners, 2) repeats of the texture, right and up
+    normal: F64  # (corners, 3) for the light
+    colour: F64  # (faces, 3)
+    texture: I32  # (faces,) row of Textures; -1 for none; `SHADE` and below for a shade on what is behind
+    plane: F64  # (faces, 4) a, b, c, d: a*x + b*y + c*z + d is above 0 on the side it is seen from
+
+
+class RoomTable(NamedTuple):
+    """Which faces make a room, where it is, and what it opens into."""
+
+    first_face: I32  # (rooms + 1,)
+    bounds: F64  # (rooms, 4) x0, z0, x1, z1
+    first_edge: I32  # (rooms + 1,)
+    edge: F64  # (edges, 3) a, b, c: a*x + b*z + c is above 0 inside
+    first_opening: I32  # (rooms + 1,)
+    opening: F64  # (openings, 4, 3)
+    opening_into: I32  # (openings,)
+    roofed: NDArray[np.bool_] | I32  # (rooms,)
+
+
+# The columns of a thing's array, (things, THING_SIZE): its first face in the library and one past its last, how it is
+# scaled (3), how long that makes normals (OpenGL lights scaled meshes with it), its colour times that of its faces (3),
+# how far it reaches around the vertical axis, and around its place, metres; and the box it lies in: half its width,
+# where it begins and ends upwards, and half its depth, metres.
+FIRST, LAST, THING_SCALE, THING_NORMAL_SCALE, THING_TINT, AROUND, REACH, THING_BOX = 0, 1, 2, 5, 6, 9, 10, 11
+THING_SIZE = 15
+
+
+class TextureTable(NamedTuple):
+    """Every texture in ever smaller sizes, one texel an integer 0x00BBGGRR, bottom row first.
+
+    Around each goes a ring of texels from its other side, so that a texel's neighbours are always beside it: a row is
+    width + 2 texels. In the table each texture has `texture.MOST_SIZES` pairs, one per size: where its ring begins; its
+    width without it, with its height in the upper half. The very last number is that of the smallest size.
+    """
+
+    texels: NDArray[np.uint32]
+    table: NDArray[np.uint32]
+
+
+BEGIN, END, FACE = 0, 1, 2  # the columns of a span: pixels from the left, and the row of planes
+
+
+class DrawBuffers(NamedTuple):
+    """What has been drawn so far: which face covers each sample, and how each face varies over the picture.
+
+    A picture row has four sample rows, each a list of spans from left to right; what is between them is sky. A face's
+    row in ``planes`` holds seven planes of a*x + b*y + c over pixel coordinates: nearness, 1/distance, then texture
+    right and up and red, green and blue, each over distance.
+    """
+
+    spans: I32  # (4 * height, most of a row, 3)
+    counts: I32  # (4 * height,) how many spans each row has
+    merged: I32  # (3 * most of a row + 8, 3) spans that are about to replace others
+    planes: F64  # (capacity, 21)
+    kind: I32  # (capacity, 2) texture, and 1 where the colour is the same all over
+    run: I32  # (capacity,) the last run of lookups of each
+    left: I32  # (4 * height + 8,) where a face begins in each sample row
+    right: I32  # (4 * height + 8,) and where it ends
+    corners: F64  # (3, most, 3) a polygon, and before and after a cut
+    screen: F64  # (most, 2) its corners in 1/256 of a pixel
+    lit: F64  # (3, 3) how bright each channel is at three corners
+    inverse: F64  # (4, 3) of three corners' positions, and what its rows are to be multiplied by
+    tiles: F64  # (TILES, TILES) how near what was drawn is at least

@@ -1,0 +1,212 @@
+"""The render pool: pictures of many targets drawn together by several threads, without Python between them.
+
+Where a target's tables are is written down in a row of numbers. A thread takes the next picture, draws it and so on,
+all in one call; it begins as soon as some targets are ready, and the rest follow meanwhile. Atomic counters, which
+threads read and raise from inside kernels, hand out the work.
+"""
+
+import os
+import threading
+import time
+from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numpy.typing import NDArray
+
+from minihuman.worlds.first_person.render.drawing import RenderTarget, memory_for
+from minihuman.worlds.first_person.render.kernel_tables import F64, I32, I64, THING_SIZE
+from minihuman.worlds.first_person.render.shading import colour
+from minihuman.worlds.first_person.render.visibility import SAMPLES, cover
+from minihuman.worlds.kernels import array_at, int64, kernel, llvm_function
+
+Counters = NDArray[np.int64]
+_plainly = threading.Lock()
+
+
+def _of(builder: Any, counters: Any, at: Any) -> Any:
+    return builder.gep(counters[1].start, [at[1]])
+
+
+def _read(builder: Any, given: Any) -> Any:
+    return builder.load_atomic(_of(builder, *given), "acquire", 8)
+
+
+def _read_plain(counters: Counters, at: int) -> int:
+    return int(counters[at])
+
+
+def _add(builder: Any, given: Any) -> Any:
+    counters, at, number = given
+    return builder.atomic_rmw("add", _of(builder, counters, at), number[1], "acq_rel")
+
+
+def _add_plain(counters: Counters, at: int, number: int) -> int:
+    with _plainly:
+        counters[at] += number
+        return int(counters[at]) - number
+
+
+def _take(builder: Any, given: Any) -> Any:
+    counters, at, number = given
+    more = builder.add(number[1], ir.Constant(ir.IntType(64), 1))
+    found = builder.cmpxchg(_of(builder, counters, at), number[1], more, "acq_rel", "acquire")
+    return builder.zext(builder.extract_value(found, 1), ir.IntType(64))
+
+
+def _take_plain(counters: Counters, at: int, number: int) -> int:
+    with _plainly:
+        free = int(counters[at]) == number
+        counters[at] += free
+        return int(free)
+
+
+# what a counter is
+read_counter = llvm_function(_read, _read_plain, counts=True)
+# add to a counter; what it was before
+add_to_counter = llvm_function(_add, _add_plain, counts=True)
+# raise a counter by one if it still has this value: 1, or 0 where another thread was sooner
+take_from_counter = llvm_function(_take, _take_plain, counts=True)
+
+# The columns of a row: address and length of each of a target's arrays; how much memory it takes to draw in.
+TEXELS, TABLE, ROOM_FLOATS, ROOM_WHOLES, LIBRARY_FLOATS, LIBRARY_WHOLES, THINGS, PLACES, VIEW = range(0, 18, 2)
+MEMORY = 18
+ROW_SIZE = 20
+# Counters, each in a cache line of its own: how many targets are aimed, how many pictures are taken, and drawn.
+AIMED, TAKEN, DRAWN, COUNTERS = 0, 8, 16, 24
+# How a thread comes back that has not met a picture which takes more memory.
+NONE_LEFT, NONE_AIMED, ENOUGH = -1, -2, -3
+_PATIENCE = 50_000  # looks at a counter before a thread gives way, some tens of microseconds
+_PAUSE_S = 0.0002
+_TOGETHER = 4  # targets that are aimed before the others hear of it
+
+_floats_at, _wholes_at, _texels_at = array_at(np.float64), array_at(np.int32), array_at(np.uint32)
+
+
+@kernel(nogil=True, drawn=int64, waited=int64, nth=int64)
+def draw_targets(rows: I64, counters: I64, most: int, floats: F64, wholes: I32, out: NDArray[np.uint8]) -> int:
+    """Take pictures in turn with other threads and draw them, so many at most.
+
+    It ends early with the number of a picture that was taken but has to be drawn in more memory.
+    """
+    drawn = waited = 0
+    while drawn < most:
+        nth = read_counter(counters, TAKEN)
+        if nth >= out.shape[0]:
+            return NONE_LEFT
+        if nth >= read_counter(counters, AIMED):
+            waited += 1
+            if waited > _PATIENCE:
+                return NONE_AIMED
+            continue
+        if take_from_counter(counters, TAKEN, nth) == 0:
+            continue
+        waited = 0
+        row = rows[nth]
+        if row[MEMORY] > floats.shape[0] or row[MEMORY + 1] > wholes.shape[0]:
+            return nth
+        view = _floats_at(row[VIEW], row[VIEW + 1])
+        things, places = _floats_at(row[THINGS], row[THINGS + 1]), _floats_at(row[PLACES], row[PLACES + 1])
+        if not cover(
+            _floats_at(row[ROOM_FLOATS], row[ROOM_FLOATS + 1]),
+            _wholes_at(row[ROOM_WHOLES], row[ROOM_WHOLES + 1]),
+            _floats_at(row[LIBRARY_FLOATS], row[LIBRARY_FLOATS + 1]),
+            _wholes_at(row[LIBRARY_WHOLES], row[LIBRARY_WHOLES + 1]),
+            things.reshape(things.shape[0] // THING_SIZE, THING_SIZE),
+            places.reshape(places.shape[0] // (SAMPLES + 1), SAMPLES + 1),
+            view,
+            floats,
+            wholes,
+        ):
+            return nth
+        texels, table = _texels_at(row[TEXELS], row[TEXELS + 1]), _texels_at(row[TABLE], row[TABLE + 1])
+        colour(texels, table, view, floats, wholes, out[nth])
+        drawn += 1
+        add_to_counter(counters, DRAWN, 1)
+    return ENOUGH
+
+
+@kernel(hold_gil=True)
+def count(counters: I64, at: int, number: int) -> None:
+    """Add to a counter."""
+    add_to_counter(counters, at, number)
+
+
+@kernel(nogil=True, waited=int64)
+def finished(counters: I64, pictures: int) -> bool:
+    """Are all drawn, or soon?"""
+    waited = 0
+    while read_counter(counters, DRAWN) < pictures and waited < _PATIENCE:
+        waited += 1
+    return read_counter(counters, DRAWN) >= pictures
+
+
+class RenderPool:
+    """Room for the pictures of so many targets, drawn by so many threads."""
+
+    def __init__(self, pictures: int, threads: int) -> None:
+        self._rows = np.zeros((pictures, ROW_SIZE), np.int64)
+        self._targets: list[RenderTarget | None] = [None] * pictures  # kept alive: the rows tell where they are
+        self._helpers = min(threads, pictures) - 1
+        self._pool = ThreadPoolExecutor(max(self._helpers, 1), thread_name_prefix=f"render-{os.getpid()}")
+
+    def paint(self, targets: Iterable[RenderTarget], out: NDArray[np.uint8]) -> None:
+        """Draw what each target is aimed at; ``out`` is contiguous, one picture per target.
+
+        ``targets`` may aim one when it is asked for the next; those before it are drawn meanwhile.
+        """
+        counters = np.zeros(COUNTERS, np.int64)
+        helping: list[Future[None]] = []
+        aimed = 0
+        try:
+            for nth, target in enumerate(targets):
+                self._hang(nth, target)
+                if nth + 1 - aimed == _TOGETHER and self._helpers > 0:
+                    count(counters, AIMED, _TOGETHER)
+                    aimed += _TOGETHER
+                    if not helping:
+                        helping = self._call(counters, out)
+                        self._share(counters, 1, out)  # meanwhile they come
+            count(counters, AIMED, len(out) - aimed)
+            helping = helping or self._call(counters, out)
+            self._share(counters, len(out), out)
+        except BaseException:
+            counters[TAKEN] = len(out)  # so that no thread takes another
+            raise
+        finally:
+            if not finished(counters, len(out)):
+                for each in helping:
+                    each.result()
+
+    def shutdown(self) -> None:
+        """Let the threads go."""
+        self._pool.shutdown()
+
+    def _call(self, counters: I64, out: NDArray[np.uint8]) -> list[Future[None]]:
+        return [self._pool.submit(self._help, counters, out) for _ in range(self._helpers)]
+
+    def _help(self, counters: I64, out: NDArray[np.uint8]) -> None:
+        while self._share(counters, len(out), out) == NONE_AIMED:
+            time.sleep(_PAUSE_S)
+
+    def _share(self, counters: I64, most: int, out: NDArray[np.uint8]) -> int:
+        while (met := draw_targets(self._rows, counters, most, *memory_for(0, 0), out)) >= 0:
+            target = self._targets[met]
+            assert target is not None
+            target.draw(out[met])
+            count(counters, DRAWN, 1)
+        return met
+
+    def _hang(self, nth: int, target: RenderTarget) -> None:
+        if self._targets[nth] is target:
+            return
+        layout = target.layout
+        arrays = (*layout.textures, *layout.packed_rooms, *layout.packed_library, layout.things, target.places)
+        where = []
+        for array in (*arrays, target.view):
+            assert array.flags.c_contiguous
+            where += [array.__array_interface__["data"][0], array.size]
+        self._rows[nth] = *where, *target.room()
+        self._targets[nth] = target

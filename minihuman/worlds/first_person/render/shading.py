@@ -1,0 +1,326 @@
+"""Shading: from covered samples to colours.
+
+Each face in a pixel is looked up and lit once, and weighted by its samples. Samples that no face covers take the sky's
+colour.
+"""
+
+import numpy as np
+from numpy import uint64 as index
+from numpy.typing import NDArray
+
+from minihuman.worlds.first_person.render.kernel_tables import BEGIN, END, F64, FACE, I32, DrawBuffers
+from minihuman.worlds.first_person.render.rasterisation import BOTTOM, LEAST, SKY, TOP
+from minihuman.worlds.first_person.render.texture import (
+    BLOCK,
+    LANES,
+    MOST_SIZES,
+    U32,
+    WHITE,
+    copy,
+    fill,
+    fit,
+    light,
+    look_up_8,
+    look_up_16,
+    pack,
+    place,
+    place_each,
+    shade,
+)
+from minihuman.worlds.first_person.render.visibility import (
+    FRAGMENT_GROUPS,
+    LIGHTS,
+    LINE,
+    MAX_FRAGMENT_GROUPS,
+    PLACES,
+    SCANLINE_BUFFER,
+    SIZES,
+    SPANS,
+    drawn_in,
+)
+from minihuman.worlds.kernels import device_function, int64, kernel
+
+# The columns of a fragment group: pixels side by side that a face covers, with the same number of samples each.
+OF, START, COUNT, RUN, WEIGHT = 0, 1, 2, 3, 4  # run -1 for a face of one colour
+# The columns of a run: pixels side by side that a face is looked up at, and where in the scanline that is.
+STOP, SLOT = 2, 3
+MOST_MIXED = 16  # pixels side by side that several faces cover alike are taken so many at a time
+MOST_LOOKUPS = SCANLINE_BUFFER - 4 * (MOST_MIXED + LANES)  # when there are more, they are done before the next group
+AHEAD = 8.0  # rows further down, whose texels are asked of memory: it takes longer than a processor looks ahead
+MOST_APART = 2  # sizes that fit at both ends of sixteen pixels: if they are further apart, each has its own
+FULL = 65535  # light: less than all of it by a 65536th, which no rounded colour shows
+RED_BLUE, GREEN = 0xFF00FF, 0x00FF00
+
+
+@device_function(nogil=True, force_inline=True)
+def plain_colour(planes: F64, face: int) -> int:
+    """The colour of a face that has no texture and is lit evenly."""
+    plane = planes[face]
+    return int(plane[12] * 255.0 + 0.5) | int(plane[15] * 255.0 + 0.5) << 8 | int(plane[18] * 255.0 + 0.5) << 16
+
+
+@device_function(nogil=True, force_inline=True)
+def span_at(drawn: DrawBuffers, row: int, k: int, x: int, width: int) -> tuple[int, int, int]:
+    """The face at a pixel of a sample row, -1 for the sky; up to where; and the number of the span that is next."""
+    spans = drawn.spans
+    if k == drawn.counts[index(row)]:
+        return -1, width, k
+    if spans[index(row), index(k), BEGIN] > x:
+        return -1, int(spans[index(row), index(k), BEGIN]), k
+    return int(spans[index(row), index(k), FACE]), int(spans[index(row), index(k), END]), k + 1
+
+
+@device_function(nogil=True, force_inline=True)
+def place_run(run: I32, y: int, plane: F64, texture: int, table: U32, texels: U32, least: float, memory: U32) -> None:
+    """Find where the pixels of a run of a row lie in a texture, if there is one."""
+    sizes, places = memory[SIZES:], memory[PLACES:]
+    moves = memory[SIZES + LANES :].view(np.float32)
+    count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
+    px, py = run[START] + 0.5, y + 0.5
+    inverse_x, inverse_y = plane[3], plane[4]
+    inverse = inverse_x * px + (inverse_y * py + plane[5])
+    if texture >= 0:
+        u = plane[6] * px + (plane[7] * py + plane[8])
+        v = plane[9] * px + (plane[10] * py + plane[11])
+        # whole repeats are taken away where the face is nearest: there its texels are largest
+        span = float(count - 1) if inverse_x > 0.0 else 0.0
+        near = max(inverse + inverse_x * span, least)
+        whole_u = np.floor((u + plane[6] * span) / near)
+        whole_v = np.floor((v + plane[9] * span) / near)
+        u, u_x, u_y = u - whole_u * inverse, plane[6] - whole_u * inverse_x, plane[7] - whole_u * inverse_y
+        v, v_x, v_y = v - whole_v * inverse, plane[9] - whole_v * inverse_x, plane[10] - whole_v * inverse_y
+        first = 2 * MOST_SIZES * texture
+        wide, high = float(table[first + 1] & 0xFFFF), float(table[first + 1] >> 16)
+        last = int64(table[first + 2 * MOST_SIZES - 1])
+        beside = float(y & 3)  # only every fourth pixel's are asked for, so others from row to row
+        for begin in range(0, count, BLOCK):
+            end = min(begin + BLOCK, count)
+            fit(
+                sizes,
+                inverse + inverse_x * begin,
+                inverse_x,
+                inverse_y,
+                u + u_x * begin,
+                u_x,
+                u_y,
+                v + v_x * begin,
+                v_x,
+                v_y,
+                wide,
+                high,
+                least,
+                count - 1.0 - begin,
+                last,
+                beside,
+                AHEAD,
+            )
+            for i in range(begin, end, LANES):
+                k = index((i - begin) // LANES)
+                size, next_size = int64(sizes[k]), int64(sizes[k + index(1)])
+                if abs(size - next_size) <= MOST_APART:
+                    at = first + ((size + next_size) & -2)
+                    both = int64(table[at + 1])
+                    width, height = both & 0xFFFF, both >> 16
+                    ahead = int(moves[k] * width) + int(moves[k + index(LANES)] * height) * (width + 2)
+                    place(
+                        places,
+                        4 * (slot + i),
+                        table[at],
+                        width,
+                        height,
+                        inverse + inverse_x * i,
+                        inverse_x,
+                        u + u_x * i,
+                        u_x,
+                        v + v_x * i,
+                        v_x,
+                        least,
+                        texels,
+                        ahead,
+                    )
+                else:
+                    place_each(
+                        places,
+                        4 * (slot + i),
+                        table,
+                        first,
+                        last,
+                        inverse + inverse_x * i,
+                        inverse_x,
+                        inverse_y,
+                        u + u_x * i,
+                        u_x,
+                        u_y,
+                        v + v_x * i,
+                        v_x,
+                        v_y,
+                        wide,
+                        high,
+                        least,
+                    )
+
+
+@device_function(nogil=True, force_inline=True)
+def look_up_run(run: I32, y: int, plane: F64, texture: int, even: bool, texels: U32, least: float, memory: U32) -> None:
+    """Find the colours of a run of pixels, whose places were found."""
+    scanline, lights, places = memory, memory[LIGHTS:], memory[PLACES:]
+    count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
+    if texture < 0:
+        for i in range(0, count, LANES):
+            fill(scanline, slot + i, WHITE)
+    else:
+        if even:
+            red, green, blue = plane[12] * 65536.0 + 0.5, plane[15] * 65536.0 + 0.5, plane[18] * 65536.0 + 0.5
+            light(lights, min(int(red), FULL), min(int(green), FULL), min(int(blue), FULL))
+        else:
+            light(lights, FULL, FULL, FULL)
+        for i in range(slot, slot + count - 8, LANES):
+            look_up_16(texels, places, 4 * i, lights, scanline, i)
+        if 0 < count % LANES <= 8:
+            i = slot + (count & -LANES)
+            look_up_8(texels, places, 4 * i, lights, scanline, i)
+    if not even:
+        px, py = run[START] + 0.5, y + 0.5
+        inverse_x = plane[3]
+        inverse = inverse_x * px + (plane[4] * py + plane[5])
+        red = plane[12] * px + (plane[13] * py + plane[14])
+        green = plane[15] * px + (plane[16] * py + plane[17])
+        blue = plane[18] * px + (plane[19] * py + plane[20])
+        for i in range(0, count, LANES):
+            shade(
+                scanline,
+                slot + i,
+                inverse + inverse_x * i,
+                inverse_x,
+                least,
+                red + plane[12] * i,
+                plane[12],
+                green + plane[15] * i,
+                plane[15],
+                blue + plane[18] * i,
+                plane[18],
+            )
+
+
+@device_function(nogil=True, force_inline=True, k=int64, j=int64, covered=int64, two=int64, one=int64, colour=int64)
+def paint_row(groups: I32, group_count: int, runs: I32, scanline: U32, drawn: DrawBuffers, sky: int, line: U32) -> None:
+    """Put the colours of some fragment groups of a row together."""
+    planes = drawn.planes
+    k = 0
+    while k < group_count:
+        start, count = int64(groups[k, START]), int64(groups[k, COUNT])
+        if groups[k, WEIGHT] == 4:
+            face, run = int64(groups[k, OF]), int64(groups[k, RUN])
+            if run >= 0:
+                slot = int64(runs[run, SLOT] + start - runs[run, START])
+                for i in range(0, count, LANES):
+                    copy(line, start + i, scanline, slot + i)
+            else:
+                colour = sky if face < 0 else plain_colour(planes, face)
+                for i in range(0, count, LANES):
+                    fill(line, start + i, colour)
+            k += 1
+            continue
+        for x in range(start, start + count):
+            covered, j = 0, k
+            two = one = 2
+            two = 0x20002
+            one = 0x00200
+            while covered < 4:
+                face, run, weight = int64(groups[j, OF]), int64(groups[j, RUN]), int64(groups[j, WEIGHT])
+                if run >= 0:
+                    colour = int64(scanline[index(runs[run, SLOT] + x - runs[run, START])])
+                else:
+                    colour = sky if face < 0 else plain_colour(planes, face)
+                two += weight * (colour & RED_BLUE)
+                one += weight * (colour & GREEN)
+                covered += weight
+                j += 1
+            line[index(x)] = np.uint32((two >> 2 & RED_BLUE) | (one >> 2 & GREEN))
+        covered = 0
+        while covered < 4:
+            covered += groups[k, WEIGHT]
+            k += 1
+
+
+@kernel(nogil=True, run_count=int64, group_count=int64, x=int64, lookups=int64, weight=int64, run=int64)
+def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture: NDArray[np.uint8]) -> None:
+    """Colour every pixel. A face is looked up where it has any sample of a pixel, side by side along a row."""
+    drawn, _, _ = drawn_in(view, floats, wholes)
+    planes, kind, latest = drawn.planes, drawn.kind, drawn.run
+    scanline = wholes[:FRAGMENT_GROUPS].view(np.uint32)
+    rows = wholes[FRAGMENT_GROUPS:LINE].reshape(2 * MAX_FRAGMENT_GROUPS + 4, 5)
+    groups, runs, now = (
+        rows[:MAX_FRAGMENT_GROUPS],
+        rows[MAX_FRAGMENT_GROUPS : 2 * MAX_FRAGMENT_GROUPS],
+        rows[2 * MAX_FRAGMENT_GROUPS :],
+    )
+    line = wholes[LINE:SPANS].view(np.uint32)
+    least = view[LEAST]
+    sky = int(view[SKY] * 255.0 + 0.5) | int(view[SKY + 1] * 255.0 + 0.5) << 8 | int(view[SKY + 2] * 255.0 + 0.5) << 16
+    width = picture.shape[1]
+    out = picture.reshape(picture.shape[0] * width * 3)
+    for y in range(int(view[TOP]), int(view[BOTTOM])):
+        for s in range(4):
+            now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, int64(0), int64(0), width)
+        x = run_count = group_count = lookups = 0
+        while x < width:
+            face = now[0, 0]
+            whole = now[1, 0] == face and now[2, 0] == face and now[3, 0] == face
+            end = min(min(now[0, 1], now[1, 1]), min(now[2, 1], now[3, 1]))
+            if not whole:
+                end = min(end, x + MOST_MIXED)
+            elif face >= 0:
+                end = min(end, x + SCANLINE_BUFFER - LANES - lookups)
+            for s in range(1 if whole else 4):
+                face = now[s, 0]
+                weight = 4 if whole else 1
+                if not whole:
+                    known = False
+                    for t in range(s):
+                        known = known or now[t, 0] == face
+                    if known:
+                        continue
+                    for t in range(s + 1, 4):
+                        if now[t, 0] == face:
+                            weight += 1
+                run = -1
+                if face >= 0 and (kind[face, 0] >= 0 or kind[face, 1] == 0):
+                    run = int64(latest[face])
+                    if 0 <= run < run_count and runs[run, OF] == face and runs[run, STOP] == x:
+                        lookups += end - x
+                    else:
+                        run = run_count
+                        latest[face] = run
+                        runs[run, OF], runs[run, START] = face, x
+                        lookups += end - x + LANES
+                        run_count += 1
+                    runs[run, STOP] = end
+                k = index(group_count)
+                groups[k, OF], groups[k, START], groups[k, COUNT] = face, x, end - x
+                groups[k, RUN], groups[k, WEIGHT] = run, weight
+                group_count += 1
+            x = end
+            for s in range(4):
+                if now[s, 1] == x:
+                    now[s, 0], now[s, 1], now[s, 2] = span_at(drawn, 4 * y + s, int64(now[s, 2]), x, width)
+            if x == width or lookups > MOST_LOOKUPS or group_count > MAX_FRAGMENT_GROUPS - 4:
+                slot = 0
+                for r in range(run_count):
+                    runs[r, SLOT] = slot
+                    face = runs[r, OF]
+                    place_run(runs[r], y, planes[face], kind[face, 0], table, texels, least, scanline)
+                    slot += (runs[r, STOP] - runs[r, START] + LANES - 1) & -LANES
+                # a processor waits less for many short chains of instructions than for a few long ones
+                for r in range(run_count):
+                    face = runs[r, OF]
+                    look_up_run(runs[r], y, planes[face], kind[face, 0], kind[face, 1] == 1, texels, least, scanline)
+                paint_row(groups, group_count, runs, scanline, drawn, sky, line)
+                run_count = group_count = lookups = 0
+        packed = width & -LANES
+        for i in range(0, packed, LANES):
+            pack(line, i, out, 3 * (y * width + i))
+        for i in range(packed, width):
+            shown = line[index(i)]
+            for channel in range(3):
+                out[index(3 * (y * width + i) + channel)] = np.uint8(shown >> np.uint32(8 * channel) & np.uint32(255))

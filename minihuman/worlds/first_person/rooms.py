@@ -1,0 +1,436 @@
+"""Rooms: convex outlines, portals between rooms that touch or lie apart, and the finished floor plan.
+
+An outline is listed counter-clockwise as seen from above (x right, z towards the reader), so that what it encloses lies
+to the left of every edge. A room stands on the ground; so does every portal. A floor plan is what no step changes:
+rooms, the walls that stop a body, and how likely each room is to be drawn. Lengths are metres.
+"""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.entities import texture_variants
+from minihuman.worlds.first_person.parameters import running_sum
+from minihuman.worlds.first_person.walls import wall_pieces
+from minihuman.worlds.hashing import hash64
+
+KEPT = 4096  # shapes that are remembered: worlds are built anew at every reset, mostly of the same ones
+
+Point = tuple[float, float]  # x, z
+
+
+class OutlineEdge(NamedTuple):
+    """One side of an outline: where it starts and ends, its length, its direction, and its normal inwards."""
+
+    start: Point
+    end: Point
+    length: float
+    direction: Point
+    normal: Point
+
+    def at(self, distance: float) -> Point:
+        """The point so far along the edge."""
+        return self.start[0] + distance * self.direction[0], self.start[1] + distance * self.direction[1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomOutline:
+    """A shape; made by ``outline_of`` and ``rectangle`` only, which give the same one for the same corners."""
+
+    corners: tuple[Point, ...]
+    edges: tuple[OutlineEdge, ...]
+    table: NDArray[np.float64]  # (edges, 7) start x, z, length, direction x, z, normal x, z
+    min_x: float
+    max_x: float
+    min_z: float
+    max_z: float
+
+    @property
+    def area(self) -> float:
+        """The area of the bounding rectangle, m²: what a room weighs when one is drawn by chance."""
+        return (self.max_x - self.min_x) * (self.max_z - self.min_z)
+
+    def contains(self, x: float, z: float) -> bool:
+        """Is the point inside, not on an edge?"""
+        return all(nx * (x - ax) + nz * (z - az) > 0 for (ax, az), _, _, _, (nx, nz) in self.edges)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return outline_of, (self.corners,)
+
+
+@lru_cache(maxsize=KEPT)
+def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
+    """The shape with these corners (x, z).
+
+    Raises:
+        WorldError: if it does not close.
+    """
+    if len(corners) < 3:
+        raise WorldError(f"the outline {list(corners)} has fewer than 3 corners; a room needs 3 or more")
+    # + 0.0: of two zeros only one is kept, for shapes are remembered by their corners, in which the two are equal
+    corners = tuple((float(x) + 0.0, float(z) + 0.0) for x, z in corners)
+    edges = tuple(_edge(start, end) for start, end in zip(corners, corners[1:] + corners[:1], strict=True))
+    across, down = zip(*corners, strict=True)
+    table = np.array([(*edge.start, edge.length, *edge.direction, *edge.normal) for edge in edges])
+    return RoomOutline(corners, edges, table, min(across), max(across), min(down), max(down))
+
+
+@lru_cache(maxsize=KEPT)
+def rectangle(min_x: float, max_x: float, min_z: float, max_z: float) -> RoomOutline:
+    """A rectangle; its edges are east (0), north (1), west (2) and south (3).
+
+    Raises:
+        WorldError: if it has no width or no depth.
+    """
+    if not (min_x < max_x and min_z < max_z):
+        raise WorldError(
+            f"a room from x {min_x:g} to {max_x:g} and z {min_z:g} to {max_z:g} has no floor; give each range a length"
+        )
+    return outline_of(((max_x, max_z), (max_x, min_z), (min_x, min_z), (min_x, max_z)))
+
+
+@lru_cache(maxsize=KEPT)
+def check_convex(shape: RoomOutline) -> None:
+    """Raise if the outline turns the wrong way anywhere.
+
+    Raises:
+        WorldError: if it is clockwise, crosses itself or has a dent.
+    """
+    turned = 0.0
+    for before, after in zip(shape.edges, shape.edges[1:] + shape.edges[:1], strict=True):
+        (ax, az), (bx, bz) = before.direction, after.direction
+        turn = az * bx - ax * bz
+        turned += math.atan2(turn, ax * bx + az * bz)
+        if turn < -1e-9:
+            raise WorldError(
+                f"the outline {list(shape.corners)} turns right at {before.end}; "
+                "list a convex outline counter-clockwise as seen from above"
+            )
+    if abs(turned - 2 * math.pi) > 1e-6:
+        raise WorldError(
+            f"the outline {list(shape.corners)} goes round more than once; "
+            "the outline of a room must go round exactly once"
+        )
+
+
+def distance(a: Point, b: Point) -> float:
+    """How far apart two points are."""
+    dx, dz = b[0] - a[0], b[1] - a[1]
+    return math.sqrt(dx * dx + dz * dz)
+
+
+def _edge(start: Point, end: Point) -> OutlineEdge:
+    length = distance(start, end)
+    if length == 0:
+        raise WorldError(f"the outline has the corner {start} twice in a row; give it once")
+    if not math.isfinite(length):
+        raise WorldError(
+            f"the wall {start} to {end} has no finite length; give each corner as finite x and z in metres"
+        )
+    x, z = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+    norm = math.sqrt(z * z + x * x)
+    return OutlineEdge(start, end, length, (x, z), (z / norm, -x / norm))
+
+
+WALL_HEIGHT = 2.74
+
+
+class Portal(NamedTuple):
+    """An opening in the wall along one edge of a room, from ``start`` to ``end`` along it, up to ``top``.
+
+    ``into`` is the number of the room behind it, None where it leads outside.
+    """
+
+    edge: int
+    start: float
+    end: float
+    top: float
+    into: int | None
+
+
+@dataclass(slots=True, eq=False)
+class Room:
+    """One room: a shape, how high its walls are, what covers them, and the portals cut so far."""
+
+    outline: RoomOutline
+    wall_height: float = WALL_HEIGHT
+    floor: str = "floor_tiles_bw"  # names of textures
+    wall: str = "concrete"
+    ceiling: str | None = "concrete_tiles"  # None: open to the sky
+    number: int = -1  # its place in the floor plan, from 0; -1 outside of one
+    portals: list[Portal] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if not self.wall_height > 0:
+            raise WorldError(f"wall_height is {self.wall_height!r} m; it must be above 0")
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Room":
+        return self  # no step changes a room: copies of a world share it
+
+    @property
+    def min_x(self) -> float:
+        """Where the room begins along x."""
+        return self.outline.min_x
+
+    @property
+    def max_x(self) -> float:
+        """Where the room ends along x."""
+        return self.outline.max_x
+
+    @property
+    def min_z(self) -> float:
+        """Where the room begins along z."""
+        return self.outline.min_z
+
+    @property
+    def max_z(self) -> float:
+        """Where the room ends along z."""
+        return self.outline.max_z
+
+    def contains(self, x: float, z: float) -> bool:
+        """Is the point inside the room, not on a wall?"""
+        return self.outline.contains(x, z)
+
+    def open(self, edge: int, start: float, end: float, *, top: float | None = None, into: int | None = None) -> None:
+        """Cut a portal into a wall, from the ground up, between two distances along it; None is as high as the wall.
+
+        Raises:
+            WorldError: if the portal reaches past its wall or into another portal, or has no width or no height.
+        """
+        sides = self.outline.edges
+        if not 0 <= edge < len(sides):
+            raise WorldError(f"wall {edge} does not exist; the walls of this room are 0 to {len(sides) - 1}")
+        if top is None:
+            top = self.wall_height
+        side = sides[edge]
+        if not 0 <= start < end <= side.length:
+            raise WorldError(
+                f"the portal from {start:g} to {end:g} m does not fit in the wall from {side.start} to {side.end}, "
+                f"which is {side.length:g} m long"
+            )
+        if not 0 < top <= self.wall_height:
+            raise WorldError(
+                f"the portal is {top:g} m high; it must be above 0 and at most its wall's {self.wall_height:g} m"
+            )
+        for other in self.portals:
+            if other.edge == edge and start < other.end and other.start < end:
+                raise WorldError(
+                    f"the portal from {start:g} to {end:g} m along the wall {side.start} to {side.end} "
+                    f"overlaps the one from {other.start:g} to {other.end:g} m; leave a gap"
+                )
+        self.portals.append(Portal(edge, float(start) + 0.0, float(end), float(top), into))  # one kind of zero only
+
+
+_TOUCHING = 0.001  # metres: walls so close have no gap between them
+
+
+class OpeningLimits(NamedTuple):
+    """Where two rooms open to each other: from one x to another, or from one z to another."""
+
+    min_x: float | None = None
+    max_x: float | None = None
+    min_z: float | None = None
+    max_z: float | None = None
+
+
+class FacingSpan(NamedTuple):
+    """From where to where along which edge of an outline."""
+
+    edge: int
+    start: float
+    end: float
+
+
+class Joint(NamedTuple):
+    """Where two shapes open to each other, and the shape of the gap between them; None where they touch.
+
+    The gap's edge 1 runs along the first shape, its edge 3 along the second.
+    """
+
+    a: FacingSpan
+    b: FacingSpan
+    gap: RoomOutline | None
+
+
+def find_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, number: int) -> Room | None:
+    """Cut facing portals into two rooms and give the passage between them, or None where they touch.
+
+    The passage takes its textures from ``a``, and is as high as its portals.
+
+    Raises:
+        WorldError: if the rooms do not face each other or the portal does not fit a wall.
+    """
+    at = find_joint(a.outline, b.outline, limits)
+    if at.gap is None:
+        a.open(*at.a, top=top, into=b.number)
+        b.open(*at.b, top=top, into=a.number)
+        return None
+    height = a.wall_height if top is None else top
+    a.open(*at.a, top=top, into=number)
+    b.open(*at.b, top=top, into=number)
+    ends = ((edge, 0.0, at.gap.edges[edge].length, float(height)) for edge in (1, 3))
+    portals = [Portal(*end, into=room.number) for end, room in zip(ends, (a, b), strict=True)]
+    return Room(at.gap, height, a.floor, a.wall, a.ceiling, number, portals)
+
+
+@lru_cache(maxsize=KEPT)
+def find_joint(a: RoomOutline, b: RoomOutline, limits: OpeningLimits) -> Joint:
+    """Where two shapes open to each other within limits.
+
+    Raises:
+        WorldError: if they do not face each other or the limits do not fit an edge.
+    """
+    index_a, index_b = _facing_edges(a, b)
+    edge_a, edge_b = a.edges[index_a], b.edges[index_b]
+    stretch_a, stretch_b = (
+        FacingSpan(index_a, *_stretch(edge_a, limits)),
+        FacingSpan(index_b, *_stretch(edge_b, limits)),
+    )
+    a_start, a_end = edge_a.at(stretch_a.start), edge_a.at(stretch_a.end)
+    b_start, b_end = edge_b.at(stretch_b.start), edge_b.at(stretch_b.end)
+    if distance(a_start, b_end) < _TOUCHING:
+        return Joint(stretch_a, stretch_b, None)
+    return Joint(stretch_a, stretch_b, outline_of((b_start, a_end, a_start, b_end)))
+
+
+def _facing_edges(a: RoomOutline, b: RoomOutline) -> tuple[int, int]:
+    """The first pair of edges that look at each other."""
+    for index_a, edge_a in enumerate(a.edges):
+        (nx, nz), (ax, az) = edge_a.normal, edge_a.start
+        for index_b, edge_b in enumerate(b.edges):
+            if nx * edge_b.normal[0] + nz * edge_b.normal[1] > -0.9:
+                continue
+            if nx * (edge_b.start[0] - ax) + nz * (edge_b.start[1] - az) > 0.05:
+                continue  # it lies inside the room
+            return index_a, index_b
+    raise WorldError(
+        f"no wall of the room {list(a.corners)} faces a wall of the room {list(b.corners)}; place them side by side"
+    )
+
+
+def _stretch(edge: OutlineEdge, limits: OpeningLimits) -> tuple[float, float]:
+    """From where to where along an edge the limits reach."""
+    match limits:
+        case (float() | int() as low, float() | int() as high, None, None):
+            axis = 0
+        case (None, None, float() | int() as low, float() | int() as high):
+            axis = 1
+        case _:
+            raise WorldError(f"an opening's limits are {limits}; give min_x and max_x, or min_z and max_z")
+    origin, slope = edge.start[axis], edge.direction[axis]
+    if slope == 0:
+        raise WorldError(f"the wall {edge.start} to {edge.end} runs across {'xz'[axis]}; give {'zx'[axis]} instead")
+    ends = (low - origin) / slope + 0.0, (high - origin) / slope + 0.0  # + 0.0: of two zeros only one
+    if not 0 <= min(ends) < max(ends) <= edge.length:
+        raise WorldError(
+            f"an opening from {'xz'[axis]} = {low:g} to {high:g} does not fit in the wall "
+            f"from {edge.start} to {edge.end}, "
+            f"which is {edge.length:g} m long"
+        )
+    return min(ends), max(ends)
+
+
+_PLANS_KEPT = 16
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+
+class RoomPlan(NamedTuple):
+    """One finished room."""
+
+    outline: RoomOutline
+    wall_height: float
+    wall: str  # names of textures
+    floor: str
+    ceiling: str | None
+    pictures: tuple[int, int, int]  # which picture of each of its textures it has, wall, floor, ceiling; the first is 0
+    portals: tuple[Portal, ...]  # by edge, and from start to end of each
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPlan:
+    """Rooms with their portals cut; nothing here ever changes, so worlds with the same plan share it."""
+
+    rooms: tuple[RoomPlan, ...]
+    first_edge: I64  # (rooms + 1,)
+    edges: F64  # (edges, 7) of all rooms: start x, z, length, direction x, z, normal x, z
+    portals: (
+        F64  # (portals, 6) of all rooms: edge, start and end along it, bottom, top, and the room behind, -1 for none
+    )
+    pieces: F64  # (pieces, 5) what they leave of the walls: edge, start and end along it, bottom, top
+    walls: F64  # (n, 4) x0, z0, x1, z1: every piece of wall that stands on the ground
+    room_weights: tuple[float, ...]  # running sum of the rooms' shares of the floor
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "FloorPlan":
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return floor_plan, (self.rooms,)
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """The smallest rectangle around all rooms: x0, z0, x1, z1."""
+        shapes = [room.outline for room in self.rooms]
+        return (
+            min(shape.min_x for shape in shapes),
+            min(shape.min_z for shape in shapes),
+            max(shape.max_x for shape in shapes),
+            max(shape.max_z for shape in shapes),
+        )
+
+    @cached_property
+    def fingerprint(self) -> int:
+        """A uint64 over the whole plan."""
+        return hash64([(room.outline.table, *room[1:]) for room in self.rooms])
+
+
+def finish_floor_plan(rooms: list[Room], rng: np.random.Generator | None) -> FloorPlan:
+    """Close a floor plan; with a stream to draw from, each room gets a picture of each of its textures by chance.
+
+    Raises:
+        WorldError: if there is no room.
+    """
+    if not rooms:
+        raise WorldError("the world has no rooms; add one before placing anything or ending build()")
+    return floor_plan(tuple([_finished(room, rng) for room in rooms]))
+
+
+@lru_cache(maxsize=_PLANS_KEPT)
+def floor_plan(rooms: tuple[RoomPlan, ...]) -> FloorPlan:
+    """The plan of these rooms; of the same rooms, the same plan."""
+    tables = [room.outline.table for room in rooms]
+    first_edge = np.cumsum([0, *map(len, tables)])
+    edges = np.concatenate(tables)
+    rows = [
+        number
+        for room, first in zip(rooms, first_edge.tolist(), strict=False)
+        for edge, start, end, top, into in room.portals
+        for number in (first + edge, start, end, 0.0, top, -1 if into is None else into)
+    ]
+    portals = np.array(rows, dtype=np.float64).reshape(-1, 6)
+    pieces = wall_pieces(first_edge, edges, np.array([room.wall_height for room in rooms]), portals)
+    standing = pieces[pieces[:, 3] == 0]
+    along = edges[standing[:, 0].astype(np.int64)]
+    walls = np.concatenate([along[:, :2] + standing[:, at, None] * along[:, 3:5] for at in (2, 1)], axis=1)
+    weights = running_sum([room.outline.area for room in rooms])
+    return FloorPlan(rooms, first_edge, edges, portals, pieces, walls, weights)
+
+
+def _finished(room: Room, rng: np.random.Generator | None) -> RoomPlan:
+    textures = room.wall, room.floor, room.ceiling
+    pictures = (
+        (0, 0, 0) if rng is None else (_drawn(room.wall, rng), _drawn(room.floor, rng), _drawn(room.ceiling, rng))
+    )
+    portals = tuple(sorted(room.portals, key=itemgetter(0, 1)))
+    return RoomPlan(room.outline, float(room.wall_height), *textures, pictures, portals)
+
+
+def _drawn(texture: str | None, rng: np.random.Generator) -> int:
+    return 0 if texture is None else int(rng.integers(texture_variants(texture)))

@@ -1,0 +1,154 @@
+"""Walls: what portals leave of them, the faces that rooms show, and the collision of circles with them.
+
+Loops over flat tables, which know no rules. Rows of `edges` are start x, z, length, direction x, z, normal x, z; those
+of room r are first_edge[r] to first_edge[r + 1]. Rows of `portals` and of `pieces` of wall are edge, start and end
+along it, bottom and top; they come edge by edge, and from start to end of each. Lengths are metres.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.first_person.render.kernel_tables import F64, I32, I64, FaceTable
+from minihuman.worlds.kernels import kernel
+
+
+@kernel()
+def touches_wall(walls: NDArray[np.float64], x: float, z: float, radius: float) -> bool:
+    """Does a circle reach a wall? ``walls`` is (n, 4): x0, z0, x1, z1; all metres. Just touching does not count."""
+    for index in range(walls.shape[0]):
+        ax, az = walls[index, 0], walls[index, 1]
+        ab_x, ab_z = walls[index, 2] - ax, walls[index, 3] - az
+        share = ((x - ax) * ab_x + (z - az) * ab_z) / (ab_x * ab_x + ab_z * ab_z)
+        share = min(max(share, 0.0), 1.0)
+        dx, dz = ax + share * ab_x - x, az + share * ab_z - z
+        if math.sqrt(dx * dx + dz * dz) < radius:
+            return True
+    return False
+
+
+FLOOR, WALL, CEILING = 0, 1, 2  # what of a room is covered
+
+
+def wall_pieces(first_edge: I64, edges: F64, heights: F64, portals: F64) -> F64:
+    """The pieces of wall beside and above the portals; ``heights`` are the rooms'."""
+    pieces = np.zeros((len(edges) + 2 * len(portals), 5))
+    return pieces[: _cut(first_edge, edges, heights, portals, pieces)].copy()
+
+
+@kernel(nogil=True)
+def _cut(first_edge: I64, edges: F64, heights: F64, portals: F64, pieces: F64) -> int:
+    """Into ``pieces``, all 0 before; how many there are."""
+    count, portal = 0, 0
+    for room in range(len(heights)):
+        for edge in range(first_edge[room], first_edge[room + 1]):
+            reached = 0.0
+            while portal < len(portals) and portals[portal, 0] == edge:
+                start, end, top = portals[portal, 1], portals[portal, 2], portals[portal, 4]
+                if start != reached:
+                    pieces[count, 0], pieces[count, 1], pieces[count, 2] = edge, reached, start
+                    pieces[count, 4] = heights[room]
+                    count += 1
+                if top != heights[room]:
+                    pieces[count, 0], pieces[count, 1], pieces[count, 2] = edge, start, end
+                    pieces[count, 3], pieces[count, 4] = top, heights[room]
+                    count += 1
+                reached = end
+                portal += 1
+            if reached != edges[edge, 2]:
+                pieces[count, 0], pieces[count, 1], pieces[count, 2] = edge, reached, edges[edge, 2]
+                pieces[count, 4] = heights[room]
+                count += 1
+    return count
+
+
+def corners_of(edges: F64, parts: F64) -> F64:
+    """The corners (n, 4, 3) of parts of walls, pieces or portals, counter-clockwise as seen from inside the room."""
+    corners = np.empty((len(parts), 4, 3))
+    _turn(edges, parts, corners)
+    return corners
+
+
+@kernel(nogil=True)
+def _turn(edges: F64, parts: F64, corners: F64) -> None:
+    for part in range(len(parts)):
+        edge = int(parts[part, 0])
+        for nth in range(4):
+            along = parts[part, 1 + nth // 2]
+            corners[part, nth, 0] = edges[edge, 0] + along * edges[edge, 3]
+            corners[part, nth, 1] = parts[part, 4 if nth == 1 or nth == 2 else 3]
+            corners[part, nth, 2] = edges[edge, 1] + along * edges[edge, 4]
+
+
+def room_faces(
+    first_edge: I64, edges: F64, heights: F64, pieces: F64, textures: I64, sizes_m: F64
+) -> tuple[FaceTable, I32]:
+    """Room by room its floor, its ceiling and its pieces of wall, all white, and the first face of each room.
+
+    ``textures`` is (rooms, 3), of floor, wall and ceiling, -1 for no ceiling; ``sizes_m`` (rooms, 3, 2) is how much of
+    each one covers, metres right and up.
+    """
+    rooms = len(heights)
+    faces = np.empty((2 * rooms + len(pieces) + 1, 2), np.int32)
+    table = np.empty((2 * len(edges) + 4 * len(pieces), 8))
+    first_face = np.empty(rooms + 1, np.int32)
+    _fill(first_edge, edges, heights, pieces, corners_of(edges, pieces), textures, sizes_m, table, faces, first_face)
+    start, texture = faces[: first_face[-1] + 1].T.copy()
+    position, places, normals = (table[: start[-1], part].copy() for part in (slice(3), slice(3, 5), slice(5, 8)))
+    at = start[:-1]
+    distance = -np.sum(normals[at] * position[at], axis=1)
+    plane = np.column_stack((normals[at], distance))
+    return FaceTable(start, position, places, normals, np.ones((len(at), 3)), texture[:-1].copy(), plane), first_face
+
+
+@kernel(nogil=True)
+def _fill(
+    first_edge: I64,
+    edges: F64,
+    heights: F64,
+    pieces: F64,
+    uprights: F64,
+    textures: I64,
+    sizes_m: F64,
+    table: F64,
+    faces: I32,
+    first_face: I32,
+) -> None:
+    """Into ``table``, a row a corner: place, right and up on the texture, normal. ``faces``: first corner, texture."""
+    face, row, piece = 0, 0, 0
+    for room in range(len(heights)):
+        first, last = first_edge[room], first_edge[room + 1]
+        first_face[room] = face
+        for covering in (FLOOR, CEILING):
+            if textures[room, covering] < 0:
+                continue
+            faces[face, 0], faces[face, 1] = row, textures[room, covering]
+            face += 1
+            for nth in range(last - first):
+                edge = first + nth if covering == FLOOR else last - 1 - nth
+                table[row, 0] = edges[edge, 0]
+                table[row, 1] = 0.0 if covering == FLOOR else heights[room]
+                table[row, 2] = edges[edge, 1]
+                table[row, 3] = edges[edge, 0] / sizes_m[room, covering, 0]
+                table[row, 4] = edges[edge, 1] / sizes_m[room, covering, 1]
+                table[row, 5] = 0.0
+                table[row, 6] = 1.0 if covering == FLOOR else -1.0
+                table[row, 7] = 0.0
+                row += 1
+        while piece < len(pieces) and pieces[piece, 0] < last:
+            faces[face, 0], faces[face, 1] = row, textures[room, WALL]
+            face += 1
+            edge = int(pieces[piece, 0])
+            for nth in range(4):
+                for axis in range(3):
+                    table[row, axis] = uprights[piece, nth, axis]
+                table[row, 3] = pieces[piece, 1 + nth // 2] / sizes_m[room, WALL, 0]
+                table[row, 4] = uprights[piece, nth, 1] / sizes_m[room, WALL, 1]
+                table[row, 5] = edges[edge, 5]
+                table[row, 6] = 0.0
+                table[row, 7] = edges[edge, 6]
+                row += 1
+            piece += 1
+    first_face[len(heights)] = face
+    faces[face, 0], faces[face, 1] = row, -1

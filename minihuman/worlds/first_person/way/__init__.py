@@ -1,1 +1,0 @@
-"""Ways to a goal by the real moves, and bounds on their length."""

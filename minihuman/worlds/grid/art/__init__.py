@@ -1,1 +1,0 @@
-"""How the grid is drawn: shapes, palettes, tiles and pictures."""

@@ -1,0 +1,197 @@
+"""Binding: which objects of a layout an instruction's descriptions mean, and whether it makes sense there.
+
+`instruct` sets an instruction on a finished layout, for worlds written in Python.
+"""
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.babyai.encoding import (
+    ANY,
+    BEHIND,
+    CLAUSE,
+    CLAUSES,
+    COLOUR,
+    FLAGS,
+    IN_FRONT,
+    KIND,
+    LEFT,
+    ON_LEFT,
+    OTHER,
+    OWN_STEPS,
+    PLACE,
+    PLURAL,
+    PUT_NEXT,
+    RIGHT,
+    ROOM,
+    SAY_DONE,
+    THING,
+    VERB,
+    block,
+    block_of,
+    instructed_length,
+    means_of,
+    to_numbers,
+)
+from minihuman.worlds.grid.babyai.language import Instruction
+from minihuman.worlds.grid.babyai.verifier import is_beside, note_places
+from minihuman.worlds.grid.core.cells import DOOR, GREY, KEY, LOCKED, WALL, ahead, colour_of, kind_of, state_of
+from minihuman.worlds.grid.core.rewards import INSTRUCTED
+from minihuman.worlds.grid.core.state import (
+    DIRECTION,
+    HEADER,
+    HEIGHT,
+    NOWHERE,
+    OBJECTS,
+    TASK,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    where_is,
+)
+from minihuman.worlds.kernels import device_function, kernel
+
+
+@device_function()
+def lies_so(row: Row, cell: int, place: int) -> bool:
+    """Whether a cell is in the agent's room (its walls included) and on that side of the agent."""
+    if place == ANY:
+        return True
+    height = row[HEIGHT]
+    x, y = cell // height, cell % height
+    room = row[block_of(row) + ROOM]
+    if room > 0:
+        left, top = row[X] // (room - 1) * (room - 1), row[Y] // (room - 1) * (room - 1)
+        if x < left or y < top or x >= left + room or y >= top + room:
+            return False
+    ahead_x, ahead_y = ahead(0, 0, row[DIRECTION])
+    right, down = x - row[X], y - row[Y]
+    onward = right * ahead_x + down * ahead_y
+    aside = down * ahead_x - right * ahead_y  # to the right
+    if place == ON_LEFT:
+        return aside < 0
+    if place == IN_FRONT:
+        return onward > 0
+    if place == BEHIND:
+        return onward < 0
+    return aside > 0
+
+
+@device_function()
+def fits(row: Row, identity: int, kind: int, colour: int, place: int) -> bool:
+    """Whether an object that lies in a cell is one that the description means."""
+    cell = where_is(row, identity)
+    if cell == NOWHERE:
+        return False
+    code = row[HEADER + cell]
+    return (
+        (kind == ANY or kind_of(code) == kind)
+        and (colour == ANY or colour_of(code) == colour)
+        and lies_so(row, cell, place)
+    )
+
+
+@device_function()
+def count_walls(row: Row, colour: int, place: int) -> int:
+    """How many cells of wall "a grey object" means as well, up to two: Minigrid counts them, and says "a" for it."""
+    count = 0
+    for cell in range(row[WIDTH] * row[HEIGHT]):
+        code = row[HEADER + cell]
+        if kind_of(code) == WALL and (colour == ANY or colour_of(code) == colour) and lies_so(row, cell, place):
+            count += 1
+            if count == 2:
+                break
+    return count
+
+
+@device_function()
+def bind(row: Row) -> bool:
+    """Note which objects each description means, and where they lie; False if one means nothing."""
+    block, means = block_of(row), means_of(row)
+    for k in range(row[OBJECTS]):
+        row[means + k] = 0
+    everything = True
+    for k in range(row[block + LEFT] + row[block + RIGHT]):
+        clause = block + CLAUSES + k * CLAUSE
+        for which in range(2 if row[clause + VERB] == PUT_NEXT else 1):
+            at = clause + (OTHER if which else THING)
+            kind, colour, place = row[at + KIND], row[at + COLOUR], row[at + PLACE]
+            count = 0
+            for identity in range(1, row[OBJECTS] + 1):
+                if fits(row, identity, kind, colour, place):
+                    row[means + identity - 1] |= 1 << 2 * k + which
+                    count += 1
+            everything &= count > 0
+            if kind == ANY and (colour == ANY or colour == GREY):
+                count += count_walls(row, colour, place)
+            row[at + PLURAL] = count > 1
+    note_places(row)
+    return everything
+
+
+@device_function()
+def makes_sense(row: Row, keys_matter: bool) -> bool:
+    """Whether no clause asks to put a thing next to itself, or next to what it is beside already.
+
+    With ``keys_matter`` also whether none is about a key that opens a locked door.
+    """
+    block, means = block_of(row), means_of(row)
+    for k in range(row[block + LEFT] + row[block + RIGHT]):
+        clause = block + CLAUSES + k * CLAUSE
+        meant = 1 << 2 * k
+        if row[clause + VERB] == PUT_NEXT:
+            for j in range(row[OBJECTS]):
+                if row[means + j] & meant:
+                    cell = where_is(row, j + 1)
+                    if row[means + j] & meant << 1 or is_beside(row, cell, meant << 1):
+                        return False
+        if keys_matter and (
+            unlocks(row, clause + THING) or (row[clause + VERB] == PUT_NEXT and unlocks(row, clause + OTHER))
+        ):
+            return False
+    return True
+
+
+@device_function()
+def unlocks(row: Row, at: int) -> bool:
+    """Whether a description is of a key in the colour of a locked door."""
+    if row[at + KIND] != KEY:
+        return False
+    for identity in range(1, row[OBJECTS] + 1):
+        cell = where_is(row, identity)
+        if cell != NOWHERE:
+            code = row[HEADER + cell]
+            if kind_of(code) == DOOR and state_of(code) == LOCKED and colour_of(code) == row[at + COLOUR]:
+                return True
+    return False
+
+
+@kernel()
+def bind_now(row: Row) -> bool:
+    """`bind`, for layouts written in Python."""
+    return bind(row)
+
+
+def instruct(
+    row: Row, instruction: Instruction, *, own_steps: bool = True, done_required: bool = False, room: int = 0
+) -> None:
+    """Make the instruction the task of a layout with its agent placed.
+
+    Args:
+        row: The state, of a world whose mission is an `InstructionSpace`.
+        instruction: What to do.
+        own_steps: Judge each part by its own steps, and by where things are; False is as in Minigrid.
+        done_required: A clause ends when "done" is said right after it was done.
+        room: Cells on a side of a room, walls included, for "on your left"; 0: the grid is one room.
+
+    Raises:
+        WorldError: if the world has no place for an instruction, or a description means nothing in it.
+    """
+    if len(row) < instructed_length(int(row[0]), int(row[1])):
+        raise WorldError("this world has no instructions; give it mission=InstructionSpace()")
+    numbers = block(row)
+    numbers[:] = to_numbers(instruction)
+    numbers[FLAGS] |= own_steps * OWN_STEPS | done_required * SAY_DONE
+    numbers[ROOM] = room
+    row[TASK] = INSTRUCTED
+    if not bind_now(row):
+        raise WorldError(f"'{instruction}' names an object that is not there; put it into the layout first")

@@ -1,0 +1,421 @@
+"""Best-first search for doing one clause on the world's own rules, and the distance heuristic that guides it.
+
+The heuristic says from every pose about how many actions a clause takes, keys and locked doors included. It is the
+exact distance in a simplified world, found backwards from the goal: nothing lies in the way (or costs something to
+pass), what is dropped is gone, a key lies where it lay. The states of that world are poses, which locked doors are
+unlocked, and what sort of object is in hand.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.babyai.encoding import (
+    CLAUSE,
+    CLAUSES,
+    GO_TO,
+    OPEN,
+    PICK_UP,
+    PUT_NEXT,
+    STRICT,
+    VERB,
+    block_of,
+    is_meant,
+    means_of,
+)
+from minihuman.worlds.grid.core.cells import (
+    BOX,
+    CLOSED,
+    DOOR,
+    EMPTY,
+    KEY,
+    LAVA,
+    LOCKED,
+    WALL,
+    ahead,
+    can_be_carried,
+    colour_of,
+    identity_of,
+    kind_of,
+    state_of,
+)
+from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
+from minihuman.worlds.grid.core.rewards import DROP, FORWARD, PICKUP, TOGGLE, cell_in_front
+from minihuman.worlds.grid.core.rules import apply
+from minihuman.worlds.grid.core.search import (
+    FAR,
+    FOUND,
+    FULL,
+    LAST,
+    NONE,
+    actions_to_node,
+    exhausted,
+    load,
+    object_codes,
+    open_frontier,
+    pop,
+    push,
+)
+from minihuman.worlds.grid.core.state import (
+    CARRYING,
+    DIRECTION,
+    HEADER,
+    HEIGHT,
+    NOWHERE,
+    OBJECTS,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    contents_index,
+    where_is,
+)
+from minihuman.worlds.kernels import device_function, kernel
+
+MOST_LOCKS = 4  # more locked doors are taken for closed ones
+NOTHING, OTHER, MOVED, KEYS = 0, 1, 2, 3  # sorts of things in hand: none, any, one to be put somewhere, keys by colour
+
+Table = NDArray[np.int32]  # by (unlocked, hand, cell, direction)
+Locks = NDArray[np.int64]  # (locks, 2): identity of the door, its colour
+Sorts = NDArray[np.int64]  # by identity - 1: what sort of thing an object is in hand
+
+
+@kernel()
+def find_locks(row: Row) -> Locks:
+    """The locked doors for which there is a key."""
+    keys = key_colours(row)
+    locks = np.zeros((MOST_LOCKS, 2), np.int64)
+    count = 0
+    for identity in range(1, row[OBJECTS] + 1):
+        cell = where_is(row, identity)
+        if cell == NOWHERE or count == MOST_LOCKS:
+            continue
+        code = row[HEADER + cell]
+        if kind_of(code) == DOOR and state_of(code) == LOCKED and keys >> colour_of(code) & 1:
+            locks[count, 0], locks[count, 1] = identity, colour_of(code)
+            count += 1
+    return locks[:count].copy()
+
+
+@device_function()
+def key_colours(row: Row) -> int:
+    """The colours of all keys, lying, held or in boxes, as bits."""
+    colours = 0
+    for identity in range(1, row[OBJECTS] + 1):
+        cell = where_is(row, identity)
+        if cell != NOWHERE:
+            if kind_of(row[HEADER + cell]) == KEY:
+                colours |= 1 << colour_of(row[HEADER + cell])
+            inside = row[contents_index(row, identity)]
+            if inside != 0 and kind_of(inside) == KEY:
+                colours |= 1 << colour_of(inside)
+    if kind_of(row[CARRYING]) == KEY:
+        colours |= 1 << colour_of(row[CARRYING])
+    return colours
+
+
+@kernel()
+def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -> Sorts:
+    """What sort of thing each object is in hand, for a clause."""
+    sorts = np.full(len(codes), OTHER, np.int64)
+    verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
+    for k in range(len(codes)):
+        code = int(codes[k])
+        if verb > PICK_UP and is_meant(row[means_of(row) + k], clause):
+            sorts[k] = MOVED
+        elif kind_of(code) == KEY:
+            for lock in range(len(locks)):
+                if locks[lock, 1] == colour_of(code):
+                    sorts[k] = KEYS + lock
+                    break
+    return sorts
+
+
+@device_function()
+def opens(row: Row, hand: int, lock: int, locks: Locks, sorts: Sorts, codes: NDArray[np.int64]) -> bool:
+    """Whether a sort of thing opens a lock."""
+    if hand >= KEYS:
+        return locks[hand - KEYS, 1] == locks[lock, 1]
+    if hand == MOVED:
+        for k in range(len(codes)):
+            if sorts[k] == MOVED and kind_of(int(codes[k])) == KEY and colour_of(int(codes[k])) == locks[lock, 1]:
+                return True
+    return False
+
+
+@kernel()
+def distance_heuristic(
+    row: Row, clause: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts, careful: bool
+) -> Table:
+    """The table of a clause; FAR where it cannot be done even in the simplified world.
+
+    ``careful`` charges for doors and things in the way what they take about; else the table never overestimates.
+    """
+    width, height = np.int64(row[WIDTH]), np.int64(row[HEIGHT])
+    cells = width * height
+    hands, sets = KEYS + len(locks), 1 << len(locks)
+    steps = np.full((sets, hands, cells * 4), FAR, np.int32)
+    span = 16
+    queue = np.empty((span, steps.size), np.int32)
+    waiting = np.zeros(span, np.int64)
+    lock_at = np.full(cells, -1, np.int64)
+    for lock in range(len(locks)):
+        lock_at[where_is(row, locks[lock, 0])] = lock
+    cost = np.ones(cells, np.int64)
+    for cell in range(cells):
+        code = row[HEADER + cell]
+        kind = kind_of(code)
+        if kind == WALL or kind == LAVA:
+            cost[cell] = 0
+        elif kind == DOOR and state_of(code) == LOCKED and lock_at[cell] < 0 and len(locks) < MOST_LOCKS:
+            cost[cell] = 0  # no key opens it
+        elif careful and kind == DOOR:
+            cost[cell] = 2 if state_of(code) == CLOSED else 1
+        elif careful and identity_of(code) > 0:
+            cost[cell] = 5
+    goal(row, clause, codes, locks, sorts, cost, lock_at, steps)
+    flat = steps.reshape(-1)
+    at_most = 0
+    for state in range(len(flat)):
+        if flat[state] < FAR:
+            queue[flat[state] % span, waiting[flat[state] % span]] = state
+            waiting[flat[state] % span] += 1
+            at_most = max(at_most, flat[state])
+    distance = 0
+    last = at_most
+    while distance <= last:
+        place = distance % span
+        while waiting[place] > 0:
+            waiting[place] -= 1
+            state = queue[place, waiting[place]]
+            if flat[state] != distance:
+                continue
+            pose = state % (cells * 4)
+            hand = state // (cells * 4) % hands
+            unlocked = state // (cells * 4 * hands)
+            direction = pose & 3
+            cell = pose >> 2
+            x, y = cell // height, cell % height
+            here = state - pose
+            for move in range(5 + hands + len(locks)):
+                before, added = -1, 1
+                if move < 2:
+                    before = here + cell * 4 + ((direction + 1 + 2 * move) & 3)
+                elif move == 2:
+                    enters = cost[cell] > 0 and (lock_at[cell] < 0 or unlocked >> lock_at[cell] & 1)
+                    from_x, from_y = ahead(x, y, direction ^ 2)
+                    if enters and from_x >= 0 and from_y >= 0 and from_x < width and from_y < height:
+                        behind = from_x * height + from_y
+                        if cost[behind] > 0:
+                            before, added = here + behind * 4 + direction, cost[cell]
+                elif move == 3:
+                    if hand >= MOVED:
+                        extra = lies_ahead(row, x, y, direction, hand, codes, locks, sorts)
+                        if extra > 0:
+                            before, added = state - hand * cells * 4, extra
+                elif move == 4:
+                    continue
+                elif move < 5 + hands:
+                    if hand == NOTHING and move > 5:
+                        before = state + (move - 5) * cells * 4
+                else:
+                    lock = move - 5 - hands
+                    i, j = ahead(x, y, direction)
+                    next_cell = i * height + j
+                    faced = next_cell >= 0 and next_cell < cells and lock_at[next_cell] == lock
+                    if faced and unlocked >> lock & 1 and opens(row, hand, lock, locks, sorts, codes):
+                        before = state - (1 << lock) * hands * cells * 4
+                if before >= 0 and distance + added < flat[before]:
+                    flat[before] = distance + added
+                    slot = (distance + added) % span
+                    if waiting[slot] < queue.shape[1]:
+                        queue[slot, waiting[slot]] = before
+                        waiting[slot] += 1
+                    last = max(last, distance + added)
+        distance += 1
+    return steps
+
+
+@device_function()
+def lies_ahead(
+    row: Row, x: int, y: int, direction: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
+) -> int:
+    """Actions to take up something of a sort from what is ahead: 1, 2 if it is in a box, 0 if there is none."""
+    i, j = ahead(x, y, direction)
+    if i < 0 or j < 0 or i >= row[WIDTH] or j >= row[HEIGHT]:
+        return 0
+    identity = identity_of(row[HEADER + i * row[HEIGHT] + j])
+    if identity == 0:
+        return 0
+    if sorts[identity - 1] == hand and kind_of(int(codes[identity - 1])) != DOOR:
+        return 1
+    inside = row[contents_index(row, identity)]
+    return 2 if inside != 0 and sorts[identity_of(inside) - 1] == hand else 0
+
+
+@device_function()
+def goal(
+    row: Row,
+    clause: int,
+    codes: NDArray[np.int64],
+    locks: Locks,
+    sorts: Sorts,
+    cost: NDArray[np.int64],
+    lock_at: NDArray[np.int64],
+    steps: Table,
+) -> None:
+    """Write into the table what the last action takes from where the clause can be done."""
+    width, height = row[WIDTH], row[HEIGHT]
+    verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
+    for x in range(width):
+        for y in range(height):
+            for direction in range(4):
+                i, j = ahead(x, y, direction)
+                if cost[x * height + y] == 0 or i < 0 or j < 0 or i >= width or j >= height:
+                    continue
+                pose = (x * height + y) * 4 + direction
+                code = row[HEADER + i * height + j]
+                identity = identity_of(code)
+                meant = identity > 0 and is_meant(row[means_of(row) + identity - 1], clause)
+                for unlocked in range(steps.shape[0]):
+                    for hand in range(steps.shape[1]):
+                        if verb == GO_TO:
+                            if meant:
+                                steps[unlocked, hand, pose] = 0
+                        elif verb == OPEN:
+                            if meant and kind_of(code) == DOOR:
+                                lock = lock_at[i * height + j]
+                                if lock >= 0 and unlocked >> lock & 1 == 0:
+                                    if opens(row, hand, lock, locks, sorts, codes):
+                                        steps[unlocked, hand, pose] = 1
+                                elif state_of(code) != LOCKED or lock >= 0:
+                                    steps[unlocked, hand, pose] = 1
+                        elif verb == PICK_UP:
+                            if meant and hand == NOTHING:
+                                steps[unlocked, hand, pose] = 1
+                        else:
+                            free = hand == MOVED and cost[i * height + j] > 0 and kind_of(code) != DOOR
+                            if free and is_next_to(row, i, j, 2 << 2 * clause):
+                                steps[unlocked, hand, pose] = cost[i * height + j]
+
+
+@device_function()
+def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
+    """Whether something meant lies beside a cell now."""
+    for k in range(4):
+        i, j = ahead(x, y, k)
+        if i >= 0 and j >= 0 and i < row[WIDTH] and j < row[HEIGHT]:
+            identity = identity_of(row[HEADER + i * row[HEIGHT] + j])
+            if identity > 0 and row[means_of(row) + identity - 1] & meant:
+                return True
+    return False
+
+
+@kernel()
+def codes_of(row: Row) -> NDArray[np.int64]:
+    """The code of each object, by identity - 1, wherever it is."""
+    return object_codes(row)
+
+
+@device_function()
+def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
+    """Whether a step has done what the clause says."""
+    at = block_of(row) + CLAUSES + clause * CLAUSE
+    verb = row[at + VERB]
+    meant = 1 << 2 * clause
+    if verb == PICK_UP:
+        held = identity_of(row[CARRYING])
+        return action == PICKUP and held > 0 and row[means_of(row) + held - 1] & meant != 0
+    x, y = cell_in_front(row)
+    if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
+        return False
+    code = row[HEADER + x * row[HEIGHT] + y]
+    identity = identity_of(code)
+    if identity == 0:
+        return False
+    fits = row[means_of(row) + identity - 1] & meant != 0
+    if verb == GO_TO:
+        return fits
+    if verb == OPEN:
+        return action == TOGGLE and fits and kind_of(code) == DOOR and state_of(code) == STANDS_OPEN
+    return action == DROP and held_before == identity and fits and is_next_to(row, x, y, meant << 1)
+
+
+@device_function()
+def may_help(row: Row, clause: int, action: int, last: int) -> bool:
+    """Whether to try an action: not to close a door, take up again what was just put down, or break what is meant."""
+    if action <= FORWARD:
+        return True
+    x, y = cell_in_front(row)
+    if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
+        return False
+    code = row[HEADER + x * row[HEIGHT] + y]
+    at = block_of(row) + CLAUSES + clause * CLAUSE
+    verb, strict = row[at + VERB], row[at + STRICT] != 0
+    identity = identity_of(code)
+    means = row[means_of(row) + identity - 1] if identity > 0 else 0
+    meant = is_meant(means, clause)
+    if action == PICKUP:
+        if row[CARRYING] != EMPTY or not can_be_carried(code) or identity == last:
+            return False
+        return not strict or (verb != PUT_NEXT and (verb != PICK_UP or meant))
+    if action == DROP:
+        return row[CARRYING] != EMPTY and code == EMPTY
+    if identity == 0:
+        return False
+    if kind_of(code) == BOX:
+        return means == 0
+    if verb == OPEN and (meant or strict):
+        return meant
+    return kind_of(code) == DOOR and state_of(code) != STANDS_OPEN
+
+
+@device_function()
+def heuristic_value(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
+    """What the table says of a state."""
+    unlocked = 0
+    for lock in range(len(locks)):
+        cell = where_is(row, locks[lock, 0])
+        if cell != NOWHERE and state_of(row[HEADER + cell]) != LOCKED:
+            unlocked |= 1 << lock
+    held = identity_of(row[CARRYING])
+    hand = sorts[held - 1] if held > 0 else NOTHING
+    return table[unlocked, hand, (row[X] * row[HEIGHT] + row[Y]) * 4 + row[DIRECTION]]
+
+
+@kernel()
+def heuristic_value_of(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
+    """`heuristic_value`, for Python."""
+    return heuristic_value(row, table, locks, sorts)
+
+
+@kernel()
+def search_clause(
+    start: Row, clause: int, table: Table, locks: Locks, sorts: Sorts, weight: int, limit: int
+) -> tuple[int, NDArray[np.int64]]:
+    """Find actions that do a clause: the fewest with weight 1 and a table that never overestimates.
+
+    Returns:
+        FOUND and the actions, or NONE or FULL and no actions.
+    """
+    row = start.copy()
+    codes = object_codes(row)
+    none = np.empty(0, np.int64)
+    heuristic = heuristic_value(row, table, locks, sorts)
+    if heuristic >= FAR:
+        return NONE, none
+    frontier = open_frontier(row, limit, weight * heuristic)
+    node = pop(frontier)
+    while node >= 0:
+        for action in range(6):
+            load(row, frontier.nodes[node], codes)
+            if not may_help(row, clause, action, frontier.nodes[node, LAST]):
+                continue
+            held = identity_of(row[CARRYING])
+            apply(row, action)
+            if is_done(row, clause, action, held):
+                return FOUND, actions_to_node(frontier.parent, frontier.cause, node, action)
+            heuristic = heuristic_value(row, table, locks, sorts)
+            if not push(frontier, row, node, action, held, heuristic, weight):
+                return FULL, none
+        node = pop(frontier)
+    return exhausted(frontier), none

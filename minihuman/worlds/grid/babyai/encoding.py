@@ -1,0 +1,209 @@
+"""Instructions as numbers: a block in the row of state after the cells; to numbers, back, and as a sentence.
+
+An instruction is one part, or two of which one comes before the other; a part is one clause, or two in any order. A
+clause is a verb with one or two descriptions of objects. After the block each object has a number whose bit `d` says
+that description `d` means it (description `2 * clause`, and one more for what an object is put next to), and each cell
+has one that says so of what lay there when places were last noted.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.grid.babyai.language import (
+    PLACES,
+    After,
+    And,
+    Before,
+    Clause,
+    GoTo,
+    Instruction,
+    ObjectDescription,
+    Open,
+    Part,
+    Pickup,
+    PutNext,
+    clauses,
+    parts,
+)
+from minihuman.worlds.grid.core.cells import KINDS
+from minihuman.worlds.grid.core.state import HEADER, HEIGHT, OBJECTS, WIDTH, Row
+from minihuman.worlds.kernels import inline
+
+JOIN = 0  # how the parts are joined
+LEFT, RIGHT = 1, 2  # clauses in the first and the second part as they are read; 0 for no part
+FLAGS = 3
+HANDED = 4  # identity of what is put into the agent's hand after the first look
+ROUNDS = 5  # layouts drawn until one was accepted
+ROOM = 6  # cells on a side of a room, walls included, for "on your left"; 0: the grid is one room
+CLAUSES = 8  # the first clause
+MOST_CLAUSES = 4
+
+VERB = 0  # within a clause
+STRICT = 1  # doing it to anything else is failure
+STATUS = 2
+WHEN = 3  # the step in which it was satisfied
+HELD = 4  # identity of what was in hand when it was last judged; 0 for nothing
+MATCHED = 5  # where "done" must be said: the last step has done it
+THING = 6  # the description: kind, colour, place (-1: any), and whether it means more than one thing
+OTHER = 10  # the second description
+KIND, COLOUR, PLACE, PLURAL = range(4)
+CLAUSE = 14  # numbers a clause
+
+BLOCK = CLAUSES + MOST_CLAUSES * CLAUSE
+
+ALONE, BEFORE, AFTER = range(3)  # joins
+NO_VERB, GO_TO, OPEN, PICK_UP, PUT_NEXT = range(5)
+IN_ORDER_STRICTLY = 1  # flags: doing the second part first is failure
+OWN_STEPS = 2  # a step that ends the first part does not count for the second, and places are noted in every step
+SAY_DONE = 4  # a part ends when "done" is said right after it was done
+WAITING, SATISFIED, BROKEN = range(3)  # a clause's status
+
+ANY = -1
+ON_LEFT, ON_RIGHT, IN_FRONT, BEHIND = range(4)  # places, seen from the agent's first pose
+
+
+def instructed_length(width: int, height: int) -> int:
+    """How many numbers the state of a world with instructions takes."""
+    return HEADER + 5 * width * height + BLOCK
+
+
+@inline
+def block_of(row: Row) -> int:
+    """Where the block begins."""
+    return HEADER + 3 * row[WIDTH] * row[HEIGHT]
+
+
+@inline
+def means_of(row: Row) -> int:
+    """Where the numbers begin that say by which descriptions each object is meant, from identity 1."""
+    return HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK
+
+
+@inline
+def is_meant(bits: int, clause: int) -> bool:
+    """Whether an object with these bits is one that a clause is about."""
+    return bits >> 2 * clause & 1 != 0
+
+
+@inline
+def noted_of(row: Row) -> int:
+    """Where the numbers begin that say by which descriptions what lay in each cell was meant."""
+    return HEADER + 4 * row[WIDTH] * row[HEIGHT] + BLOCK
+
+
+VERBS: dict[type[Clause], int] = {GoTo: GO_TO, Open: OPEN, Pickup: PICK_UP, PutNext: PUT_NEXT}
+JOINS: dict[type, int] = {Before: BEFORE, After: AFTER}
+UNSAID = -1  # in numbers to be compared: "a" or "the" was not said
+
+
+def to_numbers(instruction: Instruction) -> NDArray[np.int64]:
+    """The block's numbers that say the instruction, int64[BLOCK]."""
+    numbers = np.zeros(BLOCK, np.int64)
+    numbers[JOIN] = JOINS.get(type(instruction), ALONE)
+    for at, part in zip((LEFT, RIGHT), parts(instruction), strict=False):
+        numbers[at] = 2 if isinstance(part, And) else 1
+    numbers[FLAGS] = IN_ORDER_STRICTLY if isinstance(instruction, Before | After) and instruction.strict else 0
+    for k, clause in enumerate(clauses(instruction)):
+        line = numbers[CLAUSES + k * CLAUSE :][:CLAUSE]
+        line[VERB] = VERBS[type(clause)]
+        line[STRICT] = getattr(clause, "strict", False)
+        line[THING : THING + 4] = thing_numbers(clause.thing)
+        if isinstance(clause, PutNext):
+            line[OTHER : OTHER + 4] = thing_numbers(clause.other)
+    return numbers
+
+
+def thing_numbers(thing: ObjectDescription) -> tuple[int, int, int, int]:
+    """A description as kind, colour, place, and whether it means several."""
+    return (
+        ANY if thing.kind is None else KINDS.index(thing.kind),
+        ANY if thing.colour is None else COLOURS.index(thing.colour),
+        ANY if thing.place is None else PLACES.index(thing.place),
+        UNSAID if thing.many is None else int(thing.many),
+    )
+
+
+def block(row: Row) -> Row:
+    """The numbers of a state's instruction, int32[BLOCK]: a view."""
+    begin = HEADER + 3 * int(row[WIDTH]) * int(row[HEIGHT])  # plain Python: no kernel is compiled for it
+    return row[begin : begin + BLOCK]
+
+
+def described_objects(row: Row) -> Row:
+    """By which descriptions each object is meant, as bits, by identity - 1: a view."""
+    cells = int(row[WIDTH]) * int(row[HEIGHT])
+    begin = HEADER + 3 * cells + BLOCK
+    return row[begin : begin + int(row[OBJECTS])]
+
+
+def instruction_of(row: Row) -> Instruction:
+    """The instruction of a state."""
+    return _read(_said(block(row).tobytes()))
+
+
+def sentence_of(row: Row) -> str:
+    """The sentence of a state's instruction."""
+    return _sentence(block(row).tobytes())
+
+
+def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
+    """The clauses of a state's instruction as text, each with the step that did it; 0 for none yet."""
+    lines = block(row)[CLAUSES:].reshape(-1, CLAUSE)
+    return tuple(
+        (str(clause), int(line[WHEN]) if line[STATUS] == SATISFIED else 0)
+        for clause, line in zip(clauses(instruction_of(row)), lines, strict=False)
+    )
+
+
+def _said(numbers: bytes) -> bytes:
+    """What decides the sentence: a block without what has been satisfied so far."""
+    said = np.frombuffer(numbers, np.int32).copy()
+    said[HANDED:CLAUSES] = 0
+    said[CLAUSES:].reshape(-1, CLAUSE)[:, STATUS:THING] = 0
+    return said.tobytes()
+
+
+@lru_cache(maxsize=4096)
+def _sentence(numbers: bytes) -> str:
+    return str(_read(_said(numbers)))
+
+
+@lru_cache(maxsize=1024)
+def _read(said: bytes) -> Instruction:
+    numbers = np.frombuffer(said, np.int32)
+    join, left, right, flags = numbers[[JOIN, LEFT, RIGHT, FLAGS]].tolist()
+    lines = numbers[CLAUSES:].reshape(-1, CLAUSE).tolist()
+    first = _part(lines[:left])
+    if join == ALONE:
+        return first
+    second = _part(lines[left : left + right])
+    strict = bool(flags & IN_ORDER_STRICTLY)
+    return Before(first, second, strict) if join == BEFORE else After(first, second, strict)
+
+
+def _part(lines: list[list[int]]) -> Part:
+    read = [_clause(line) for line in lines]
+    return read[0] if len(read) == 1 else And(*read)
+
+
+def _clause(line: list[int]) -> Clause:
+    verb, strict = line[VERB], line[STRICT]
+    thing = _thing(line[THING:OTHER])
+    if verb == PUT_NEXT:
+        return PutNext(thing, _thing(line[OTHER:CLAUSE]), bool(strict))
+    if verb == GO_TO:
+        return GoTo(thing)
+    return Open(thing, bool(strict)) if verb == OPEN else Pickup(thing, bool(strict))
+
+
+def _thing(numbers: list[int]) -> ObjectDescription:
+    kind, colour, place, several = numbers
+    return ObjectDescription(
+        None if kind == ANY else KINDS[kind],
+        None if colour == ANY else COLOURS[colour],
+        None if place == ANY else PLACES[place],
+        bool(several),
+    )

@@ -1,0 +1,345 @@
+"""The all-seeing expert for instructions: lists of actions that do what is said, on the world's own rules.
+
+A plan is made clause by clause, And in both orders. Each clause is searched exactly first, and with a careful guess
+where that takes too many states; `InstructionPlan` says what is certain: that no plan exists, or that none was found.
+Where a search takes too many states, what lies on the path of the distance heuristic is first put aside, one by one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.babyai import encoding
+from minihuman.worlds.grid.babyai.clause_search import (
+    NOTHING,
+    codes_of,
+    distance_heuristic,
+    find_locks,
+    heuristic_value_of,
+    search_clause,
+    sort_things,
+)
+from minihuman.worlds.grid.babyai.encoding import block, described_objects
+from minihuman.worlds.grid.babyai.verifier import try_action
+from minihuman.worlds.grid.core.cells import DOOR, EMPTY, LAVA, STEPS, WALL, identities_of, kinds_of
+from minihuman.worlds.grid.core.rewards import DONE, DROP, PICKUP, RIGHT, cell_in_front
+from minihuman.worlds.grid.core.rules import TERMINATED
+from minihuman.worlds.grid.core.search import FAR, FOUND, NONE, distances
+from minihuman.worlds.grid.core.state import CARRYING, MAX_STEPS, PHASE, PLAYING, STEP, Row, State, cell_at
+from minihuman.worlds.grid.planner import descend
+
+MOST_CLEARED = 24
+LIMIT = 1 << 13  # states of each search on the way
+SPARED = 1 << 30  # a meaning that keeps a box from being opened
+
+
+def clear_way(row: Row, clause: int) -> list[int] | None:
+    """Put aside what blocks a clause: the actions, done in the row. None if something cannot be moved."""
+    if block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STRICT]:
+        return None
+    actions: list[int] = []
+    for _ in range(MOST_CLEARED):
+        way = _way(row, clause)
+        if way is None:
+            return None
+        cells = State(row).cells.ravel()
+        wanted = described_objects(row) >> 2 * clause & 1
+        lying = [
+            cell
+            for cell in way
+            if identities_of(cells[cell]) > 0
+            and kinds_of(cells[cell]) != DOOR
+            and not (cell == way[-1] and wanted[identities_of(cells[cell]) - 1])
+        ]
+        if not lying:
+            return actions
+        thing = identities_of(cells[lying[0]])
+        for each in (
+            partial(put_down, way=way),
+            partial(do_to, verb=encoding.PICK_UP, identity=thing),
+            partial(put_down, way=way),
+        ):
+            part = each(row)
+            if part is None or not _do(row, part):
+                return None
+            actions += part
+    return None
+
+
+def _do(row: Row, actions: list[int]) -> bool:
+    for action in actions:
+        status, _ = try_action(row, action)
+        if status & TERMINATED:
+            return False
+    return True
+
+
+def _way(row: Row, clause: int) -> list[int] | None:
+    """The cells on the path of the distance heuristic, free or not, and where something is put down."""
+    codes, locks = codes_of(row), find_locks(row)
+    sorts = sort_things(row, clause, codes, locks)
+    table = distance_heuristic(row, clause, codes, locks, sorts, True)
+    state = State(row)
+    inside = state.contents.tolist()
+    lock_at = {state.find(int(identity)): lock for lock, (identity, _) in enumerate(locks)}
+    held = identities_of(row[CARRYING])
+    unlocked, hand = 0, int(sorts[held - 1]) if held else NOTHING
+    x, y = state.position
+    direction = state.direction
+    cells: list[int] = []
+    while table[unlocked, hand, (x * state.height + y) * 4 + direction] < FAR:
+        here = (unlocked, hand, x, y, direction)
+        ahead = x + STEPS[direction][0], y + STEPS[direction][1]
+        after = [(unlocked, hand, x, y, (direction + turn) % 4) for turn in (1, 3)]
+        if 0 <= ahead[0] < state.width and 0 <= ahead[1] < state.height:
+            code = int(state.cells[ahead])
+            lock = lock_at.get(ahead, -1)
+            if kinds_of(code) not in (WALL, LAVA) and (lock < 0 or unlocked >> lock & 1):
+                after.append((unlocked, hand, *ahead, direction))
+            if lock >= 0:
+                after.append((unlocked | 1 << lock, hand, x, y, direction))
+            if hand == NOTHING and identities_of(code) > 0 and kinds_of(code) != DOOR:
+                within = identities_of(inside[identities_of(code) - 1])
+                after += [
+                    (unlocked, int(sorts[one - 1]), x, y, direction) for one in (identities_of(code), within) if one
+                ]
+        if hand != NOTHING:
+            after.append((unlocked, NOTHING, x, y, direction))
+
+        def value(at: tuple[int, ...]) -> int:
+            return int(table[at[0], at[1], (at[2] * state.height + at[3]) * 4 + at[4]])
+
+        best = min(after, key=value)
+        if value(best) >= value(here):
+            cells.append(ahead[0] * state.height + ahead[1])
+            return list(dict.fromkeys(cells))
+        if best[2:4] != (x, y):
+            cells.append(best[2] * state.height + best[3])
+        unlocked, hand, x, y, direction = best
+    return None
+
+
+def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
+    """The actions that do a verb to one object, whatever the instruction says; None if none were found."""
+    trial = row.copy()
+    numbers = block(trial)
+    numbers[encoding.CLAUSES + encoding.VERB], numbers[encoding.CLAUSES + encoding.STRICT] = verb, 0
+    meant = described_objects(trial)
+    meant[:] = np.where(meant > 0, SPARED, 0)
+    meant[identity - 1] = SPARED | 1
+    codes, locks = codes_of(trial), find_locks(trial)
+    sorts = sort_things(trial, 0, codes, locks)
+    outcome, actions = search_clause(
+        trial, 0, distance_heuristic(trial, 0, codes, locks, sorts, True), locks, sorts, 2, LIMIT
+    )
+    return [int(action) for action in actions] if outcome == FOUND else None
+
+
+def put_down(row: Row, way: list[int]) -> list[int] | None:
+    """The actions that put down what is in hand: off the path and not before a door, where possible."""
+    if row[CARRYING] == EMPTY:
+        return []
+    for barred in (_barred(row, way, doors=True), _barred(row, way, doors=False)):
+        poses = _facing_free(row, barred)
+        steps = distances(row, poses, False)
+        state = State(row)
+        here = (*state.position, state.direction)
+        if steps[here] < FAR:
+            return [*descend(steps, *here), DROP]
+    return None
+
+
+def _barred(row: Row, way: list[int], *, doors: bool) -> NDArray[np.bool_]:
+    state = State(row)
+    barred = np.zeros(state.cells.shape, bool)
+    barred.ravel()[way] = True
+    if doors:
+        for x, y in np.argwhere(state.kinds == DOOR):
+            for i, j in ((x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)):
+                if 0 <= i < state.width and 0 <= j < state.height:
+                    barred[i, j] = True
+    return barred
+
+
+def _facing_free(row: Row, barred: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Pose numbers from which a free cell that is not barred lies ahead."""
+    state = State(row)
+    numbers = []
+    for x, y in np.argwhere((state.cells == EMPTY) & ~barred).tolist():
+        for direction, (dx, dy) in enumerate(STEPS):
+            i, j = x - dx, y - dy
+            if 0 <= i < state.width and 0 <= j < state.height:
+                numbers.append((i * state.height + j) * 4 + direction)
+    return np.array(numbers, np.int64)
+
+
+EXACT, SOME, MANY = 1 << 12, 1 << 14, 1 << 16  # states looked at: exactly, guessing, and guessing boldly
+
+
+@dataclass(frozen=True, slots=True)
+class InstructionPlan:
+    """What a planner found.
+
+    Attributes:
+        actions: What to do; empty where nothing was found.
+        at_least: No list of actions is shorter; None where certainly none exists.
+        found: Whether the actions succeed.
+    """
+
+    actions: tuple[int, ...]
+    at_least: int | None
+    found: bool
+
+    @property
+    def unsolvable(self) -> bool:
+        """Whether certainly no plan exists; neither found nor unsolvable means that the search gave up."""
+        return self.at_least is None
+
+    @property
+    def shortest(self) -> bool:
+        """Whether the actions are proven to be the fewest."""
+        return self.found and len(self.actions) == self.at_least
+
+
+def plan_instruction(row: Row) -> InstructionPlan:
+    """A plan for a state's instruction. The state is not changed; the step limit is ignored."""
+    scratch = row.copy()
+    scratch[MAX_STEPS], scratch[STEP], scratch[PHASE] = FAR, 0, PLAYING
+    best: tuple[int, ...] | None = None
+    unsolvable = True
+    at_least = None
+    for order in _orders(scratch):
+        trial = scratch.copy()
+        actions, certain, bound = _in_order(trial, order)
+        unsolvable &= certain
+        if bound is not None:
+            at_least = bound if at_least is None else min(at_least, bound)
+        if actions is not None and (best is None or len(actions) < len(best)):
+            best = actions
+    if best is not None:
+        return InstructionPlan(best, min(at_least or 0, len(best)), True)
+    return InstructionPlan((), None if unsolvable else at_least or 0, False)
+
+
+def plan_clause(row: Row, clause: int) -> tuple[int, ...] | None:
+    """A plan for one clause of a state's instruction; None if none was found. The state is not changed."""
+    actions, _, _ = _clause(row, clause)
+    return actions
+
+
+def _orders(row: Row) -> Iterator[tuple[int, ...]]:
+    """The orders in which the clauses can be done."""
+    numbers = block(row)
+    left, right = int(numbers[encoding.LEFT]), int(numbers[encoding.RIGHT])
+    one, other = tuple(range(left)), tuple(range(left, left + right))
+    if numbers[encoding.JOIN] == encoding.AFTER:
+        one, other = other, one
+    waiting = [
+        tuple(
+            k for k in part if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
+        )
+        for part in (one, other)
+    ]
+    if numbers[encoding.JOIN] == encoding.ALONE:
+        waiting = waiting[:1]
+    choices = [(part, part[::-1]) if len(part) == 2 else (part,) for part in waiting]
+    for first in choices[0]:
+        for second in choices[1] if len(choices) > 1 else ((),):
+            yield first + second
+
+
+def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None, bool, int | None]:
+    """Do clauses one after the other: the actions, whether failing was certain, the first clause's bound."""
+    done: list[int] = []
+    bound: int | None = None
+    for place, clause in enumerate(order):
+        if block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STATUS] == encoding.SATISFIED:
+            continue
+        actions, certain, at_least = _clause(row, clause)
+        if place == 0:
+            bound = at_least
+        if actions is None:
+            return None, certain and place == 0, bound
+        if block(row)[encoding.FLAGS] & encoding.SAY_DONE:
+            actions = (*actions, DONE)
+        for action in actions:
+            status, reward = try_action(row, action)
+            done.append(action)
+            if status & TERMINATED:
+                return (tuple(done), False, bound) if reward > 0 else (None, _is_trap(row, order), bound)
+    return None, False, bound
+
+
+def _is_trap(row: Row, order: tuple[int, ...]) -> bool:
+    """Whether a failure at the joint of two parts cannot be got round: each step of the first is one of the second."""
+    return len(order) == 2 and not block(row)[encoding.FLAGS] & encoding.OWN_STEPS
+
+
+def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
+    """Do one clause: the actions, whether there certainly are none, at least how many there are."""
+    first: list[int] = []
+    codes, locks = codes_of(row), find_locks(row)
+    sorts = sort_things(row, clause, codes, locks)
+    table = distance_heuristic(row, clause, codes, locks, sorts, False)
+    at_least = int(heuristic_value_of(row, table, locks, sorts))
+    if at_least >= FAR and row[CARRYING] != EMPTY:
+        return _after_dropping(row, clause)
+    if at_least >= FAR:
+        return None, True, None
+    if (
+        block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.HELD] == 0
+        and row[CARRYING] != EMPTY
+        and at_least <= 1
+    ):
+        first = [PICKUP]  # does nothing: what is in hand from the start counts as put down from the second step on
+    outcome, actions = search_clause(row, clause, table, locks, sorts, 1, EXACT)
+    if outcome == FOUND:
+        return (*first, *actions.tolist()), False, at_least
+    if outcome == NONE:
+        return None, True, at_least
+    return _guessing(row, clause), False, at_least
+
+
+def _guessing(row: Row, clause: int) -> tuple[int, ...] | None:
+    """Do one clause with more states, with a guess that overestimates, with the way cleared first."""
+    trial = row.copy()
+    for weight, limit, clears in ((2, SOME, False), (2, SOME, True), (5, MANY, True), (5, MANY, False)):
+        cleared: list[int] | None = []
+        if clears:
+            trial = row.copy()
+            cleared = clear_way(trial, clause)
+        if cleared is None:
+            continue
+        start = trial if clears else row
+        codes, locks = codes_of(start), find_locks(start)
+        sorts = sort_things(start, clause, codes, locks)
+        guess = distance_heuristic(start, clause, codes, locks, sorts, True)
+        outcome, actions = search_clause(start, clause, guess, locks, sorts, weight, limit)
+        if outcome == FOUND:
+            return (*cleared, *actions.tolist())
+    return None
+
+
+def _after_dropping(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:
+    """Do one clause once what is in hand lies before the agent."""
+    trial = row.copy()
+    turns: list[int] = []
+    while int(cell_at(trial, *cell_in_front(trial))) != EMPTY:
+        turns.append(RIGHT)
+        if len(turns) == 4:
+            return None, False, 0
+        try_action(trial, RIGHT)
+    turns.append(DROP)
+    status, _ = try_action(trial, DROP)
+    if (
+        status & TERMINATED
+        or block(trial)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STATUS] == encoding.SATISFIED
+    ):
+        return tuple(turns), False, 1
+    actions, certain, at_least = _clause(trial, clause)
+    if actions is None:
+        return None, certain, at_least
+    return (*turns, *actions), False, 1

@@ -1,0 +1,236 @@
+"""The exploring expert: does what the instruction says from what it has seen alone.
+
+It plans on what it knows; where that is not enough it looks for more: where much can be seen soon, then behind locked
+doors whose key it knows, past things in the way, into boxes.
+"""
+
+import numpy as np
+
+from minihuman.worlds.grid.babyai import encoding
+from minihuman.worlds.grid.babyai.encoding import block, described_objects, instructed_length
+from minihuman.worlds.grid.babyai.expert import do_to, plan_clause, put_down
+from minihuman.worlds.grid.babyai.verifier import try_action
+from minihuman.worlds.grid.belief_state import (
+    DOOR_WEIGHTS,
+    EXPERT_WEIGHTS,
+    ExploredGrid,
+    FrontierWeights,
+    Noise,
+    no_noise,
+)
+from minihuman.worlds.grid.core import rewards
+from minihuman.worlds.grid.core import state as fields
+from minihuman.worlds.grid.core.cells import (
+    BOX,
+    CLOSED,
+    DOOR,
+    EMPTY,
+    GREY_WALL,
+    LOCKED,
+    identities_of,
+    in_state,
+    kinds_of,
+)
+from minihuman.worlds.grid.core.search import FAR
+from minihuman.worlds.grid.core.state import Row, State
+from minihuman.worlds.grid.planner import plan
+
+THING_IN_WAY = 6  # about what it takes to put it aside
+
+
+class Explorer:
+    """One episode's explorer. Ask `action` before every step.
+
+    Args:
+        state: The world's state after its reset.
+        view_size: Cells on a side of the agent's view.
+        judgement: The weights by which it chooses where to look; None: the best known.
+        noise: How far off each of these judgements is, in actions.
+        inside: The grid is seen from inside.
+    """
+
+    def __init__(
+        self,
+        state: State,
+        view_size: int = 7,
+        *,
+        judgement: FrontierWeights | None = None,
+        noise: Noise = no_noise,
+        inside: bool = False,
+    ) -> None:
+        self.memory = ExploredGrid(state.row, view_size, inside=inside)
+        self._judgement, self._noise = judgement, noise
+        self._plan: list[int] = []
+        self._before = state.row.copy()  # the state when the plan was last looked at
+
+    def action(self, state: State) -> int | None:
+        """The next action; None where nothing is left to try."""
+        way = self.way(state)
+        return way[0] if way else None
+
+    def way(self, state: State) -> list[int]:
+        """The actions planned from here; empty where nothing is left to try."""
+        new = self.memory.look(state.row)
+        moving = state.row[fields.TASK] == rewards.DODGE  # by chance: what comes after an action cannot be worked out
+        if self._plan and not moving and np.array_equal(_after(self._before, self._plan[0]), state.row):
+            self._plan.pop(0)  # done, as it was to be
+        elif not np.array_equal(self._before, state.row):
+            self._plan = []
+        if not self._plan or new:
+            self._plan = self._decide(state.row)
+        self._before = state.row.copy()
+        return self._plan
+
+    def _decide(self, row: Row) -> list[int]:
+        known = self.memory.known(row)
+        known[fields.MAX_STEPS], known[fields.STEP], known[fields.PHASE] = FAR, 0, fields.PLAYING
+        if known[fields.TASK] != rewards.INSTRUCTED:
+            room_for_more = instructed_length(int(known[fields.WIDTH]), int(known[fields.HEIGHT])) - len(known)
+            if known[fields.TASK] == rewards.DODGE:
+                self._where_things_are(known)
+            found = plan(State(known)) if self._knows_what_it_is_about(known) else None
+            return found or self._look_for_more(np.pad(known, (0, room_for_more)))
+        for candidates in (self._ways(known), self._fetching(known)):
+            if candidates:
+                return min(candidates, key=len)
+        return self._look_for_more(known)
+
+    def _where_things_are(self, known: Row) -> None:
+        """Take obstacles in view for walls, and forget the others, which have moved since."""
+        known[fields.TASK] = rewards.REACH
+        cells = known[fields.HEADER : fields.HEADER + int(known[fields.WIDTH]) * int(known[fields.HEIGHT])]
+        moving, in_view = identities_of(cells) > 0, self.memory.in_view(known)
+        cells[moving & in_view], cells[moving & ~in_view] = GREY_WALL, EMPTY
+
+    def _knows_what_it_is_about(self, known: Row) -> bool:
+        """Whether the cells that the task is about were seen; of a match, the things too that are compared."""
+        task, target = int(known[fields.TASK]), known[fields.TARGET : fields.TARGET + 4].tolist()
+        about = {
+            rewards.STAND_BY: (0,),
+            rewards.OPEN_DOOR: (0,),
+            rewards.MATCH: (0, 2),
+            rewards.IN_ORDER: (0, 2),
+            rewards.PUT_NEAR: (2,),
+        }.get(task, ())
+        cells = [target[place] * int(known[fields.HEIGHT]) + target[place + 1] for place in about]
+        things = range(1, int(known[fields.OBJECTS]) + 1) if task == rewards.MATCH else ()
+        return bool(self.memory.seen[cells].all()) and all(State(known).find(one) is not None for one in things)
+
+    def _ways(self, known: Row) -> list[list[int]]:
+        """How to do each clause that is to be done now, of those that can be on what is known."""
+        found = []
+        for clause in active(known):
+            actions = plan_clause(known, clause)
+            if actions is not None:
+                found.append(
+                    [*actions, rewards.DONE] if block(known)[encoding.FLAGS] & encoding.SAY_DONE else list(actions)
+                )
+        return found
+
+    def _fetching(self, known: Row) -> list[list[int]]:
+        """How to take up what is to be put next to something not found yet."""
+        found = []
+        for clause in active(known):
+            if block(known)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.VERB] != encoding.PUT_NEXT:
+                continue
+            movable = (described_objects(known) >> 2 * clause & 1).nonzero()[0] + 1
+            if identities_of(known[fields.CARRYING]) in movable:
+                continue
+            for identity in movable.tolist():
+                if State(known).find(identity) is not None:
+                    actions = do_to(known, encoding.PICK_UP, identity)
+                    if actions is not None:
+                        found.append(actions)
+        return found
+
+    def _look_for_more(self, known: Row) -> list[int]:
+        judgement = self._judgement or (DOOR_WEIGHTS if _seeks_doors(known) else EXPERT_WEIGHTS)
+        allowed = _doors_left_alone(known) if _strict(known) else known
+        nearest = self.memory.frontier(allowed, judgement=judgement, noise=self._noise)
+        if nearest is not None:
+            return nearest[0]
+        return self._unlocking(known) or self._clearing(known, judgement) or self._opening_boxes(known)
+
+    def _unlocking(self, known: Row) -> list[int]:
+        state = State(known)
+        locked = state.identities[(state.kinds == DOOR) & (state.states == LOCKED)].tolist()
+        found = (do_to(known, encoding.OPEN, identity) for identity in locked)
+        return min((actions for actions in found if actions is not None), key=len, default=[])
+
+    def _clearing(self, known: Row, judgement: FrontierWeights) -> list[int]:
+        beyond = self.memory.frontier(known, passing=THING_IN_WAY, judgement=judgement)
+        if beyond is None:
+            return []
+        _, way, _ = beyond
+        cells = State(known).cells.ravel()
+        lying = [cell for cell in way if identities_of(cells[cell]) > 0 and kinds_of(cells[cell]) != DOOR]
+        if not lying:
+            return []
+        trial = known.copy()
+        actions: list[int] = []
+        for step in range(3):
+            part = put_down(trial, way) if step != 1 else do_to(trial, encoding.PICK_UP, identities_of(cells[lying[0]]))
+            if part is None:
+                return []
+            for action in part:
+                try_action(trial, action)
+            actions += part
+        return actions
+
+    def _opening_boxes(self, known: Row) -> list[int]:
+        state = State(known)
+        boxes = [one for one in state.identities[state.kinds == BOX].tolist() if not described_objects(known)[one - 1]]
+        found = (do_to(known, encoding.PICK_UP, identity) for identity in boxes)
+        opened = ([*actions[:-1], rewards.TOGGLE] for actions in found if actions is not None)
+        return min(opened, key=len, default=[])
+
+
+def _strict(row: Row) -> bool:
+    """Whether a clause that is to be done now fails where something else is done."""
+    return any(clause[encoding.STRICT] != 0 for clause in _active_lines(row))
+
+
+def _seeks_doors(row: Row) -> bool:
+    """Whether each clause that is to be done now is about a door."""
+    kinds = [int(clause[encoding.THING + encoding.KIND]) for clause in _active_lines(row)]
+    return bool(kinds) and all(kind == DOOR for kind in kinds)
+
+
+def _active_lines(row: Row) -> list[Row]:
+    """The numbers of the clauses that are to be done now."""
+    if row[fields.TASK] != rewards.INSTRUCTED:
+        return []
+    lines = block(row)[encoding.CLAUSES :].reshape(-1, encoding.CLAUSE)
+    return [lines[clause] for clause in active(row)]
+
+
+def _doors_left_alone(known: Row) -> Row:
+    """The state with every closed door as good as locked."""
+    alone = known.copy()
+    state = State(alone)
+    for x, y in np.argwhere((state.kinds == DOOR) & (state.states == CLOSED)).tolist():
+        state.cells[x, y] = in_state(int(state.cells[x, y]), LOCKED)
+    return alone
+
+
+def active(row: Row) -> tuple[int, ...]:
+    """The clauses that are to be done now."""
+    numbers = block(row)
+    left, right = int(numbers[encoding.LEFT]), int(numbers[encoding.RIGHT])
+    both = [range(left), range(left, left + right)]
+    if numbers[encoding.JOIN] == encoding.AFTER:
+        both.reverse()
+    for part in both[:1] if numbers[encoding.JOIN] == encoding.ALONE else both:
+        waiting = tuple(
+            k for k in part if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
+        )
+        if waiting:
+            return waiting
+    return ()
+
+
+def _after(row: Row, action: int) -> Row:
+    """The state after an action."""
+    after = row.copy()
+    try_action(after, action)
+    return after

@@ -1,0 +1,136 @@
+"""The Gymnasium space of instructions: every sentence that a grammar gives."""
+
+from typing import Any
+
+import numpy as np
+
+from minihuman.errors import WorldError
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.grid.babyai.encoding import sentence_of
+from minihuman.worlds.grid.babyai.language import (
+    NOUNS,
+    PLACES,
+    After,
+    And,
+    Before,
+    Clause,
+    GoTo,
+    Instruction,
+    ObjectDescription,
+    Open,
+    Part,
+    Pickup,
+    PutNext,
+    clauses,
+    parse,
+)
+from minihuman.worlds.grid.core.state import Row
+from minihuman.worlds.grid.missions import Sentences, words_in
+
+VERBS: dict[str, type[Clause]] = {"go to": GoTo, "open": Open, "pick up": Pickup, "put": PutNext}
+LONGEST_CLAUSE = PutNext(ObjectDescription("ball", "purple", "front"), ObjectDescription("ball", "purple", "front"))
+VOCABULARY = """, a after and ball behind blue box door front go green grey in key left next object of on open pick
+purple put red right the then to up yellow you your"""  # of all levels
+
+
+class InstructionSpace(Sentences):
+    """Every sentence with these verbs: ``InstructionSpace("go to", "open", places=False, clauses=1)``.
+
+    Args:
+        verbs: "go to", "open", "pick up", "put"; all of them without any.
+        places: Whether things may be described by where they lie.
+        clauses: How many clauses a sentence has at most: 1 to 4.
+        seed: As for every space.
+    """
+
+    varies = True  # from episode to episode
+
+    def __init__(
+        self, *verbs: str, places: bool = True, clauses: int = 4, seed: int | np.random.Generator | None = None
+    ) -> None:
+        for verb in verbs:
+            if verb not in VERBS:
+                raise WorldError(f"unknown verb {verb!r}; use one of {', '.join(VERBS)}")
+        if not 1 <= clauses <= 4:
+            raise WorldError(f"clauses is {clauses!r}; an instruction has 1 to 4")
+        self.verbs = tuple(verb for verb in VERBS if verb in verbs or not verbs)
+        self.places, self.clauses = places, clauses
+        longest = str(After(*(And(LONGEST_CLAUSE, LONGEST_CLAUSE),) * 2))
+        super().__init__(VOCABULARY.split(), max_length=len(longest), most_words=len(words_in(longest)), seed=seed)
+
+    def of(self, row: Row) -> str:
+        """The sentence of a state."""
+        return sentence_of(row)
+
+    def first(self) -> str:
+        """A sentence of this space: the mission of a world not yet reset."""
+        return str(self._clause(VERBS[self.verbs[0]], ObjectDescription("door" if self.verbs[0] == "open" else "ball")))
+
+    def contains(self, x: Any) -> bool:
+        """Whether the grammar gives this sentence."""
+        if not isinstance(x, str):
+            return False
+        try:
+            said = parse(x)
+        except WorldError:
+            return False
+        return str(said) == x and self.admits(said)
+
+    def admits(self, said: Instruction) -> bool:
+        """Whether an instruction is of this grammar."""
+        spoken = clauses(said)
+        things = [thing for clause in spoken for thing in (clause.thing, getattr(clause, "other", ObjectDescription()))]
+        return (
+            len(spoken) <= self.clauses
+            and all(type(clause) in {VERBS[verb] for verb in self.verbs} for clause in spoken)
+            and (self.places or all(thing.place is None for thing in things))
+        )
+
+    def sample(self, mask: Any = None, probability: Any = None) -> str:
+        """A drawn sentence. Masks and probabilities are not supported."""
+        if mask is not None or probability is not None:
+            raise WorldError("an instruction space takes no mask and no probability; leave them out")
+        count = int(self.np_random.integers(1, self.clauses + 1))
+        spoken = [self._draw_clause() for _ in range(count)]
+        said: Instruction = spoken[0]
+        if count == 2 and self._any(2):
+            said = And(*spoken)
+        elif count > 1:
+            split = {2: 1, 3: 1 + self._any(2), 4: 2}[count]
+            join = (Before, After)[self._any(2)]
+            said = join(self._part(spoken[:split]), self._part(spoken[split:]))
+        return str(said)
+
+    def _draw_clause(self) -> Clause:
+        verb = VERBS[self.verbs[self._any(len(self.verbs))]]
+        nouns = ("door",) if verb is Open else NOUNS if verb is GoTo else NOUNS[1:]
+        return self._clause(verb, self._thing(nouns), self._thing(NOUNS))
+
+    def _clause(self, verb: type[Clause], thing: ObjectDescription, other: ObjectDescription | None = None) -> Clause:
+        return PutNext(thing, other or ObjectDescription("box")) if verb is PutNext else verb(thing)
+
+    @staticmethod
+    def _part(spoken: list[Clause]) -> Part:
+        return spoken[0] if len(spoken) == 1 else And(*spoken)
+
+    def _thing(self, nouns: tuple[str, ...]) -> ObjectDescription:
+        colour = self._any(len(COLOURS) + 1)
+        place = self._any(len(PLACES) + 1) if self.places else 0
+        return ObjectDescription(
+            nouns[self._any(len(nouns))],
+            COLOURS[colour - 1] if colour else None,
+            PLACES[place - 1] if place else None,
+            bool(self._any(2)),
+        )
+
+    def _any(self, count: int) -> int:
+        return int(self.np_random.integers(count))
+
+    def __repr__(self) -> str:
+        words = ", ".join(map(repr, self.verbs))
+        return f"InstructionSpace({words}, places={self.places}, clauses={self.clauses})"
+
+    def __eq__(self, other: Any) -> bool:
+        return isinstance(other, InstructionSpace) and repr(self) == repr(other)
+
+    __hash__ = None  # type: ignore[assignment]  # spaces hold a random stream, so none of them is hashable

@@ -1,0 +1,220 @@
+"""The language of instructions: verbs, descriptions of objects, and how they are joined, as values.
+
+An instruction is one clause (`GoTo`, `Open`, `Pickup`, `PutNext`), two in any order (`And`), or one of these before or
+after another (`Before`, `After`), as in Minigrid's levels. `str()` of one is a sentence; `parse` reads one back.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+from minihuman.errors import WorldError
+from minihuman.worlds.colours import COLOURS
+
+PLACES = ("left", "right", "front", "behind")  # by number
+PLACE_WORDS = ("on your left", "on your right", "in front of you", "behind you")
+NOUNS = ("door", "key", "ball", "box")
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectDescription:
+    """A description: what is not said fits anything. "a red ball", "the door on your left", "the object"."""
+
+    kind: str | None = None
+    colour: str | None = None
+    place: str | None = None  # seen from where the agent starts, in the room it starts in
+    many: bool | None = None  # whether more than one thing is meant ("a"), just one ("the"), or not known yet
+
+    def __post_init__(self) -> None:
+        """Refuse what there is not."""
+        for name, known in (("kind", NOUNS), ("colour", COLOURS), ("place", PLACES)):
+            value = getattr(self, name)
+            if value is not None and isinstance(value, str) and value not in known:
+                raise WorldError(f"unknown {name} {value!r}; use one of {', '.join(known)}")
+
+    def __str__(self) -> str:
+        words = ["a" if self.many else "the", self.colour, self.kind or "object"]
+        if self.place is not None:
+            words.append(PLACE_WORDS[PLACES.index(self.place)])
+        return " ".join(word for word in words if word)
+
+
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """Base of what one verb says."""
+
+    thing: ObjectDescription
+
+    words: ClassVar[str]
+
+    def __str__(self) -> str:
+        return f"{self.words} {self.thing}"
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo(Clause):
+    """Face the thing from beside it."""
+
+    words: ClassVar[str] = "go to"
+
+
+@dataclass(frozen=True, slots=True)
+class Open(Clause):
+    """Open the door; ``strict``: to open or close another door is failure."""
+
+    words: ClassVar[str] = "open"
+    strict: bool = False
+
+    def __post_init__(self) -> None:
+        """Only doors are opened."""
+        if self.thing.kind not in ("door", None) and isinstance(self.thing.kind, str):
+            raise WorldError(f"'open {self.thing}': only doors can be opened")
+
+
+@dataclass(frozen=True, slots=True)
+class Pickup(Clause):
+    """Pick the thing up; ``strict``: to pick up another one is failure."""
+
+    words: ClassVar[str] = "pick up"
+    strict: bool = False
+
+    def __post_init__(self) -> None:
+        """No door is picked up."""
+        if self.thing.kind == "door":
+            raise WorldError(f"'pick up {self.thing}': a door cannot be picked up")
+
+
+@dataclass(frozen=True, slots=True)
+class PutNext(Clause):
+    """Put the thing down beside the other; ``strict``: every pick-up is failure."""
+
+    words: ClassVar[str] = "put"
+    other: ObjectDescription = ObjectDescription()
+    strict: bool = False
+
+    def __post_init__(self) -> None:
+        """No door is carried."""
+        if self.thing.kind == "door":
+            raise WorldError(f"'put {self.thing} ...': a door cannot be carried")
+
+    def __str__(self) -> str:
+        return f"put {self.thing} next to {self.other}"
+
+
+@dataclass(frozen=True, slots=True)
+class And:
+    """Two clauses, in any order."""
+
+    left: Clause
+    right: Clause
+
+    def __str__(self) -> str:
+        return f"{self.left} and {self.right}"
+
+
+Part = Clause | And
+
+
+@dataclass(frozen=True, slots=True)
+class Before:
+    """``left``, then ``right``; ``strict``: to do ``right`` first is failure."""
+
+    left: Part
+    right: Part
+    strict: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.left}, then {self.right}"
+
+
+@dataclass(frozen=True, slots=True)
+class After:
+    """``left`` after ``right``; ``strict``: to do ``left`` first is failure."""
+
+    left: Part
+    right: Part
+    strict: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.left} after you {self.right}"
+
+
+Instruction = Part | Before | After
+
+
+def parts(instruction: Instruction) -> tuple[Part, ...]:
+    """The parts as they are read."""
+    return (instruction.left, instruction.right) if isinstance(instruction, Before | After) else (instruction,)
+
+
+def clauses(instruction: Instruction) -> tuple[Clause, ...]:
+    """The clauses as they are read."""
+    return tuple(_clauses(instruction))
+
+
+def _clauses(instruction: Instruction) -> Iterator[Clause]:
+    for part in parts(instruction):
+        if isinstance(part, And):
+            yield from (part.left, part.right)
+        else:
+            yield part
+
+
+def as_tree(instruction: Any) -> dict[str, Any]:
+    """An instruction as nested dicts, for JSON: each with its class under "do", and what it says; no None."""
+    tree: dict[str, Any] = {} if isinstance(instruction, ObjectDescription) else {"do": type(instruction).__name__}
+    for field in fields(instruction):
+        value = getattr(instruction, field.name)
+        if value is not None and value is not False:
+            tree[field.name] = value if isinstance(value, str | bool) else as_tree(value)
+    return tree
+
+
+def parse(sentence: str) -> Instruction:
+    """The instruction that a sentence says; articles may be left out.
+
+    Raises:
+        WorldError: if the sentence is none of this language.
+    """
+    text = " ".join(sentence.split())
+    for words, make in ((", then ", Before), (" after you ", After)):
+        if words in text:
+            left, _, right = text.partition(words)
+            return make(_part(left, sentence), _part(right, sentence))
+    return _part(text, sentence)
+
+
+def _part(text: str, sentence: str) -> Part:
+    if " and " in text:
+        left, _, right = text.partition(" and ")
+        return And(_clause(left, sentence), _clause(right, sentence))
+    return _clause(text, sentence)
+
+
+def _clause(text: str, sentence: str) -> Clause:
+    if text.startswith("put ") and " next to " in text:
+        thing, _, other = text.removeprefix("put ").partition(" next to ")
+        return PutNext(_thing(thing, sentence), _thing(other, sentence))
+    for make in (GoTo, Open, Pickup):
+        if text.startswith(make.words + " "):
+            return make(_thing(text.removeprefix(make.words + " "), sentence))
+    raise WorldError(
+        f"mission {sentence!r}: {text!r} does not begin with a verb; use go to, open, pick up or put ... next to"
+    )
+
+
+def _thing(text: str, sentence: str) -> ObjectDescription:
+    rest, place, many = text, None, None
+    for name, words in zip(PLACES, PLACE_WORDS, strict=True):
+        if rest.endswith(" " + words):
+            rest, place = rest.removesuffix(" " + words), name
+    words_left = rest.split(" ")
+    if words_left[0] in ("a", "the"):
+        many = words_left.pop(0) == "a"
+    colour = words_left.pop(0) if words_left and words_left[0] in COLOURS else None
+    if len(words_left) != 1 or words_left[0] not in (*NOUNS, "object"):
+        raise WorldError(
+            f"mission {sentence!r}: {text!r} names no object; use a colour of {', '.join(COLOURS)}, a kind of "
+            f"{', '.join(NOUNS)} or object, and a place of {', '.join(PLACE_WORDS)}"
+        )
+    return ObjectDescription(None if words_left[0] == "object" else words_left[0], colour, place, many)

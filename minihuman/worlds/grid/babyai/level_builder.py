@@ -1,0 +1,513 @@
+"""LevelBuilder: what a level's function is called with; traced once, its calls become a program.
+
+`level` makes such a function the recipe of a world. Tracing draws nothing: every reset runs the program.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from minihuman.errors import WorldError
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.grid.babyai import encoding, level_program
+from minihuman.worlds.grid.babyai.encoding import to_numbers
+from minihuman.worlds.grid.babyai.instruction_space import VERBS, InstructionSpace
+from minihuman.worlds.grid.babyai.language import (
+    PLACES,
+    After,
+    Before,
+    Clause,
+    Instruction,
+    ObjectDescription,
+    PutNext,
+    clauses,
+    parse,
+    parts,
+)
+from minihuman.worlds.grid.babyai.level_program import (
+    COLOUR_IN,
+    IN_REGISTER,
+    KIND_IN,
+    REGISTERS,
+    USE,
+    WIDE,
+    Given,
+    Program,
+    furnish,
+)
+from minihuman.worlds.grid.babyai.level_rooms import BOTH, ONE, SEQUENCE
+from minihuman.worlds.grid.core.cells import KINDS
+from minihuman.worlds.grid.core.rng import RngState
+from minihuman.worlds.grid.core.state import Row
+from minihuman.worlds.grid.layout import Recipe
+from minihuman.worlds.grid.layouts.room_grid import DOWN, LEFT, RIGHT, UP
+from minihuman.worlds.options import check_bool, check_whole
+
+WALLS = {"right": RIGHT, "down": DOWN, "left": LEFT, "up": UP}
+ACTIONS = {"goto": encoding.GO_TO, "open": encoding.OPEN, "pickup": encoding.PICK_UP, "putnext": encoding.PUT_NEXT}
+SENTENCES = {"action": ONE, "and": BOTH, "seq": SEQUENCE}
+_WORDS = {number: words for words, verb in VERBS.items() for number in (encoding.VERBS[verb],)}
+
+
+@dataclass(frozen=True, slots=True)
+class RandomVariable:
+    """A number that is drawn in every episode anew: an argument of later verbs."""
+
+    argument: int
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectRef:
+    """An object that is made in every episode; its kind and colour are known then."""
+
+    register: int
+
+    @property
+    def kind(self) -> Any:
+        """Its kind."""
+        return RandomVariable(KIND_IN + self.register)
+
+    @property
+    def colour(self) -> Any:
+        """Its colour."""
+        return RandomVariable(COLOUR_IN + self.register)
+
+    @property
+    def thing(self) -> ObjectDescription:
+        """The description by kind and colour."""
+        return ObjectDescription(self.kind, self.colour)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectGroup:
+    """Objects made one after the other."""
+
+    first: ObjectRef
+    last: ObjectRef
+
+    def __add__(self, doors: Sequence[ObjectRef]) -> "ObjectGroup":
+        """With what was made right after."""
+        return ObjectGroup(self.first, doors[-1])
+
+
+@dataclass(frozen=True, slots=True)
+class Use(Clause):
+    """Open it if it is a door, pick it up otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnyOf:
+    """An instruction of several, drawn."""
+
+    drawn: RandomVariable
+    each: tuple[Any, ...]
+
+
+class LevelBuilder:
+    """Equal rooms to furnish; the agent stands in the middle one until it is placed.
+
+    A room is what `room` gives; where a verb takes None for a room, a kind, a colour or a lock, it draws it.
+    """
+
+    def __init__(self, columns: int, lines: int, size: int) -> None:
+        self.columns, self.lines, self.size = columns, lines, size
+        self._lines: list[list[int]] = []
+        self._registers = 0
+        self._verbs: set[str] = set()
+        self._places = False
+        self._clauses = 1
+        self.keys_matter = False  # draw again where the instruction is about a key that opens a locked door
+
+    def room(self, column: "int | RandomVariable", line: "int | RandomVariable") -> RandomVariable:
+        """A room by its place."""
+        for name, value, count in (("column", column, self.columns), ("line", line, self.lines)):
+            if isinstance(value, int) and not 0 <= value < count:
+                raise WorldError(
+                    f"this level needs a room in {name} {value}, but there are {count}; give it more rooms"
+                )
+        return self._do(level_program.ROOM_AT, column, line)
+
+    def integer(self, low: int, high: int) -> RandomVariable:
+        """Draw a whole number in [low, high)."""
+        return self._do(level_program.INTEGER, low, high)
+
+    def any_room(self) -> RandomVariable:
+        """Draw a room: its column, then its line."""
+        column = self.integer(0, self.columns)
+        return self.room(column, self.integer(0, self.lines))
+
+    def choice(self, options: Any) -> Any:
+        """Draw an object of a group, or one of up to seven words of a kind (colours, places, kinds)."""
+        if isinstance(options, list):  # of things made one after the other
+            options = ObjectGroup(options[0], options[-1])
+        if isinstance(options, ObjectGroup):
+            return self._make(level_program.ONE_FROM, options.first, options.last)
+        numbers = [_number(option) for option in options]
+        return self._do(level_program.OUT_OF, len(numbers), *numbers)
+
+    def two_of(self, options: "ObjectGroup | Sequence[ObjectRef]") -> tuple[ObjectRef, ObjectRef]:
+        """Draw two different objects."""
+        group = options if isinstance(options, ObjectGroup) else ObjectGroup(options[0], options[-1])
+        register = self._do(level_program.TWO_FROM, group.first, group.last, registers=2).argument - IN_REGISTER
+        return ObjectRef(register), ObjectRef(register + 1)
+
+    def colours(self, count: int) -> tuple[RandomVariable, ...]:
+        """Draw different colours."""
+        first = self._do(level_program.TWO_COLOURS, count, registers=count).argument
+        return tuple(RandomVariable(first + k) for k in range(count))
+
+    def place_agent(self, room: RandomVariable | None = None, *, not_in: RandomVariable | None = None) -> None:
+        """Place the agent, looking in a drawn direction at nothing or a wall."""
+        self._do(level_program.AGENT_IN, _or_drawn(room), _or_drawn(not_in), registers=0)
+
+    def connect_all(self, *, without: Any = None) -> None:
+        """Add closed doors until all rooms are connected; with ``without`` in half the episodes none in that colour."""
+        self._do(level_program.JOIN_ROOMS, _or_drawn(without), int(without is not None), registers=0)
+
+    def door(
+        self, room: RandomVariable, wall: str | None = None, *, colour: Any = None, locked: bool | None = None
+    ) -> ObjectRef:
+        """Put a door into a wall (right, down, left, up) of a room."""
+        at = -1 if wall is None else WALLS[wall]
+        return self._make(level_program.DOOR_IN, room, at, _or_drawn(colour), -1 if locked is None else int(locked))
+
+    def remove_wall(self, room: RandomVariable, wall: str) -> None:
+        """Take a wall between two rooms away."""
+        self._do(level_program.REMOVE_WALL, room, WALLS[wall], registers=0)
+
+    def thing(self, room: RandomVariable, kind: str | None = None, colour: Any = None) -> ObjectRef:
+        """Put a key, ball or box into a room."""
+        return self._make(level_program.OBJECT_IN, room, _or_drawn(kind), _or_drawn(colour))
+
+    def rooms(self) -> Iterator[RandomVariable]:
+        """All rooms, column by column."""
+        for column in range(self.columns):
+            for line in range(self.lines):
+                yield self.room(column, line)
+
+    def four_doors(self, room: RandomVariable, *, locked: bool | None = None) -> list[ObjectRef]:
+        """A door in each wall of a room."""
+        return [self.door(room, locked=locked) for _ in range(4)]
+
+    def things(
+        self,
+        count: int,
+        room: RandomVariable | None = None,
+        *,
+        different: bool = False,
+        but_not_in: RandomVariable | None = None,
+    ) -> ObjectGroup:
+        """Put so many drawn keys, balls and boxes into a room, or each into a drawn room."""
+        if different and count > 3 * len(COLOURS):
+            raise WorldError(
+                f"{count} objects cannot all differ; there are {3 * len(COLOURS)} pairs of kind and colour"
+            )
+        drawn = self._do(
+            level_program.OBJECTS_IN, _or_drawn(room), count, int(different), _or_drawn(but_not_in), registers=2
+        )
+        register = drawn.argument - IN_REGISTER
+        return ObjectGroup(ObjectRef(register), ObjectRef(register + 1))
+
+    def any_door(self) -> ObjectRef:
+        """Draw one of the doors."""
+        return self._make(level_program.ANY_DOOR)
+
+    def recolour(self, group: ObjectGroup, colour: str) -> None:
+        """Give objects another colour."""
+        self._do(level_program.RECOLOUR, group.first, group.last, _number(colour), registers=0)
+
+    def open_all_doors(self) -> None:
+        """Open every door."""
+        self._do(level_program.OPEN_DOORS, registers=0)
+
+    def require_reachable(self, reachable: bool = True) -> None:
+        """Draw the round again unless everything can be reached without moving anything (or unless not)."""
+        self._do(level_program.IN_REACH, int(not reachable), registers=0)
+
+    def require_no(self, group: ObjectGroup, kind: str, colour: str) -> None:
+        """Draw the round again if one of the objects is like that."""
+        self._do(level_program.NONE_LIKE, group.first, group.last, _number(kind), _number(colour), registers=0)
+
+    def require_other(self, one: RandomVariable, other: RandomVariable) -> None:
+        """Draw the round again if the two are the same."""
+        self._do(level_program.GIVE_UP_UNLESS, one, other, registers=0)
+
+    def maybe_locked_room(self, chance: float) -> RandomVariable:
+        """With that chance, put a locked door to a drawn room and its key into another; the room, or none."""
+        if isinstance(chance, bool) or not isinstance(chance, int | float) or not 0 <= chance <= 1:
+            raise WorldError(f"locked_room_prob is {chance!r}; a probability is 0 to 1")
+        return self._do(level_program.LOCK_ROOM, ceil(chance * 2**53))
+
+    def block(self, door: ObjectRef) -> ObjectRef:
+        """Put a ball of a drawn colour before a door, to its left."""
+        return self._make(level_program.BLOCK_DOOR, door)
+
+    def boxed_key(self, room: RandomVariable, colour: Any) -> ObjectRef:
+        """Put a box with a key in it into a room."""
+        return self._make(level_program.BOXED_KEY, room, colour)
+
+    def maybe_swap(self, one: ObjectRef, other: ObjectRef) -> tuple[ObjectRef, ObjectRef]:
+        """By one chance in two, each takes the other's place."""
+        self._do(level_program.SWAP, one, other, registers=0)
+        return one, other
+
+    def give(self, thing: ObjectRef) -> None:
+        """The agent starts with it in its hand."""
+        self._do(level_program.HAND, thing, registers=0)
+
+    def one_of(self, *each: Any) -> AnyOf:
+        """Draw one of some instructions; a function is called for its instruction, and draws only when it is drawn."""
+        return AnyOf(self.integer(0, len(each)), each)
+
+    def invent(
+        self,
+        actions: Sequence[str],
+        kinds: Sequence[str],
+        *,
+        places: bool,
+        implicit_unlock: bool,
+        locked_room: RandomVariable,
+    ) -> None:
+        """Draw a whole instruction about what lies in the house."""
+        for name, given, known in (("action_kinds", actions, ACTIONS), ("instr_kinds", kinds, SENTENCES)):
+            if isinstance(given, str) or not 1 <= len(given) <= 4 or any(word not in known for word in given):
+                raise WorldError(f"{name} is {given!r}; give one to four of {', '.join(known)}")
+        lists = (_pack([ACTIONS[word] for word in actions]), _pack([SENTENCES[word] for word in kinds]))
+        self._do(level_program.INVENT, *lists, int(places), int(implicit_unlock), locked_room, registers=0)
+        self._verbs |= {_WORDS[ACTIONS[word]] for word in actions}
+        self._places |= places
+        self._clauses = max(self._clauses, *({"action": 1, "and": 2, "seq": 4}[word] for word in kinds))
+
+    def finish(self, instruction: "Instruction | AnyOf | None") -> None:
+        """Say what the level's function has returned."""
+        if isinstance(instruction, AnyOf):
+            for k, each in enumerate(instruction.each):
+                skip = len(self._lines)
+                self._do(level_program.SKIP_UNLESS, instruction.drawn, k, 0, registers=0)
+                self.finish(each() if callable(each) else each)
+                self._lines[skip][4] = len(self._lines) - skip - 1
+        elif instruction is not None:
+            self._say(instruction)
+
+    def _say(self, instruction: Instruction) -> None:
+        spoken = clauses(instruction)
+        self._clauses = max(self._clauses, len(spoken))
+        for k, clause in enumerate(spoken):
+            verb = USE if isinstance(clause, Use) else encoding.VERBS[type(clause)]
+            self._verbs |= {"open", "pick up"} if verb == USE else {_WORDS[verb]}
+            self._do(
+                level_program.SAY,
+                k,
+                verb,
+                *self._described(clause.thing),
+                int(getattr(clause, "strict", False)),
+                registers=0,
+            )
+            if isinstance(clause, PutNext):
+                self._do(level_program.SAY_OTHER, k, *self._described(clause.other), registers=0)
+        counts = [len(clauses(part)) for part in parts(instruction)]
+        strict = isinstance(instruction, Before | After) and instruction.strict
+        self._do(
+            level_program.ARRANGE,
+            encoding.JOINS.get(type(instruction), encoding.ALONE),
+            counts[0],
+            counts[1] if len(counts) > 1 else 0,
+            encoding.IN_ORDER_STRICTLY if strict else 0,
+            registers=0,
+        )
+
+    def _described(self, thing: ObjectDescription) -> tuple[int, int, int]:
+        self._places |= thing.place is not None
+        return (
+            encoding.ANY if thing.kind is None else _number(thing.kind),
+            encoding.ANY if thing.colour is None else _number(thing.colour),
+            encoding.ANY if thing.place is None else _number(thing.place),
+        )
+
+    def space(self, *, any_mission: bool = False) -> InstructionSpace:
+        """The space of the sentences that this level can say."""
+        if any_mission or not self._verbs:
+            return InstructionSpace()
+        return InstructionSpace(*self._verbs, places=self._places, clauses=self._clauses)
+
+    def program(self, steps_a_walk: int, *, flags: int) -> Program:
+        """What was traced."""
+        head = [self.columns, self.lines, self.size, steps_a_walk, int(self.keys_matter), flags]
+        table = np.zeros((1 + len(self._lines), WIDE), np.int64)
+        table[0, : len(head)] = head
+        for line, numbers in zip(table[1:], self._lines, strict=True):
+            line[: len(numbers)] = numbers
+        return table
+
+    def _make(self, operation: int, *arguments: Any) -> ObjectRef:
+        return ObjectRef(self._do(operation, *arguments).argument - IN_REGISTER)
+
+    def _do(self, operation: int, *arguments: Any, registers: int = 1) -> RandomVariable:
+        out = self._registers
+        self._registers += registers
+        if operation == level_program.ROOM_AT and all(isinstance(argument, int) for argument in arguments):
+            self._registers -= 1  # a room that is known needs no register
+            return RandomVariable(arguments[1] * self.columns + arguments[0])
+        if self._registers > REGISTERS:
+            raise WorldError(f"a level draws more than {REGISTERS} values; draw fewer")
+        self._lines.append([operation, out, *(_number(argument) for argument in arguments)])
+        return RandomVariable(IN_REGISTER + out)
+
+
+def _number(value: Any) -> int:
+    """An argument as a number: words by their place in the table of their sort."""
+    if isinstance(value, RandomVariable):
+        return value.argument
+    if isinstance(value, ObjectRef):
+        return IN_REGISTER + value.register
+    if isinstance(value, str):
+        for table in (COLOURS, KINDS, PLACES):
+            if value in table:
+                return table.index(value)
+        raise WorldError(f"{value!r} is not a colour, kind or place")
+    return int(value)
+
+
+def _or_drawn(value: Any) -> int:
+    return -1 if value is None else _number(value)
+
+
+def _pack(numbers: Sequence[int]) -> int:
+    """A short list in one number, as `invent` reads it."""
+    return len(numbers) | sum(number << 4 * (k + 1) for k, number in enumerate(numbers))
+
+
+MAX_LEVEL_CELLS = 4095  # what a planner's node can number
+NO_MISSION: Given = np.zeros(0, np.int64)
+
+Trace = Callable[..., Instruction | AnyOf | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelRecipe(Recipe):
+    """A level's recipe: its layout carries the program out, its mission is an instruction."""
+
+    program: Program
+    given: Given
+
+    def lay_out(self, row: Row, rng_state: RngState) -> None:
+        """Lay an episode out into a cleared row."""
+        furnish(row, rng_state, self.program, self.given)
+
+    def limited(self, max_steps: int) -> "LevelRecipe":
+        """The recipe of the same level with this step limit in every episode."""
+        program = self.program.copy()
+        program[0, 3] = 0
+        return replace(self, max_steps=max_steps, program=program)
+
+    def about(self, mission: str) -> "LevelRecipe":
+        """The recipe of the same level with a mission set by hand.
+
+        Raises:
+            WorldError: if the sentence is none of the language.
+        """
+        if not isinstance(mission, str):
+            raise WorldError(f"mission is {mission!r}; it must be a string")
+        said = parse(mission)
+        assert isinstance(self.mission, InstructionSpace)
+        if not self.mission.admits(said):
+            raise WorldError(f"mission {mission!r} is not one of {self.mission}; make the world with any_mission=True")
+        return replace(self, given=to_numbers(said))
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A level: call it with its options for a recipe. `level` makes one of a function."""
+
+    trace: Trace
+    sizes: Mapping[str, int]  # room_size, num_cols, num_rows
+    fixed: tuple[str, ...]  # which of them no option changes
+    steps_by_area: int  # a step limit of so many times the room's area; 0: by the rooms and the mission
+
+    @property
+    def __name__(self) -> str:
+        """The level's name, as the catalogue has it."""
+        return self.trace.__name__
+
+    def __call__(
+        self,
+        *,
+        own_steps: bool = False,
+        done_required: bool = False,
+        mission: str | None = None,
+        any_mission: bool = False,
+        **options: Any,
+    ) -> LevelRecipe:
+        """The recipe of the level with these options.
+
+        Args:
+            own_steps: Judge each part of an instruction by its own steps, and by where things are.
+            done_required: A clause ends when "done" is said right after it was done.
+            mission: Set the mission of every episode by hand.
+            any_mission: Let `reset` set any mission of the language, not only those that the level draws.
+            options: room_size, num_rows and num_cols where they are free, and what the level's function takes.
+
+        Raises:
+            WorldError: if there is no such option, or a value is out of range.
+        """
+        for name, value in (("own_steps", own_steps), ("done_required", done_required), ("any_mission", any_mission)):
+            check_bool(name, value)
+        sizes = dict(self.sizes)
+        for name in sizes.keys() & options.keys():
+            if name in self.fixed:
+                raise WorldError(f"{self.__name__} has a fixed {name}, {sizes[name]}; leave it out")
+            sizes[name] = check_whole(name, options.pop(name), *((3, 64) if name == "room_size" else (1, 32)))
+        known = inspect.signature(self.trace).parameters
+        for name in options:
+            if name not in known:
+                free = [*(name for name in sizes if name not in self.fixed), *list(known)[1:]]
+                raise WorldError(f"{self.__name__} takes no {name!r}; it takes {', '.join(free) or 'none'}")
+        for name, parameter in list(known.items())[1:]:
+            if parameter.default is parameter.empty and name not in options:
+                raise WorldError(f"{self.__name__} needs {name}; pass it")
+        size, columns, lines = sizes["room_size"], sizes["num_cols"], sizes["num_rows"]
+        width, height = (size - 1) * columns + 1, (size - 1) * lines + 1
+        if width * height > MAX_LEVEL_CELLS:
+            raise WorldError(
+                f"{columns} x {lines} rooms of {size} make {width * height} cells; the most is {MAX_LEVEL_CELLS}"
+            )
+        builder = LevelBuilder(columns, lines, size)
+        builder.finish(self.trace(builder, **options))
+        steps = self.steps_by_area * size * size
+        walk = size * size * columns * lines
+        flags = own_steps * encoding.OWN_STEPS | done_required * encoding.SAY_DONE
+        recipe = LevelRecipe(
+            layout=furnish,
+            numbers=(),
+            width=width,
+            height=height,
+            max_steps=steps or walk,
+            mission=builder.space(any_mission=any_mission or mission is not None),
+            program=builder.program(0 if steps else walk, flags=flags),
+            given=NO_MISSION,
+        )
+        return recipe if mission is None else recipe.about(mission)
+
+
+def level(
+    *, room: int = 8, columns: int = 3, lines: int = 3, fixed: tuple[str, ...] = (), steps_by_area: int = 0
+) -> Callable[[Trace], Level]:
+    """Make a level of a function that furnishes a house and returns the instruction.
+
+    Args:
+        room: Cells on a side of a room, walls included.
+        columns: Rooms in a line.
+        lines: Lines of rooms.
+        fixed: Which of room_size, num_cols and num_rows no option may change.
+        steps_by_area: The step limit in areas of a room; by the rooms and the mission's walks without.
+    """
+
+    def make(trace: Trace) -> Level:
+        sizes = {"room_size": room, "num_cols": columns, "num_rows": lines}
+        return Level(trace, sizes, fixed, steps_by_area)
+
+    return make

@@ -1,0 +1,281 @@
+"""The program of a level: the operations that its function was traced into, and the kernel that carries them out.
+
+A program is a table of whole numbers: a line for the room grid, then a line per operation (number, register for its
+result, arguments). An argument is a number, a register's value (`IN_REGISTER` and its place), or the kind or the colour
+of the object whose identity a register holds.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.babyai.binding import bind, makes_sense
+from minihuman.worlds.grid.babyai.encoding import (
+    BLOCK,
+    CLAUSE,
+    CLAUSES,
+    FLAGS,
+    HANDED,
+    HELD,
+    JOIN,
+    LEFT,
+    OPEN,
+    OTHER,
+    OWN_STEPS,
+    PICK_UP,
+    PLURAL,
+    PUT_NEXT,
+    RIGHT,
+    ROOM,
+    ROUNDS,
+    STRICT,
+    THING,
+    VERB,
+    block_of,
+)
+from minihuman.worlds.grid.babyai.level_rooms import (
+    all_in_reach,
+    block_door,
+    boxed_key,
+    chance_below,
+    code_of,
+    draw_door_of,
+    join_rooms,
+    lock_a_room,
+    new_door,
+    new_object,
+    new_objects,
+    open_doors,
+    put_agent_in,
+    recolour,
+    sample_instruction,
+)
+from minihuman.worlds.grid.babyai.verifier import hand_over, note_places
+from minihuman.worlds.grid.core.cells import DOOR, colour_of, kind_of
+from minihuman.worlds.grid.core.rewards import INSTRUCTED
+from minihuman.worlds.grid.core.rng import RngState, integer
+from minihuman.worlds.grid.core.state import FAILED, MAX_STEPS, OBJECTS, TASK, Row, clear
+from minihuman.worlds.grid.layouts.room_grid import Plan, remove_wall, rooms
+from minihuman.worlds.kernels import device_function, inline, kernel
+
+Program = NDArray[np.int64]  # (1 + operations, WIDE)
+Given = NDArray[np.int64]  # an instruction set by hand: the block's numbers, or none
+
+WIDE = 10
+REGISTERS = 64
+MOST_ROUNDS = 10_000
+IN_REGISTER, KIND_IN, COLOUR_IN = 1 << 56, 1 << 57, 1 << 58  # beside a register's place
+
+COLUMNS, LINES, SIZE, STEPS_A_WALK, KEYS_MATTER, ALL_FLAGS = range(6)  # the first line
+USE = 5  # a verb: open a door, pick up everything else
+
+(
+    INTEGER,  # draw in [a, b)
+    OUT_OF,  # draw one of the first a of b, c, d, e, f, g, h
+    ROOM_AT,  # the room in column a, line b
+    DOOR_IN,  # a door in room a, wall b, colour c, locked d
+    OBJECT_IN,  # an object in room a, of kind b, colour c
+    OBJECTS_IN,  # in room a (or drawn ones) b objects, unlike all others c, if a is not d: first and last identity
+    AGENT_IN,  # the agent in room a (or a drawn one), not in room b
+    JOIN_ROOMS,  # without doors in the colour a; with b only by one chance in two
+    REMOVE_WALL,  # of room a, wall b
+    IN_REACH,  # all objects can be reached; with a they must not be
+    ONE_FROM,  # draw an identity from a to b
+    TWO_FROM,  # draw two identities from a to b
+    ANY_DOOR,  # draw one of the doors
+    RECOLOUR,  # the objects a to b to colour c
+    OPEN_DOORS,
+    NONE_LIKE,  # none of the objects a to b is of kind c and colour d
+    LOCK_ROOM,  # with probability a / 2**53 a locked room: its number, or -1
+    BLOCK_DOOR,  # a ball before the door a
+    BOXED_KEY,  # in room a a box with a key of colour b
+    SWAP,  # by one chance in two the registers a and b
+    TWO_COLOURS,  # draw different colours, a of them, into registers from the first
+    SKIP_UNLESS,  # the next c operations, unless a is b
+    SAY,  # clause a: verb b, kind c, colour d, place e, and OTHER_SAY's for the second description
+    SAY_OTHER,  # clause a: kind b, colour c, place d
+    ARRANGE,  # join a, clauses in the parts b and c, all flags d
+    INVENT,  # any instruction: actions a, kinds b, places c, implicit unlocking d, locked room e
+    HAND,  # the object a is in the agent's hand
+    GIVE_UP_UNLESS,  # a is not b
+) = range(28)
+
+
+@inline
+def value(row: Row, registers: NDArray[np.int64], argument: int) -> int:
+    """What an argument is."""
+    if argument < IN_REGISTER:
+        return argument
+    if argument >= COLOUR_IN:
+        return colour_of(code_of(row, registers[argument - COLOUR_IN]))
+    if argument >= KIND_IN:
+        return kind_of(code_of(row, registers[argument - KIND_IN]))
+    return registers[argument - IN_REGISTER]
+
+
+@device_function()
+def draw_colours(rng_state: RngState, registers: NDArray[np.int64], out: int, count: int) -> None:
+    """Draw different colours, each from what is left in the order of their names."""
+    left = np.array((2, 1, 5, 3, 0, 4))
+    for k in range(count):
+        drawn = integer(rng_state, 0, 6 - k)
+        registers[out + k] = left[drawn]
+        for place in range(drawn, 5 - k):
+            left[place] = left[place + 1]
+
+
+@device_function()
+def say(row: Row, registers: NDArray[np.int64], line: NDArray[np.int64]) -> None:
+    """Write a clause with its first description."""
+    clause = block_of(row) + CLAUSES + line[2] * CLAUSE
+    verb = line[3]
+    kind = value(row, registers, line[4])
+    if verb == USE:
+        verb = OPEN if kind == DOOR else PICK_UP
+    row[clause + VERB] = verb
+    row[clause + THING] = kind
+    row[clause + THING + 1] = value(row, registers, line[5])
+    row[clause + THING + 2] = value(row, registers, line[6])
+    row[clause + STRICT] = line[7]
+
+
+@device_function()
+def carry_out(row: Row, rng_state: RngState, plan: Plan, program: Program) -> bool:
+    """Carry a program out; False where a round is rejected."""
+    columns, size = program[0, COLUMNS], program[0, SIZE]
+    registers = np.zeros(REGISTERS, np.int64)
+    block = block_of(row)
+    at = 1
+    while at < len(program):
+        line = program[at]
+        at += 1
+        operation, out = line[0], line[1]
+        if operation == SAY:
+            say(row, registers, line)
+            continue
+        a, b = value(row, registers, line[2]), value(row, registers, line[3])
+        c, d = value(row, registers, line[4]), value(row, registers, line[5])
+        if operation == INTEGER:
+            registers[out] = integer(rng_state, a, b)
+        elif operation == OUT_OF:
+            registers[out] = line[3 + integer(rng_state, 0, a)]
+        elif operation == ROOM_AT:
+            registers[out] = b * columns + a
+        elif operation == DOOR_IN:
+            registers[out] = new_door(row, rng_state, plan, columns, a, b, c, d)
+        elif operation == OBJECT_IN:
+            registers[out] = new_object(row, rng_state, columns, size, a, b, c)
+        elif operation == OBJECTS_IN:
+            registers[out] = row[OBJECTS] + 1
+            if a == -1 or a != d:
+                new_objects(row, rng_state, plan, columns, size, a, b, c != 0)
+            registers[out + 1] = row[OBJECTS]
+        elif operation == AGENT_IN:
+            put_agent_in(row, rng_state, plan, columns, size, a, b)
+        elif operation == JOIN_ROOMS:
+            if b and integer(rng_state, 0, 2) != 0:
+                a = -1
+            join_rooms(row, rng_state, plan, columns, size, a)
+        elif operation == REMOVE_WALL:
+            remove_wall(row, plan, columns, size, a, b)
+        elif operation == IN_REACH:
+            if all_in_reach(row) != (a == 0):
+                return False
+        elif operation == ONE_FROM:
+            registers[out] = a + integer(rng_state, 0, b - a + 1)
+        elif operation == TWO_FROM:
+            first = integer(rng_state, 0, b - a + 1)
+            second = integer(rng_state, 0, b - a)
+            registers[out], registers[out + 1] = a + first, a + second + (second >= first)
+        elif operation == ANY_DOOR:
+            registers[out] = draw_door_of(row, rng_state, plan, columns)
+        elif operation == RECOLOUR:
+            recolour(row, a, b, c)
+        elif operation == OPEN_DOORS:
+            open_doors(row)
+        elif operation == NONE_LIKE:
+            for identity in range(a, b + 1):
+                code = code_of(row, identity)
+                if kind_of(code) == c and colour_of(code) == d:
+                    return False
+        elif operation == LOCK_ROOM:
+            registers[out] = -1
+            if chance_below(rng_state, a):
+                registers[out] = lock_a_room(row, rng_state, plan, columns, size)
+        elif operation == BLOCK_DOOR:
+            registers[out] = block_door(row, rng_state, a)
+        elif operation == BOXED_KEY:
+            registers[out] = boxed_key(row, rng_state, columns, size, a, b)
+        elif operation == SWAP:
+            if integer(rng_state, 0, 2) == 0:
+                first = line[2] - IN_REGISTER
+                second = line[3] - IN_REGISTER
+                registers[first], registers[second] = b, a
+        elif operation == TWO_COLOURS:
+            draw_colours(rng_state, registers, out, a)
+        elif operation == SKIP_UNLESS:
+            if a != b:
+                at += c
+        elif operation == SAY_OTHER:
+            place = block + CLAUSES + a * CLAUSE + OTHER
+            row[place], row[place + 1], row[place + 2] = b, c, d
+        elif operation == ARRANGE:
+            row[block + JOIN], row[block + LEFT], row[block + RIGHT] = a, b, c
+            row[block + FLAGS] |= d
+        elif operation == INVENT:
+            sample_instruction(row, rng_state, a, b, c != 0, d != 0, value(row, registers, line[6]), columns, size)
+        elif operation == HAND:
+            row[block + HANDED] = a
+        elif operation == GIVE_UP_UNLESS and a == b:
+            return False
+        if row[FAILED] != 0:
+            return False
+    return True
+
+
+@device_function()
+def settle(row: Row, given: Given, keys_matter: bool) -> bool:
+    """Bind the drawn or the given instruction to the layout; False if it means nothing or makes no sense there."""
+    block = block_of(row)
+    if len(given) == 0:
+        return bind(row) and makes_sense(row, keys_matter)
+    for k in (JOIN, LEFT, RIGHT):
+        row[block + k] = given[k]
+    for k in range(CLAUSES, BLOCK):
+        row[block + k] = given[k]
+    row[block + FLAGS] |= given[FLAGS]
+    if not bind(row) or not makes_sense(row, False):
+        return False
+    for k in range(row[block + LEFT] + row[block + RIGHT]):
+        for at in (CLAUSES + k * CLAUSE + THING + PLURAL, CLAUSES + k * CLAUSE + OTHER + PLURAL):
+            if given[at] >= 0 and given[at] != row[block + at]:
+                return False
+    return True
+
+
+@kernel("void(int32[::1], uint64[::1], int64[:, ::1], int64[::1])")
+def furnish(row: Row, rng_state: RngState, program: Program, given: Given) -> None:
+    """Lay an episode of a level out: draw rounds until one is accepted. Marks the row FAILED if none is."""
+    columns, lines, size = program[0, COLUMNS], program[0, LINES], program[0, SIZE]
+    block = block_of(row)
+    for attempt in range(1, MOST_ROUNDS + 1):
+        clear(row)
+        plan = rooms(row, rng_state, columns, lines, size)
+        row[block + ROOM] = size
+        row[block + FLAGS] = program[0, ALL_FLAGS]
+        if carry_out(row, rng_state, plan, program) and settle(row, given, program[0, KEYS_MATTER] != 0):
+            row[block + ROUNDS] = attempt
+            break
+        if row[FAILED] > 1 or attempt == MOST_ROUNDS:
+            row[FAILED] = 1
+            return
+    row[TASK] = INSTRUCTED
+    if program[0, STEPS_A_WALK] > 0:
+        walks = 0
+        for k in range(row[block + LEFT] + row[block + RIGHT]):
+            walks += 2 if row[block + CLAUSES + k * CLAUSE + VERB] == PUT_NEXT else 1
+        row[MAX_STEPS] = walks * program[0, STEPS_A_WALK]
+    if row[block + HANDED] > 0 and row[block + FLAGS] & OWN_STEPS:
+        for k in range(row[block + LEFT] + row[block + RIGHT]):
+            row[block + CLAUSES + k * CLAUSE + HELD] = row[block + HANDED]
+        hand_over(row)
+        note_places(row)

@@ -1,0 +1,440 @@
+"""Kernels of levels: equal rooms in a row of state, their doors and objects, and a drawn instruction about them.
+
+Every draw is made in Minigrid's order. Giving up is part of the stream: an object that finds no place after 1001 tries,
+or rooms that cannot be joined in 5001, mark the row FAILED, and the level draws its next round. What could never
+succeed marks it HOPELESS.
+"""
+
+import numpy as np
+
+from minihuman.worlds.grid.babyai.binding import fits
+from minihuman.worlds.grid.babyai.encoding import (
+    AFTER,
+    ALONE,
+    ANY,
+    BEFORE,
+    CLAUSE,
+    CLAUSES,
+    COLOUR,
+    GO_TO,
+    JOIN,
+    KIND,
+    LEFT,
+    OPEN,
+    OTHER,
+    PLACE,
+    PUT_NEXT,
+    RIGHT,
+    THING,
+    VERB,
+    block_of,
+)
+from minihuman.worlds.grid.core.cells import (
+    BALL,
+    BOX,
+    DOOR,
+    EMPTY,
+    KEY,
+    SORTED_COLOURS,
+    WALL,
+    ahead,
+    colour_of,
+    identity_of,
+    in_colour,
+    in_state,
+    kind_of,
+)
+from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
+from minihuman.worlds.grid.core.placement import stand
+from minihuman.worlds.grid.core.rewards import cell_in_front
+from minihuman.worlds.grid.core.rng import RngState, integer, unit
+from minihuman.worlds.grid.core.state import (
+    FAILED,
+    HEADER,
+    HEIGHT,
+    NOWHERE,
+    OBJECTS,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    cell_at,
+    contents_index,
+    make,
+    put,
+    where_is,
+)
+from minihuman.worlds.grid.layouts.room_grid import (
+    AGENT_TRIES,
+    CONNECT_TRIES,
+    DOOR_X,
+    DOOR_Y,
+    LOCKED_ROOM,
+    NO_DOOR,
+    PLACE_TRIES,
+    WAY,
+    Plan,
+    add_door,
+    add_object,
+    behind,
+    reachable,
+)
+from minihuman.worlds.grid.layouts.single_rooms import draw_colour, draw_kind
+from minihuman.worlds.kernels import device_function, inline
+
+HOPELESS = 2  # in FAILED: no round will ever do
+DRAWN = -1  # of a room, wall, kind, colour or lock: draw it
+
+
+@inline
+def code_of(row: Row, identity: int) -> int:
+    """The code of an object that lies in a cell."""
+    cell = where_is(row, identity)
+    return row[HEADER + cell] if cell != NOWHERE else EMPTY
+
+
+@device_function()
+def draw_room(rng_state: RngState, columns: int, lines: int) -> int:
+    """Draw a column, then a line."""
+    i = integer(rng_state, 0, columns)
+    return integer(rng_state, 0, lines) * columns + i
+
+
+@device_function()
+def new_door(
+    row: Row, rng_state: RngState, plan: Plan, columns: int, room: int, wall: int, colour: int, locked: int
+) -> int:
+    """Put a door into a wall of a room: its identity."""
+    if wall == DRAWN:
+        possible = False
+        for k in range(4):
+            possible |= plan[room, DOOR_X + k] != NO_DOOR and plan[room, WAY + k] == 0
+        if not possible:
+            row[FAILED] = HOPELESS
+            return 0
+        wall = integer(rng_state, 0, 4)
+        while plan[room, DOOR_X + wall] == NO_DOOR or plan[room, WAY + wall] != 0:
+            wall = integer(rng_state, 0, 4)
+    if colour == DRAWN:
+        colour = draw_colour(rng_state)
+    if locked == DRAWN:
+        locked = 1 - integer(rng_state, 0, 2)
+    if plan[room, DOOR_X + wall] == NO_DOOR or plan[room, WAY + wall] != 0:
+        row[FAILED] = HOPELESS
+        return 0
+    add_door(row, plan, columns, room, wall, colour, locked != 0)
+    return row[OBJECTS]
+
+
+@device_function()
+def new_object(row: Row, rng_state: RngState, columns: int, size: int, room: int, kind: int, colour: int) -> int:
+    """Put a key, ball or box into a drawn cell of a room, not beside the agent: its identity."""
+    if kind == DRAWN:
+        kind = draw_kind(rng_state, 3)
+    if colour == DRAWN:
+        colour = draw_colour(rng_state)
+    add_object(row, rng_state, columns, size, room, make(row, kind, colour, 0))
+    return row[OBJECTS]
+
+
+@device_function()
+def new_objects(
+    row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, room: int, count: int, unlike: bool
+) -> None:
+    """Put so many drawn objects into a room, or each into a drawn one; ``unlike`` all that lies there already."""
+    lines = len(plan) // columns
+    left = count
+    tries = 0
+    while left > 0 and row[FAILED] == 0:
+        colour, kind = draw_colour(rng_state), draw_kind(rng_state, 3)
+        tries += 1
+        if unlike and is_there(row, kind, colour):
+            if tries > AGENT_TRIES:
+                row[FAILED] = HOPELESS
+            continue
+        new_object(
+            row, rng_state, columns, size, draw_room(rng_state, columns, lines) if room == DRAWN else room, kind, colour
+        )
+        left -= 1
+
+
+@device_function()
+def is_there(row: Row, kind: int, colour: int) -> bool:
+    """Whether an object of that kind and colour lies somewhere."""
+    for identity in range(1, row[OBJECTS] + 1):
+        code = code_of(row, identity)
+        if kind_of(code) == kind and colour_of(code) == colour:
+            return True
+    return False
+
+
+@device_function()
+def put_agent_in(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, room: int, barred: int) -> None:
+    """Put the agent into a room or a drawn one, facing nothing but a wall; into another room than the barred one."""
+    lines = len(plan) // columns
+    for _ in range(AGENT_TRIES):
+        drawn = draw_room(rng_state, columns, lines) if room == DRAWN else room
+        stand_in(row, rng_state, columns, size, drawn)
+        if row[FAILED] != 0 or drawn != barred:
+            return
+    row[FAILED] = HOPELESS
+
+
+@device_function()
+def stand_in(row: Row, rng_state: RngState, columns: int, size: int, room: int) -> None:
+    """Draw the agent's cell and direction in a room until it faces nothing or a wall."""
+    left, top = room % columns * (size - 1), room // columns * (size - 1)
+    for _ in range(AGENT_TRIES):
+        row[X] = row[Y] = -1
+        tries = 0
+        x, y = integer(rng_state, left, left + size), integer(rng_state, top, top + size)
+        while row[HEADER + x * row[HEIGHT] + y] != EMPTY:
+            tries += 1
+            if tries == PLACE_TRIES:
+                row[FAILED] = 1
+                return
+            x, y = integer(rng_state, left, left + size), integer(rng_state, top, top + size)
+        stand(row, x, y, integer(rng_state, 0, 4))
+        ahead_x, ahead_y = cell_in_front(row)
+        kind = kind_of(cell_at(row, ahead_x, ahead_y))
+        if kind == EMPTY or kind == WALL:
+            return
+    row[FAILED] = HOPELESS
+
+
+@device_function()
+def join_rooms(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int, without: int) -> None:
+    """Add closed doors at drawn walls until all rooms are joined to the agent's, none in the colour ``without``."""
+    lines = len(plan) // columns
+    start = row[Y] // (size - 1) * columns + row[X] // (size - 1)
+    joined = reachable(plan, columns, start)
+    for _ in range(CONNECT_TRIES):
+        if joined == len(plan):
+            return
+        room = draw_room(rng_state, columns, lines)
+        wall = integer(rng_state, 0, 4)
+        if plan[room, DOOR_X + wall] == NO_DOOR or plan[room, WAY + wall]:
+            continue
+        if plan[room, LOCKED_ROOM] or plan[behind(room, wall, columns), LOCKED_ROOM]:
+            continue
+        if without == DRAWN:
+            colour = draw_colour(rng_state)
+        else:
+            k = integer(rng_state, 0, 5)
+            for passed in range(6):
+                if SORTED_COLOURS[passed] == without and passed <= k:
+                    k += 1
+            colour = SORTED_COLOURS[k]
+        add_door(row, plan, columns, room, wall, colour, False)
+        joined = reachable(plan, columns, start)
+    row[FAILED] = 1
+
+
+@device_function()
+def all_in_reach(row: Row) -> bool:
+    """Whether the agent can get to everything with all doors open and nothing moved."""
+    width, height = row[WIDTH], row[HEIGHT]
+    cells = width * height
+    seen = np.zeros(cells, np.bool_)
+    stack = np.empty(cells, np.int64)
+    stack[0] = row[X] * height + row[Y]
+    seen[stack[0]] = True
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        cell = stack[waiting]
+        kind = kind_of(row[HEADER + cell])
+        if kind != EMPTY and kind != DOOR:
+            continue
+        x, y = cell // height, cell % height
+        for k in range(4):
+            i, j = ahead(x, y, k)
+            other = i * height + j
+            if i >= 0 and j >= 0 and i < width and j < height and not seen[other]:
+                seen[other] = True
+                stack[waiting] = other
+                waiting += 1
+    for cell in range(cells):
+        kind = kind_of(row[HEADER + cell])
+        if kind != EMPTY and kind != WALL and not seen[cell]:
+            return False
+    return True
+
+
+@device_function()
+def draw_door_of(row: Row, rng_state: RngState, plan: Plan, columns: int) -> int:
+    """Draw one of all doors, each counted once for either of its rooms: its identity."""
+    lines = len(plan) // columns
+    drawn, count = -1, 0
+    for again in range(2):
+        if again:
+            if count == 0:
+                row[FAILED] = HOPELESS
+                return 0
+            drawn, count = integer(rng_state, 0, count), 0
+        for i in range(columns):
+            for j in range(lines):
+                for wall in range(4):
+                    room = j * columns + i
+                    if plan[room, WAY + wall]:
+                        code = cell_at(row, plan[room, DOOR_X + wall], plan[room, DOOR_Y + wall])
+                        if kind_of(code) == DOOR:
+                            if count == drawn:
+                                return identity_of(code)
+                            count += 1
+    return 0
+
+
+@device_function()
+def open_doors(row: Row) -> None:
+    """Open every door."""
+    for identity in range(1, row[OBJECTS] + 1):
+        cell = where_is(row, identity)
+        if cell != NOWHERE and kind_of(row[HEADER + cell]) == DOOR:
+            row[HEADER + cell] = in_state(row[HEADER + cell], STANDS_OPEN)
+
+
+@device_function()
+def recolour(row: Row, first: int, last: int, colour: int) -> None:
+    """Give objects another colour."""
+    for identity in range(first, last + 1):
+        cell = where_is(row, identity)
+        if cell != NOWHERE:
+            row[HEADER + cell] = in_colour(row[HEADER + cell], colour)
+
+
+@device_function()
+def lock_a_room(row: Row, rng_state: RngState, plan: Plan, columns: int, size: int) -> int:
+    """Put a locked door to a drawn room, and its key into another: the room."""
+    lines = len(plan) // columns
+    if len(plan) == 1:
+        row[FAILED] = HOPELESS
+        return -1
+    room = draw_room(rng_state, columns, lines)
+    wall = integer(rng_state, 0, 4)
+    while plan[room, DOOR_X + wall] == NO_DOOR:
+        room = draw_room(rng_state, columns, lines)
+        wall = integer(rng_state, 0, 4)
+    colour = draw_colour(rng_state)
+    add_door(row, plan, columns, room, wall, colour, True)
+    other = draw_room(rng_state, columns, lines)
+    while other == room:
+        other = draw_room(rng_state, columns, lines)
+    new_object(row, rng_state, columns, size, other, KEY, colour)
+    return room
+
+
+@device_function()
+def block_door(row: Row, rng_state: RngState, door: int) -> int:
+    """Put a ball of a drawn colour left of a door: its identity."""
+    colour = draw_colour(rng_state)
+    cell = where_is(row, door)
+    x, y = cell // row[HEIGHT] - 1, cell % row[HEIGHT]
+    put(row, x, y, make(row, BALL, colour, 0))
+    return row[OBJECTS]
+
+
+@device_function()
+def boxed_key(row: Row, rng_state: RngState, columns: int, size: int, room: int, colour: int) -> int:
+    """Put a box of a drawn colour with a key in it into a room: the box's identity."""
+    key = make(row, KEY, colour, 0)
+    box = make(row, BOX, draw_colour(rng_state), 0)
+    row[contents_index(row, identity_of(box))] = key
+    add_object(row, rng_state, columns, size, room, box)
+    return row[OBJECTS]
+
+
+@inline
+def chance_below(rng_state: RngState, threshold: int) -> bool:
+    """Draw a number in [0, 1) and say whether it is below ``threshold`` / 2**53."""
+    return unit(rng_state) < threshold
+
+
+ONE, BOTH, SEQUENCE = range(3)  # kinds of instructions
+DESCRIBE_TRIES = 101
+_KINDS = (BOX, BALL, KEY, DOOR)  # what is described; the first three can be carried
+
+
+@inline
+def one_of_list(rng_state: RngState, packed: int) -> int:
+    """Draw from a list of small numbers: its length in the lowest four bits, then four bits each."""
+    return packed >> 4 + 4 * integer(rng_state, 0, packed & 15) & 15
+
+
+@device_function()
+def describe(
+    row: Row,
+    rng_state: RngState,
+    at: int,
+    kinds: int,
+    places: bool,
+    implicit: bool,
+    locked: int,
+    columns: int,
+    size: int,
+) -> None:
+    """Draw a description that means something: of one of the first so many kinds, or of a door for 0."""
+    for _ in range(DESCRIBE_TRIES):
+        drawn = integer(rng_state, 0, 7)
+        colour = ANY if drawn == 0 else SORTED_COLOURS[drawn - 1]
+        kind = DOOR if kinds == 0 else _KINDS[integer(rng_state, 0, kinds)]
+        place = ANY
+        if places and integer(rng_state, 0, 2) == 0:
+            place = integer(rng_state, 0, 4)
+        for identity in range(1, row[OBJECTS] + 1):
+            if not fits(row, identity, kind, colour, place):
+                continue
+            if not implicit and locked >= 0:
+                cell = where_is(row, identity)
+                x, y = cell // row[HEIGHT], cell % row[HEIGHT]
+                left, top = locked % columns * (size - 1), locked // columns * (size - 1)
+                if x >= left and y >= top and x < left + size and y < top + size:
+                    continue
+            row[at + KIND], row[at + COLOUR], row[at + PLACE] = kind, colour, place
+            return
+    row[FAILED] = 1
+
+
+@device_function()
+def sample_instruction(
+    row: Row,
+    rng_state: RngState,
+    actions: int,
+    kinds: int,
+    places: bool,
+    implicit: bool,
+    locked: int,
+    columns: int,
+    size: int,
+) -> None:
+    """Draw an instruction.
+
+    Args:
+        row: The furnished house.
+        rng_state: The random stream.
+        actions: The verbs it may have, as a list.
+        kinds: ONE, BOTH or SEQUENCE, those it may be, as a list.
+        places: Whether things may be described by where they are.
+        implicit: Whether everything it means may lie behind the locked door.
+        locked: The locked room, or -1.
+        columns: Rooms in a line.
+        size: Cells on a side of a room.
+    """
+    block = block_of(row)
+    kind = one_of_list(rng_state, kinds)
+    clauses = 0
+    for part_of in range(2 if kind == SEQUENCE else 1):
+        count = integer(rng_state, 0, 2) + 1 if kind == SEQUENCE else kind + 1
+        row[block + (RIGHT if part_of else LEFT)] = count
+        for _ in range(count):
+            clause = block + CLAUSES + clauses * CLAUSE
+            verb = one_of_list(rng_state, actions)
+            row[clause + VERB] = verb
+            described = 4 if verb == GO_TO else 0 if verb == OPEN else 3
+            describe(row, rng_state, clause + THING, described, places, implicit, locked, columns, size)
+            if row[FAILED] == 0 and verb == PUT_NEXT:
+                describe(row, rng_state, clause + OTHER, 4, places, implicit, locked, columns, size)
+            if row[FAILED] != 0:
+                return
+            clauses += 1
+    row[block + JOIN] = ALONE if kind != SEQUENCE else BEFORE if integer(rng_state, 0, 2) == 0 else AFTER

@@ -1,0 +1,236 @@
+"""The verifier: whether a step has done what the instruction says, and the grid's step judged by it.
+
+What GoTo, Open, Pickup and PutNext count as done is decided here, in kernels on a row of state. The order is
+Minigrid's, which decides results: places are noted at every "drop" and not when something is picked up, so "go to the
+ball" is satisfied by the cell the ball was taken from; a step that ends the first part of "a, then b" is also judged by
+the second. The flag OWN_STEPS does neither.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.babyai.encoding import (
+    AFTER,
+    ALONE,
+    BROKEN,
+    CLAUSE,
+    CLAUSES,
+    FLAGS,
+    GO_TO,
+    HANDED,
+    HELD,
+    IN_ORDER_STRICTLY,
+    JOIN,
+    LEFT,
+    MATCHED,
+    OPEN,
+    OWN_STEPS,
+    PICK_UP,
+    RIGHT,
+    SATISFIED,
+    SAY_DONE,
+    STATUS,
+    STRICT,
+    VERB,
+    WAITING,
+    WHEN,
+    block_of,
+    means_of,
+    noted_of,
+)
+from minihuman.worlds.grid.core.cells import DOOR, EMPTY, ahead, identity_of, kind_of, state_of
+from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
+from minihuman.worlds.grid.core.rewards import INSTRUCTED, success_reward
+from minihuman.worlds.grid.core.rng import RngState
+from minihuman.worlds.grid.core.rules import act, apply, close, refusal
+from minihuman.worlds.grid.core.state import (
+    CARRYING,
+    DIRECTION,
+    HEIGHT,
+    NOWHERE,
+    OBJECTS,
+    STEP,
+    TASK,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    cell_at,
+    lift,
+    where_is,
+)
+from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.kernels import device_function, inline, kernel
+
+_PICKUP, _DROP, _TOGGLE, _DONE = 3, 4, 5, 6  # actions
+
+
+@device_function()
+def note_places(row: Row) -> None:
+    """Note where everything that a description means lies now."""
+    noted, means = noted_of(row), means_of(row)
+    for cell in range(row[WIDTH] * row[HEIGHT]):
+        row[noted + cell] = 0
+    for k in range(row[OBJECTS]):
+        cell = where_is(row, k + 1)
+        if cell != NOWHERE:
+            row[noted + cell] = row[means + k]
+
+
+@kernel()
+def hand_over(row: Row) -> None:
+    """After the first look, put into the agent's hand what it starts with."""
+    at = block_of(row) + HANDED
+    identity = row[at]
+    if identity > 0:
+        cell = where_is(row, identity)
+        row[CARRYING] = lift(row, cell // row[HEIGHT], cell % row[HEIGHT])
+        row[at] = 0
+
+
+@device_function()
+def verify(row: Row, action: int) -> int:
+    """Judge the step just made by the instruction: WAITING, SATISFIED or BROKEN."""
+    block = block_of(row)
+    flags = row[block + FLAGS]
+    if action == _DROP or (flags & OWN_STEPS and (action == _PICKUP or action == _TOGGLE)):
+        note_places(row)
+    left, right = row[block + LEFT], row[block + RIGHT]
+    join = row[block + JOIN]
+    if join == ALONE:
+        return judge_part(row, 0, left, action)
+    first, in_first, second, in_second = 0, left, left, right
+    if join == AFTER:
+        first, in_first, second, in_second = left, right, 0, left
+    if not part_is_done(row, first, in_first):
+        outcome = judge_part(row, first, in_first, action)
+        if outcome != SATISFIED:
+            strictly = outcome == WAITING and flags & IN_ORDER_STRICTLY
+            if strictly and judge_part(row, second, in_second, action) == SATISFIED:
+                return BROKEN
+            return outcome
+        if flags & (OWN_STEPS | SAY_DONE):
+            return WAITING
+    return judge_part(row, second, in_second, action)
+
+
+@inline
+def part_is_done(row: Row, first: int, clauses: int) -> bool:
+    """Whether every clause of a part is satisfied."""
+    done = True
+    for k in range(first, first + clauses):
+        done &= row[block_of(row) + CLAUSES + k * CLAUSE + STATUS] == SATISFIED
+    return done
+
+
+@device_function()
+def judge_part(row: Row, first: int, clauses: int, action: int) -> int:
+    """Judge a step by one clause, or by two in any order, whose single failures are forgotten."""
+    if clauses == 1:
+        return judge_clause(row, first, action)
+    broken = 0
+    for k in range(first, first + clauses):
+        if row[block_of(row) + CLAUSES + k * CLAUSE + STATUS] != SATISFIED:
+            broken += judge_clause(row, k, action) == BROKEN
+    if part_is_done(row, first, clauses):
+        return SATISFIED
+    if broken == clauses and action == _DONE:
+        return BROKEN
+    return WAITING
+
+
+@device_function()
+def judge_clause(row: Row, k: int, action: int) -> int:
+    """Judge a step by one clause, and note what came of it."""
+    clause = block_of(row) + CLAUSES + k * CLAUSE
+    if row[block_of(row) + FLAGS] & SAY_DONE:
+        if action == _DONE:
+            outcome = SATISFIED if row[clause + MATCHED] else BROKEN
+        else:
+            row[clause + MATCHED] = does(row, clause, k, action) == SATISFIED
+            outcome = WAITING
+    else:
+        outcome = does(row, clause, k, action)
+    row[clause + STATUS] = outcome
+    if outcome == SATISFIED:
+        row[clause + WHEN] = row[STEP]
+    return outcome
+
+
+@device_function()
+def does(row: Row, clause: int, k: int, action: int) -> int:
+    """Whether a step does what a clause says."""
+    verb, strict = row[clause + VERB], row[clause + STRICT]
+    meant = 1 << 2 * k  # bit of the first description
+    x, y = ahead(row[X], row[Y], row[DIRECTION])
+    if verb == GO_TO:
+        inside = x >= 0 and y >= 0 and x < row[WIDTH] and y < row[HEIGHT]
+        return SATISFIED if inside and row[noted_of(row) + x * row[HEIGHT] + y] & meant else WAITING
+    if verb == OPEN:
+        code = cell_at(row, x, y)
+        if action != _TOGGLE or kind_of(code) != DOOR:
+            return WAITING
+        if state_of(code) == STANDS_OPEN and row[means_of(row) + identity_of(code) - 1] & meant:
+            return SATISFIED
+        return BROKEN if strict else WAITING
+    held, held_before = row[CARRYING], row[clause + HELD]
+    row[clause + HELD] = identity_of(held)
+    if verb == PICK_UP:
+        if action != _PICKUP or held == EMPTY:
+            return WAITING
+        if held_before == 0 and row[means_of(row) + identity_of(held) - 1] & meant:
+            return SATISFIED
+        return BROKEN if strict else WAITING
+    if action == _PICKUP and strict and held != EMPTY:
+        return BROKEN
+    if action != _DROP or held_before == 0 or not row[means_of(row) + held_before - 1] & meant:
+        return WAITING
+    cell = where_is(row, held_before)
+    return SATISFIED if cell != NOWHERE and is_beside(row, cell, meant << 1) else WAITING
+
+
+@device_function()
+def is_beside(row: Row, cell: int, meant: int) -> bool:
+    """Whether something meant by a description lies right, below, left or above a cell, where places were noted."""
+    width, height = row[WIDTH], row[HEIGHT]
+    noted = noted_of(row)
+    x, y = cell // height, cell % height
+    return (
+        (x + 1 < width and row[noted + cell + height] & meant != 0)
+        or (y + 1 < height and row[noted + cell + 1] & meant != 0)
+        or (x > 0 and row[noted + cell - height] & meant != 0)
+        or (y > 0 and row[noted + cell - 1] & meant != 0)
+    )
+
+
+_NO_CHANCE = np.zeros(6, np.uint64)
+
+
+@kernel(hold_gil=True)
+def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
+    """`core.rules.step` for a row that has room for an instruction."""
+    status, reward = act_instructed(row, action, rng_state)
+    if status >= 0:
+        see(row, image)
+    return status, row[DIRECTION], reward
+
+
+@kernel(hold_gil=True)
+def act_instructed(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
+    """`core.rules.act` for a row that has room for an instruction."""
+    if row[TASK] != INSTRUCTED:
+        return act(row, action, rng_state)
+    refused = refusal(row, action)
+    if refused < 0:
+        return refused, 0.0
+    row[STEP] += 1
+    apply(row, action)
+    outcome = verify(row, action)
+    reward = success_reward(row) if outcome == SATISFIED else 0.0
+    return close(row, outcome != WAITING), reward
+
+
+def try_action(row: Row, action: int) -> tuple[int, float]:
+    """Do an action in a copy of a state, whose obstacles stay where they are: status and reward."""
+    status, reward = (act_instructed if row[TASK] == INSTRUCTED else act)(row, action, _NO_CHANCE)
+    return status, reward

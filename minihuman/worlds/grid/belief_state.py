@@ -1,0 +1,422 @@
+"""Belief state: a grid as far as an agent has seen it, and where it would look next.
+
+What has not been seen is wall and holds nothing. Only the agent moves things, so what was seen once stays known; what
+boxes contain is not known. Never looks at more than the agent was shown.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.core.cells import (
+    CLOSED,
+    DOOR,
+    EMPTY,
+    FLOOR,
+    GOAL,
+    GREY_WALL,
+    LAVA,
+    OPEN,
+    STEPS,
+    WALL,
+    ahead,
+    identity_of,
+    in_state,
+    kind_of,
+    kinds_of,
+    state_of,
+    states_of,
+)
+from minihuman.worlds.grid.core.rewards import FORWARD, LEFT, RIGHT, TOGGLE
+from minihuman.worlds.grid.core.search import FAR
+from minihuman.worlds.grid.core.state import (
+    DIRECTION,
+    HEADER,
+    HEIGHT,
+    NOWHERE,
+    OBJECTS,
+    WIDTH,
+    Row,
+    State,
+    X,
+    Y,
+    contents_index,
+    place_index,
+    where_is,
+)
+from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.kernels import device_function, kernel
+
+SeenCells = NDArray[np.bool_]  # by cell, x * height + y
+HALF_VIEW = 4 / 3 * math.tan(math.radians(30))  # from inside the grid: the tangent of half the angle of view
+BACK = 0.4  # cells that the eye stands behind the middle of its own
+
+
+@device_function()
+def look_into(row: Row, image: NDArray[np.uint8], seen: SeenCells) -> int:
+    """Mark the cells that the image shows; how many of them are new."""
+    size = image.shape[0]
+    width, height = row[WIDTH], row[HEIGHT]
+    direction = row[DIRECTION]
+    forward_x, forward_y = ahead(0, 0, direction)
+    new = 0
+    for i in range(size):
+        for j in range(size):
+            if image[i, j, 0] != 0:
+                far, aside = size - 1 - j, i - size // 2
+                x = row[X] + forward_x * far - forward_y * aside
+                y = row[Y] + forward_y * far + forward_x * aside
+                if x >= 0 and y >= 0 and x < width and y < height and not seen[x * height + y]:
+                    seen[x * height + y] = True
+                    new += 1
+    return new
+
+
+@device_function()
+def as_from_inside(image: NDArray[np.uint8]) -> None:
+    """Leave in an image what is seen from inside the grid: cells within the angle of view that nothing hides."""
+    size = image.shape[0]
+    half = size // 2
+    for i in range(size):
+        for j in range(size):
+            far, aside = size - 1 - j, i - half
+            if image[i, j, 0] == 0 or (far == 0 and aside == 0):
+                continue
+            if abs(aside) > HALF_VIEW * (far + BACK):
+                image[i, j, 0] = 0
+                continue
+            parts = 8 * size
+            for k in range(parts):
+                across = half + aside * k / parts
+                along = size - 1 + BACK - (far + BACK) * k / parts
+                c, r = math.floor(across + 0.5), math.floor(along + 0.5)
+                if r > size - 1 or (c == i and r == j) or (c == half and r == size - 1):
+                    continue
+                kind, state = image[c, r, 0], image[c, r, 2]
+                if kind == 0 or not (
+                    kind == EMPTY or kind == FLOOR or kind == GOAL or kind == LAVA or (kind == DOOR and state == OPEN)
+                ):
+                    image[i, j, 1] = 255  # hidden; its kind still hides what is behind it
+                    break
+    for i in range(size):
+        for j in range(size):
+            if image[i, j, 1] == 255:
+                image[i, j, 0] = 0
+
+
+@kernel()
+def remember(row: Row, image: NDArray[np.uint8], seen: SeenCells, inside: bool) -> int:
+    """Add what the agent sees now to what it has seen; how many cells are new. ``image`` is filled.
+
+    From ``inside`` it sees less than Minigrid's view shows.
+    """
+    see(row, image)
+    if inside:
+        as_from_inside(image)
+    return look_into(row, image, seen)
+
+
+@kernel()
+def believe(row: Row, seen: SeenCells, hidden: int) -> Row:
+    """The state as far as it was seen; cells not seen hold the code ``hidden``."""
+    known = row.copy()
+    cells = row[WIDTH] * row[HEIGHT]
+    for identity in range(1, row[OBJECTS] + 1):
+        cell = where_is(row, identity)
+        if cell != NOWHERE and not seen[cell]:
+            known[place_index(row, identity)] = NOWHERE
+        known[contents_index(row, identity)] = 0
+    for cell in range(cells):
+        if not seen[cell]:
+            known[HEADER + cell] = hidden
+    return known
+
+
+@kernel()
+def prospects(
+    row: Row,
+    seen: SeenCells,
+    steps: NDArray[np.int32],
+    image: NDArray[np.uint8],
+    inside: bool,
+    straight: int,
+    floor: float,
+    wall: float,
+) -> NDArray[np.float64]:
+    """For each pose that can be reached how much would be seen for the first time, (width, height, 4).
+
+    What is not known hides nothing; a closed door ahead is opened first. After ``straight`` cells of wall in a line
+    the wall is expected to go on; with 0 none is. A cell counts ``floor``, and ``wall`` where one is expected.
+    """
+    world = believe(row, seen, EMPTY)
+    if straight > 0:
+        expect_walls(world, seen, straight)
+    width, height = row[WIDTH], row[HEIGHT]
+    size = image.shape[0]
+    gains = np.zeros((width, height, 4))
+    for x in range(width):
+        for y in range(height):
+            for direction in range(4):
+                if steps[x, y, direction] >= FAR or not seen[x * height + y]:
+                    continue
+                world[X], world[Y], world[DIRECTION] = x, y, direction
+                forward_x, forward_y = ahead(0, 0, direction)
+                i, j = x + forward_x, y + forward_y
+                faced = -1
+                code = 0
+                if i >= 0 and j >= 0 and i < width and j < height:
+                    faced = HEADER + i * height + j
+                    code = int(world[faced])
+                    if kind_of(code) == DOOR and state_of(code) == CLOSED:
+                        world[faced] = in_state(code, OPEN)
+                see(world, image)
+                if inside:
+                    as_from_inside(image)
+                for across in range(size):
+                    for down in range(size):
+                        if image[across, down, 0] != 0:
+                            far, aside = size - 1 - down, across - size // 2
+                            i = x + forward_x * far - forward_y * aside
+                            j = y + forward_y * far + forward_x * aside
+                            if i >= 0 and j >= 0 and i < width and j < height and not seen[i * height + j]:
+                                expected = kind_of(world[HEADER + i * height + j])
+                                gains[x, y, direction] += wall if expected == WALL else floor
+                if faced >= 0:
+                    world[faced] = code
+    return gains
+
+
+@device_function()
+def expect_walls(row: Row, seen: SeenCells, straight: int) -> None:
+    """Put walls where they are expected and nothing was seen: around the grid, and where a line of them would go on."""
+    width, height = row[WIDTH], row[HEIGHT]
+    for line in range(2 * (width + height)):  # each column and each line, there and back
+        upright = line < 2 * width
+        number = (line if upright else line - 2 * width) // 2
+        length = height if upright else width
+        walls = 0
+        for k in range(length):
+            along = k if line % 2 == 0 else length - 1 - k
+            cell = number * height + along if upright else along * height + number
+            kind = kind_of(row[HEADER + cell])
+            if not seen[cell]:
+                if walls >= straight or k == 0 or k == length - 1:
+                    row[HEADER + cell] = GREY_WALL
+                if walls < straight:
+                    walls = 0
+            elif kind == WALL or kind == DOOR:
+                walls += 1
+            else:
+                walls = 0
+
+
+@kernel()
+def walk(row: Row, passing: int) -> NDArray[np.int32]:
+    """Actions from the agent's pose to every other, (width, height, 4), closed doors opened on the way.
+
+    Objects cost ``passing`` more actions to pass; with 0 they block.
+    """
+    width, height = np.int64(row[WIDTH]), np.int64(row[HEIGHT])
+    steps = np.full(width * height * 4, FAR, np.int32)
+    start = (row[X] * height + row[Y]) * 4 + row[DIRECTION]
+    steps[start] = 0
+    span = 64
+    queue = np.empty((span, len(steps)), np.int32)
+    waiting = np.zeros(span, np.int64)
+    queue[0, 0] = start
+    waiting[0] = 1
+    last, distance = 0, 0
+    while distance <= last:
+        place = distance % span
+        while waiting[place] > 0:
+            waiting[place] -= 1
+            pose = queue[place, waiting[place]]
+            if steps[pose] != distance:
+                continue
+            direction = pose & 3
+            x, y = (pose >> 2) // height, (pose >> 2) % height
+            for move in range(3):
+                after, cost = -1, 1
+                if move < 2:
+                    after = (pose >> 2) * 4 + ((direction + 1 + 2 * move) & 3)
+                else:
+                    i, j = ahead(x, y, direction)
+                    if i >= 0 and j >= 0 and i < width and j < height:
+                        code = row[HEADER + i * height + j]
+                        cost = _entering(code, passing)
+                        after = (i * height + j) * 4 + direction if cost > 0 else -1
+                if after >= 0 and distance + cost < steps[after]:
+                    steps[after] = distance + cost
+                    slot = (distance + cost) % span
+                    if waiting[slot] < queue.shape[1]:
+                        queue[slot, waiting[slot]] = after
+                        waiting[slot] += 1
+                    last = max(last, distance + cost)
+        distance += 1
+    return steps.reshape((width, height, 4))
+
+
+@device_function()
+def _entering(code: int, passing: int) -> int:
+    kind = kind_of(code)
+    if kind == EMPTY or kind == FLOOR or kind == GOAL:
+        return 1
+    if kind == DOOR:
+        return 1 if state_of(code) == OPEN else 2 if state_of(code) == CLOSED else 0
+    if identity_of(code) > 0 and passing > 0:
+        return 1 + passing
+    return 0
+
+
+SMALL = 250  # cells of a grid where a sixteenth of them is enough
+ENOUGH = 30  # cells
+
+
+Noise = Callable[[int], NDArray[np.float64]]  # for so many judgements
+
+
+@dataclass(frozen=True, slots=True)
+class FrontierWeights:
+    """The weights by which a place to look from is chosen.
+
+    Attributes:
+        worth: How many actions one more seen cell is worth.
+        enough: Up to how many cells; None: by the size of the grid.
+        share: Up to which share of the grid's cells.
+        beyond: Actions that each further cell is worth.
+        opening: Actions that opening a door costs.
+        straight: Cells of wall in a line after which the wall is expected to go on, and so it is around the grid; 0:
+            no wall is expected where none was seen.
+        floor: What a cell counts.
+        wall: What a cell counts where a wall is expected.
+    """
+
+    worth: float
+    enough: int | None = None
+    share: float = 1.0
+    beyond: float = 0.0
+    opening: float = 1.0
+    straight: int = 0
+    floor: float = 1.0
+    wall: float = 1.0
+
+
+# fitted on the levels: what the expert goes by, and where only a door is looked for, and what people go by
+EXPERT_WEIGHTS = FrontierWeights(0.6, share=0.2, beyond=0.05, straight=3, wall=0.8)
+DOOR_WEIGHTS = FrontierWeights(0.8, 6, beyond=0.02, opening=4.0, straight=2, floor=0.35)
+PEOPLE_WEIGHTS = FrontierWeights(0.3)
+
+
+def no_noise(count: int) -> NDArray[np.float64]:
+    """No noise: everything is judged as it is."""
+    return np.zeros(count)
+
+
+class ExploredGrid:
+    """What has been seen in one episode.
+
+    Args:
+        row: The world's state at its beginning.
+        view_size: Cells on a side of the agent's view.
+        inside: The view is first-person, not from above.
+    """
+
+    def __init__(self, row: Row, view_size: int = 7, *, inside: bool = False) -> None:
+        self._inside = inside
+        state = State(row)
+        self.seen = np.zeros(state.width * state.height, np.bool_)  # by cell, x * height + y
+        cells = len(self.seen)
+        self._enough = ENOUGH if cells >= SMALL else max(8, cells // 16)
+        self._image = np.zeros((view_size, view_size, 3), np.uint8)
+        self.look(row)
+
+    def look(self, row: Row) -> int:
+        """Remember what is seen now; how many cells are new."""
+        return int(remember(row, self._image, self.seen, self._inside))
+
+    def in_view(self, row: Row) -> NDArray[np.bool_]:
+        """The cells that are seen now, by cell."""
+        now = np.zeros_like(self.seen)
+        remember(row, self._image, now, self._inside)
+        return now
+
+    def forget(self, chance: float, rng: np.random.Generator) -> None:
+        """Each cell is forgotten with this chance; what is in view is remembered at the next look."""
+        self.seen &= rng.random(len(self.seen)) >= chance
+
+    def known(self, row: Row) -> Row:
+        """The state as far as it was seen; the rest is wall, and boxes hold nothing."""
+        known: Row = believe(row, self.seen, GREY_WALL)
+        return known
+
+    def frontier(
+        self, known: Row, *, passing: int = 0, judgement: FrontierWeights = EXPERT_WEIGHTS, noise: Noise = no_noise
+    ) -> tuple[list[int], list[int], float] | None:
+        """How to see more: the actions, the cells on the path, its cost; None if nothing more can be seen.
+
+        Args:
+            known: What `known` gave.
+            passing: What passing an object costs; 0: it blocks.
+            judgement: What seeing more is worth.
+            noise: How far off each judgement of a pose is, in actions.
+        """
+        steps = walk(known, passing)
+        gains = prospects(
+            known, self.seen, steps, self._image, self._inside, judgement.straight, judgement.floor, judgement.wall
+        )
+        opening = _faces_closed(State(known))
+        possible = (gains > 0) & (steps < FAR) & ((steps > 0) | opening)
+        enough = self._enough if judgement.enough is None else judgement.enough
+        enough = min(enough, int(judgement.share * len(self.seen)))
+        value = judgement.worth * np.minimum(gains, enough) + judgement.beyond * gains
+        worth = np.where(possible, steps - value, np.inf)
+        worth[opening] += judgement.opening
+        worth += noise(worth.size).reshape(worth.shape)
+        best = np.unravel_index(int(np.argmin(worth)), worth.shape)
+        if not np.isfinite(worth[best]):
+            return None
+        pose = (int(best[0]), int(best[1]), int(best[2]))
+        actions, way = _path(known, steps, pose, passing)
+        if opening[pose]:
+            actions.append(TOGGLE)
+        return actions, way, float(steps[pose])
+
+
+def _faces_closed(state: State) -> NDArray[np.bool_]:
+    """Poses with a closed door ahead."""
+    closed = (state.kinds == DOOR) & (state.states == CLOSED)
+    faces = np.zeros((*closed.shape, 4), bool)
+    for direction, (dx, dy) in enumerate(STEPS):
+        for x, y in np.argwhere(closed):
+            if 0 <= x - dx < state.width and 0 <= y - dy < state.height:
+                faces[x - dx, y - dy, direction] = True
+    return faces
+
+
+def _path(
+    known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int], passing: int
+) -> tuple[list[int], list[int]]:
+    """The actions to a pose and the cells entered, walked back from it."""
+    state = State(known)
+    actions: list[int] = []
+    way: list[int] = []
+    x, y, direction = pose
+    while steps[x, y, direction] > 0:
+        here = int(steps[x, y, direction])
+        if steps[x, y, (direction + 1) % 4] == here - 1:
+            direction = (direction + 1) % 4
+            actions.append(LEFT)
+        elif steps[x, y, (direction + 3) % 4] == here - 1:
+            direction = (direction + 3) % 4
+            actions.append(RIGHT)
+        else:
+            code = int(state.cells[x, y])
+            way.append(x * state.height + y)
+            actions.append(FORWARD)
+            if kinds_of(code) == DOOR and states_of(code) == CLOSED:
+                actions.append(TOGGLE)
+            x, y = x - STEPS[direction][0], y - STEPS[direction][1]
+    return actions[::-1], way[::-1]

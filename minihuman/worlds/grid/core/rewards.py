@@ -1,0 +1,125 @@
+"""Rewards and ends: which steps end an episode and what they earn, beside reaching a goal and stepping into lava.
+
+A task is a number in the state and up to six numbers that it is about (`TARGET`), so one kernel serves every world.
+Success earns 1 - 0.9 * step / max_steps. What counts as done of a BabyAI instruction is in `babyai.verifier`.
+"""
+
+from minihuman.worlds.grid.core.cells import DOOR, EMPTY, GOAL, OPEN, ahead, colour_of, identity_of, kind_of, state_of
+from minihuman.worlds.grid.core.rng import RngState, integer
+from minihuman.worlds.grid.core.state import (
+    CARRYING,
+    DIRECTION,
+    HEADER,
+    HEIGHT,
+    MAX_STEPS,
+    STEP,
+    TARGET,
+    TASK,
+    WIDTH,
+    Row,
+    X,
+    Y,
+    cell_at,
+    move,
+    where_is,
+)
+from minihuman.worlds.kernels import device_function, inline, kernel
+
+LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
+
+(
+    REACH,  # nothing more than goal and lava
+    PICK,  # pick up the object of identity TARGET
+    FETCH,  # pick up an object of kind TARGET and colour TARGET+1; any other ends the episode
+    STAND_BY,  # say "done" beside the cell TARGET, TARGET+1; "toggle" ends the episode
+    MATCH,  # go to the cell TARGET, TARGET+1; the cell TARGET+2, TARGET+3 fails; "pickup" only toggles
+    PUT_NEAR,  # drop the object of kind TARGET, colour TARGET+1 near the cell TARGET+2, TARGET+3
+    IN_ORDER,  # open the door at TARGET, TARGET+1, then the one at TARGET+2, TARGET+3
+    OPEN_DOOR,  # open the door at TARGET, TARGET+1
+    DODGE,  # objects 1 to TARGET move by themselves; walking into one, or a wall, costs 1 and ends the episode
+    INSTRUCTED,  # what the instruction after the cells says; worlds without one have no such block
+) = range(10)
+
+
+@kernel("float64(int32[::1])")
+def success_reward(row: Row) -> float:
+    """What success earns now: 1 at the start, 0.1 at the last step."""
+    return 1 - 0.9 * (row[STEP] / row[MAX_STEPS])
+
+
+@kernel("UniTuple(int64, 2)(int32[::1])")
+def cell_in_front(row: Row) -> tuple[int, int]:
+    """The cell in front of the agent."""
+    return ahead(row[X], row[Y], row[DIRECTION])
+
+
+@kernel("boolean(int32[::1], int64, int64)")
+def is_open(row: Row, x: int, y: int) -> bool:
+    """Whether an open door is in this cell."""
+    code = cell_at(row, x, y)
+    return kind_of(code) == DOOR and state_of(code) == OPEN
+
+
+@device_function()
+def reward_and_done(
+    row: Row, action: int, held_before: int, first_was_open: bool, reward: float, ended: bool
+) -> tuple[float, bool]:
+    """Reward and end of a step that was just made; ``reward`` and ``ended`` are what goal and lava say."""
+    task = row[TASK]
+    held = row[CARRYING]
+    if task == PICK:
+        if action == PICKUP and held != EMPTY and identity_of(held) == row[TARGET]:
+            return success_reward(row), True
+    elif task == FETCH:
+        if held != EMPTY:
+            right = kind_of(held) == row[TARGET] and colour_of(held) == row[TARGET + 1]
+            return success_reward(row) if right else 0.0, True
+    elif task == STAND_BY:
+        if action == DONE:
+            distance = abs(row[X] - row[TARGET]) + abs(row[Y] - row[TARGET + 1])
+            return success_reward(row) if distance == 1 else reward, True
+        if action == TOGGLE:
+            return reward, True
+    elif task == MATCH:
+        if row[X] == row[TARGET] and row[Y] == row[TARGET + 1]:
+            return success_reward(row), True
+        if row[X] == row[TARGET + 2] and row[Y] == row[TARGET + 3]:
+            return 0.0, True
+    elif task == PUT_NEAR:
+        if action == PICKUP and held != EMPTY:
+            wrong = kind_of(held) != row[TARGET] or colour_of(held) != row[TARGET + 1]
+            return reward, ended or wrong
+        if action == DROP and held_before != EMPTY:
+            x, y = cell_in_front(row)
+            near = abs(x - row[TARGET + 2]) <= 1 and abs(y - row[TARGET + 3]) <= 1
+            return success_reward(row) if near and cell_at(row, x, y) == held_before else reward, True
+    elif task == IN_ORDER:
+        if is_open(row, row[TARGET + 2], row[TARGET + 3]):
+            return success_reward(row) if first_was_open else 0.0, True
+    elif task == OPEN_DOOR and action == TOGGLE and is_open(row, row[TARGET], row[TARGET + 1]):
+        return success_reward(row), True
+    return reward, ended
+
+
+@inline
+def faces_obstacle(row: Row) -> bool:
+    """Whether something other than a goal is in front of the agent."""
+    x, y = cell_in_front(row)
+    kind = kind_of(cell_at(row, x, y))
+    return kind != EMPTY and kind != GOAL
+
+
+@device_function()
+def move_obstacles(row: Row, rng_state: RngState) -> None:
+    """Move each obstacle to a free cell of the 3x3 around it; it stays after 101 draws without one."""
+    width, height = row[WIDTH], row[HEIGHT]
+    for identity in range(1, row[TARGET] + 1):
+        cell = where_is(row, identity)
+        old_x = int(cell / height)  # exact, and whole numbers are divided five times more slowly
+        left, top = max(old_x - 1, 0), max(cell - old_x * height - 1, 0)
+        for _ in range(101):
+            x = integer(rng_state, left, min(left + 3, width))
+            y = integer(rng_state, top, min(top + 3, height))
+            if row[HEADER + x * height + y] == EMPTY and not (x == row[X] and y == row[Y]):
+                move(row, identity, x * height + y)
+                break

@@ -1,0 +1,84 @@
+"""GoToObj in the grid: an empty room with four objects at the middles of its walls; face the one that is named."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.contract import PathLengthBounds
+from minihuman.worlds.go_to_obj import KINDS, draw_arrangement
+from minihuman.worlds.grid.core.rewards import FORWARD, REACH, TOGGLE, cell_in_front, success_reward
+from minihuman.worlds.grid.core.state import TARGET
+from minihuman.worlds.grid.layout import Layout
+from minihuman.worlds.grid.missions import MissionSpace
+from minihuman.worlds.grid.object_kinds import Item
+from minihuman.worlds.grid.planner import facing, walk
+from minihuman.worlds.grid.world import GridWorld
+from minihuman.worlds.options import MAX_CELLS, check_bool, check_whole
+
+
+class GoToObjGrid(GridWorld):
+    """The source world of the transfer experiment; every default is a fact of the published one but ``ambiguous``.
+
+    The agent starts in the middle, facing right. Facing the target ends the episode and earns
+    ``1 - 0.9 * step / max_steps``.
+
+    Args:
+        size: Columns and rows, walls included; odd.
+        max_steps: ``4 * size**2`` by default, as published.
+        ambiguous: Let a mission fit two objects, as it could in the published world.
+        toggle_ends: The action "toggle" ends the episode with nothing, as published.
+        options: `GridEngine`'s settings.
+    """
+
+    def __init__(
+        self,
+        *,
+        size: int = 11,
+        max_steps: int | None = None,
+        ambiguous: bool = False,
+        toggle_ends: bool = True,
+        see_through_walls: bool = True,
+        **options: Any,
+    ) -> None:
+        self.size = check_whole("size", size, 5, MAX_CELLS - 1, odd=True)  # with a middle, and four objects
+        self.ambiguous = check_bool("ambiguous", ambiguous)
+        self.toggle_ends = check_bool("toggle_ends", toggle_ends)
+        super().__init__(
+            width=size,
+            height=size,
+            max_steps=4 * size * size if max_steps is None else max_steps,
+            mission=MissionSpace("go to the {} {}", COLOURS, KINDS),
+            see_through_walls=see_through_walls,
+            **options,
+        )
+
+    def layout(self, grid: Layout) -> None:
+        """Lay out the room, the objects and the agent."""
+        middle, last = self.size // 2, self.size - 2
+        places = ((1, middle), (middle, last), (last, middle), (middle, 1))  # in the order of WALLS
+        drawn = draw_arrangement(self.np_random, ambiguous=self.ambiguous)
+        grid.wall_rect()
+        for (colour, kind), (x, y) in zip(drawn.objects, places, strict=True):
+            grid.put(Item(kind, colour), x, y)
+        grid.put_agent(middle, middle, 0)
+        grid.task(REACH, *places[drawn.target])
+        grid.mission = drawn.mission
+
+    def reward_and_done(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
+        """Facing the target is success; "toggle" is the end."""
+        if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
+            return success_reward(self._row), True
+        return reward, terminated or (self.toggle_ends and action == TOGGLE)
+
+    def shortest_path(self) -> Sequence[int] | None:
+        """Turns and steps to where the target is ahead."""
+        if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
+            return [FORWARD]  # which stays where it is, and is judged
+        return walk(self._in_world(), facing(np.array([self._row[TARGET : TARGET + 2]], np.int64))) or ()
+
+    def path_length_bounds(self) -> PathLengthBounds:
+        """The length of that path, twice."""
+        count = len(self.shortest_path() or ()) or None
+        return PathLengthBounds(count, count)

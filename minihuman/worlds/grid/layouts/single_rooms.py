@@ -1,0 +1,302 @@
+"""Layouts of one room: open floors, lava, rivers to cross, and objects to fetch, put near or remember.
+
+Empty, DistShift, LavaGap, DynamicObstacles, Crossing; Fetch, GoToObject, PutNear, GoToDoor, Memory.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.core.cells import (
+    BALL,
+    BLUE,
+    BOX,
+    CLOSED,
+    DOOR,
+    EMPTY,
+    GREEN,
+    GREEN_GOAL,
+    GREY_WALL,
+    KEY,
+    RED_LAVA,
+    SORTED_COLOURS,
+)
+from minihuman.worlds.grid.core.placement import (
+    UNLIMITED_TRIES,
+    draw_place,
+    outer_walls,
+    place_agent,
+    place_agent_anywhere,
+    place_anywhere,
+    stand,
+    wall_across,
+    wall_down,
+    wall_rect,
+)
+from minihuman.worlds.grid.core.rewards import DODGE, FETCH, MATCH, PUT_NEAR, STAND_BY
+from minihuman.worlds.grid.core.rng import RngState, integer, shuffle
+from minihuman.worlds.grid.core.state import FAILED, HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
+from minihuman.worlds.kernels import device_function, kernel
+
+KINDS_DRAWN = (KEY, BALL, BOX)
+
+
+@device_function()
+def draw_colour(rng_state: RngState) -> int:
+    """Draw one of the six colours."""
+    return SORTED_COLOURS[integer(rng_state, 0, 6)]
+
+
+@device_function()
+def draw_kind(rng_state: RngState, kinds: int) -> int:
+    """Draw one of the first so many of key, ball and box."""
+    return KINDS_DRAWN[integer(rng_state, 0, kinds)]
+
+
+@kernel()
+def fetch(row: Row, rng_state: RngState, objects: int) -> None:
+    """Keys and balls; one is to be fetched."""
+    outer_walls(row)
+    kinds, colours = np.empty(objects, np.int64), np.empty(objects, np.int64)
+    for k in range(objects):
+        kinds[k] = draw_kind(rng_state, 2)
+        colours[k] = draw_colour(rng_state)
+        place_anywhere(row, rng_state, make(row, kinds[k], colours[k], 0))
+    place_agent_anywhere(row, rng_state)
+    k = integer(rng_state, 0, objects)
+    row[TASK] = FETCH
+    row[TARGET], row[TARGET + 1] = kinds[k], colours[k]
+    row[MISSION], row[MISSION + 1], row[MISSION + 2] = integer(rng_state, 0, 5), colours[k], kinds[k]
+
+
+@device_function()
+def draw_objects(row: Row, rng_state: RngState, objects: int, apart: bool) -> NDArray[np.int64]:
+    """Place different objects, ``apart`` none beside another: kind, colour, x, y of each."""
+    drawn = np.full((objects, 4), -9, np.int64)
+    k = 0
+    while k < objects and row[FAILED] == 0:
+        kind, colour = draw_kind(rng_state, 3), draw_colour(rng_state)
+        known = False
+        for other in range(k):
+            known |= drawn[other, 0] == kind and drawn[other, 1] == colour
+        if known:
+            continue
+        x, y = draw_place(row, rng_state, 0, 0, row[WIDTH], row[HEIGHT], UNLIMITED_TRIES)
+        tries = 0
+        while apart and beside_any(drawn, x, y) and row[FAILED] == 0:
+            x, y = draw_place(row, rng_state, 0, 0, row[WIDTH], row[HEIGHT], UNLIMITED_TRIES)
+            tries += 1
+            if tries > 10_000:
+                row[FAILED] = 1
+        put(row, x, y, make(row, kind, colour, 0))
+        drawn[k, 0], drawn[k, 1], drawn[k, 2], drawn[k, 3] = kind, colour, x, y
+        k += 1
+    return drawn
+
+
+@device_function()
+def beside_any(drawn: NDArray[np.int64], x: int, y: int) -> bool:
+    """Whether a cell touches one of the objects, corners included."""
+    for k in range(len(drawn)):
+        if abs(drawn[k, 2] - x) <= 1 and abs(drawn[k, 3] - y) <= 1:
+            return True
+    return False
+
+
+@kernel()
+def go_to_object(row: Row, rng_state: RngState, objects: int) -> None:
+    """Objects; the agent says "done" beside the one it is sent to."""
+    outer_walls(row)
+    drawn = draw_objects(row, rng_state, objects, False)
+    place_agent_anywhere(row, rng_state)
+    kind, colour, x, y = drawn[integer(rng_state, 0, objects)]
+    row[TASK] = STAND_BY
+    row[TARGET], row[TARGET + 1] = x, y
+    row[MISSION], row[MISSION + 1] = colour, kind
+
+
+@kernel()
+def put_near(row: Row, rng_state: RngState, objects: int) -> None:
+    """Objects; one is to be put near another."""
+    outer_walls(row)
+    drawn = draw_objects(row, rng_state, objects, True)
+    place_agent_anywhere(row, rng_state)
+    moved = integer(rng_state, 0, objects)
+    target = integer(rng_state, 0, objects)
+    while target == moved:
+        target = integer(rng_state, 0, objects)
+    row[TASK] = PUT_NEAR
+    row[TARGET], row[TARGET + 1] = drawn[moved, 0], drawn[moved, 1]
+    row[TARGET + 2], row[TARGET + 3] = drawn[target, 2], drawn[target, 3]
+    row[MISSION], row[MISSION + 1] = drawn[moved, 1], drawn[moved, 0]
+    row[MISSION + 2], row[MISSION + 3] = drawn[target, 1], drawn[target, 0]
+
+
+@kernel()
+def go_to_door(row: Row, rng_state: RngState) -> None:
+    """A room of drawn size with four doors; the agent says "done" beside the one it is sent to."""
+    width = integer(rng_state, 5, row[WIDTH] + 1)
+    height = integer(rng_state, 5, row[HEIGHT] + 1)
+    wall_rect(row, 0, 0, width, height)
+    places = np.empty((4, 2), np.int64)
+    places[0, 0], places[0, 1] = integer(rng_state, 2, width - 2), 0
+    places[1, 0], places[1, 1] = integer(rng_state, 2, width - 2), height - 1
+    places[2, 0], places[2, 1] = 0, integer(rng_state, 2, height - 2)
+    places[3, 0], places[3, 1] = width - 1, integer(rng_state, 2, height - 2)
+    colours = np.full(4, -1, np.int64)
+    k = 0
+    while k < 4:
+        colour = draw_colour(rng_state)
+        known = False
+        for other in range(k):
+            known |= colours[other] == colour
+        if not known:
+            colours[k] = colour
+            k += 1
+    for k in range(4):
+        put(row, places[k, 0], places[k, 1], make(row, DOOR, colours[k], CLOSED))
+    place_agent(row, rng_state, 0, 0, width, height)
+    k = integer(rng_state, 0, 4)
+    row[TASK] = STAND_BY
+    row[TARGET], row[TARGET + 1] = places[k, 0], places[k, 1]
+    row[MISSION] = colours[k]
+
+
+@kernel()
+def memory(row: Row, rng_state: RngState, random_length: int) -> None:
+    """An object seen at the start, two at the end of a corridor; go to the matching one."""
+    width, height = row[WIDTH], row[HEIGHT]
+    outer_walls(row)
+    middle = height // 2
+    end = integer(rng_state, 4, width - 2) if random_length else width - 3
+    wall_across(row, 1, middle - 2, 4, GREY_WALL)
+    wall_across(row, 1, middle + 2, 4, GREY_WALL)
+    put(row, 4, middle - 1, GREY_WALL)
+    put(row, 4, middle + 1, GREY_WALL)
+    wall_across(row, 5, middle - 1, end - 5, GREY_WALL)
+    wall_across(row, 5, middle + 1, end - 5, GREY_WALL)
+    for y in range(height):
+        if y != middle:
+            put(row, end, y, GREY_WALL)
+        put(row, end + 2, y, GREY_WALL)
+    stand(row, integer(rng_state, 1, end + 1), middle, 0)
+    shown = KEY if integer(rng_state, 0, 2) == 0 else BALL
+    put(row, 1, middle - 1, make(row, shown, GREEN, 0))
+    above = BALL if integer(rng_state, 0, 2) == 0 else KEY
+    put(row, end + 1, middle - 2, make(row, above, GREEN, 0))
+    put(row, end + 1, middle + 2, make(row, KEY if above == BALL else BALL, GREEN, 0))
+    up = -1 if shown == above else 1
+    row[TASK] = MATCH
+    row[TARGET], row[TARGET + 1] = end + 1, middle + up
+    row[TARGET + 2], row[TARGET + 3] = end + 1, middle - up
+
+
+@kernel()
+def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int) -> None:
+    """Nothing but a goal in the corner. A negative ``agent_x`` draws agent and direction."""
+    outer_walls(row)
+    put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
+    start(row, rng_state, agent_x, agent_y, direction)
+
+
+@kernel()
+def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None:
+    """Put the agent where it is said to start, or draw where that is negative."""
+    if x < 0:
+        place_agent_anywhere(row, rng_state)
+    else:
+        stand(row, x, y, direction)
+
+
+@kernel()
+def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, second_strip: int) -> None:
+    """Two strips of lava, one below the top wall and one in the row ``second_strip``."""
+    outer_walls(row)
+    put(row, row[WIDTH] - 2, 1, GREEN_GOAL)
+    wall_across(row, 3, 1, row[WIDTH] - 6, RED_LAVA)
+    wall_across(row, 3, second_strip, row[WIDTH] - 6, RED_LAVA)
+    start(row, rng_state, agent_x, agent_y, direction)
+
+
+@kernel()
+def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
+    """One column of lava (or of the code ``obstacle``) with a gap."""
+    outer_walls(row)
+    stand(row, 1, 1, 0)
+    put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
+    x = integer(rng_state, 2, row[WIDTH] - 2)
+    y = integer(rng_state, 1, row[HEIGHT] - 1)
+    wall_down(row, x, 1, row[HEIGHT] - 2, obstacle)
+    put(row, x, y, EMPTY)
+
+
+@kernel()
+def dynamic_obstacles(
+    row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, obstacles: int
+) -> None:
+    """Balls that move by themselves."""
+    outer_walls(row)
+    put(row, row[WIDTH] - 2, row[HEIGHT] - 2, GREEN_GOAL)
+    start(row, rng_state, agent_x, agent_y, direction)
+    for _ in range(obstacles):
+        ball = make(row, BALL, BLUE, 0)
+        x, y = draw_place(row, rng_state, 0, 0, row[WIDTH], row[HEIGHT], 101)
+        if x >= 0:
+            put(row, x, y, ball)
+    row[TASK] = DODGE
+    row[TARGET] = obstacles
+
+
+UPRIGHT, LEVEL = 0, 1  # directions of a river
+
+
+@kernel()
+def crossing(row: Row, rng_state: RngState, rivers: int, obstacle: int) -> None:
+    """``rivers`` rivers of the code ``obstacle``; columns and rows of the grid are odd and the same."""
+    width, height = row[WIDTH], row[HEIGHT]
+    outer_walls(row)
+    stand(row, 1, 1, 0)
+    put(row, width - 2, height - 2, GREEN_GOAL)
+    is_river = draw_rivers(rng_state, width, rivers)
+    # columns and rows of the grid that bound its fields: outer walls and rivers
+    columns, rows = bounds(is_river[UPRIGHT]), bounds(is_river[LEVEL])
+    for y in rows[1:-1]:
+        wall_across(row, 1, y, width - 2, obstacle)
+    for x in columns[1:-1]:
+        wall_down(row, x, 1, height - 2, obstacle)
+    path = np.full(len(columns) + len(rows) - 4, UPRIGHT, np.int64)
+    path[: len(columns) - 2] = LEVEL  # walking level crosses an upright river
+    shuffle(rng_state, path)
+    i = j = 0
+    for way in path:
+        if way == LEVEL:
+            put(row, columns[i + 1], integer(rng_state, rows[j] + 1, rows[j + 1]), EMPTY)
+            i += 1
+        else:
+            put(row, integer(rng_state, columns[i] + 1, columns[i + 1]), rows[j + 1], EMPTY)
+            j += 1
+
+
+@device_function()
+def draw_rivers(rng_state: RngState, size: int, rivers: int) -> NDArray[np.bool_]:
+    """Whether a river runs there, (2, size): by column for the upright ones, by row for the level ones."""
+    places = (size - 3) // 2  # of each direction: the even lines that do not touch the outer walls
+    order = np.arange(2 * places)
+    shuffle(rng_state, order)
+    is_river = np.zeros((2, size), np.bool_)
+    for k in order[:rivers]:
+        is_river[k // places, 2 + 2 * (k % places)] = True
+    return is_river
+
+
+@device_function()
+def bounds(is_river: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The lines with a river, between the first and the last line of the grid."""
+    lines = np.empty(is_river.sum() + 2, np.int64)
+    lines[0] = 0
+    k = 1
+    for line in range(len(is_river)):
+        if is_river[line]:
+            lines[k] = line
+            k += 1
+    lines[k] = len(is_river) - 1
+    return lines

@@ -1,0 +1,1 @@
+"""Pictures of the grid: palettes, tiles and whole pictures."""

@@ -1,0 +1,254 @@
+"""Pictures of a whole grid or of the agent's view, tile by tile, in one compiled pass over an atlas of tiles."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.contract import View
+from minihuman.worlds.grid.core.cells import (
+    BALL,
+    BOX,
+    DOOR,
+    DOOR_STATES,
+    EMPTY,
+    FLOOR,
+    GOAL,
+    KEY,
+    RED_LAVA,
+    WALL,
+    ahead,
+    pack,
+)
+from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, FIRST_OWN_KIND, HEADER, HEIGHT, WIDTH, Row, X, Y
+from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.grid.pictures.minigrid_tiles import minigrid_tile
+from minihuman.worlds.grid.pictures.tiles import GridPalette, agent, in_hand, tile, unseen
+from minihuman.worlds.kernels import device_function, inline, kernel
+
+if TYPE_CHECKING:
+    from minihuman.worlds.grid.object_kinds import ObjectKind
+
+LOOKS = 512  # kind, colour and state make nine bits
+LIT = 0.13  # how much lighter a cell is that the agent sees
+RUN = 16  # words of a tile's line that are copied at once
+CARRIED = 0.56  # the size of a carried object's picture, in tiles
+Pixels = NDArray[np.uint8]
+Words = NDArray[np.uint64] | Pixels  # pixels in runs of eight bytes, where a tile's line is whole runs, or byte by byte
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Atlas:
+    """Every tile at one size in one palette. ``number[look]`` is a tile's place in the arrays; 0 is "unseen"."""
+
+    number: NDArray[np.int64]  # (512,)
+    under: NDArray[np.int64]  # (4, 512): by direction: a cell with the agent in it, where they are one tile
+    tiles: Words  # (2, tiles, px, words) as they are, and lit; a line of pixels is one run of words
+    agents: Pixels  # (4, px, px, 4) by direction, colour and opacity
+    carried: Pixels  # (tiles, half px, half px, 4) objects alone
+
+
+@lru_cache(maxsize=16)
+def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> Atlas:
+    """Draw every tile of a size once."""
+    looks = [EMPTY, RED_LAVA]
+    for colour in range(len(COLOURS)):
+        looks += [pack(kind, colour, 0, 0) for kind in (WALL, FLOOR, KEY, BALL, BOX, GOAL)]
+        looks += [pack(DOOR, colour, state, 0) for state in range(len(DOOR_STATES))]
+        for own, kind in enumerate(kinds, FIRST_OWN_KIND):
+            looks += [pack(own, colour, state, 0) for state in range(len(DOOR_STATES) if kind.opens else 1)]
+    number = np.zeros(LOOKS, np.int64)
+    number[looks] = np.arange(1, len(looks) + 1)
+    if palette == "minigrid":
+        return _minigrid_atlas(tile_px, looks, number, kinds)
+    plain = np.stack([unseen(tile_px).rgb] + [tile(look, tile_px, palette, kinds).rgb for look in looks])
+    lit = plain + (255 - plain) * LIT
+    small = max(1, round(tile_px * CARRIED))
+    carried = np.zeros((len(looks) + 1, small, small, 4), np.uint8)
+    for look in looks:
+        canvas = in_hand(look, small, palette, kinds)
+        carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
+    tiles = np.stack([plain, lit]).round().astype(np.uint8).reshape(2, -1, tile_px, 3 * tile_px)
+    agents = [agent(direction, tile_px, palette) for direction in range(4)]
+    return Atlas(
+        number,
+        np.zeros((len(agents), LOOKS), np.int64),
+        _in_runs(tiles),
+        np.stack([np.dstack([canvas.rgb, 255 * canvas.alpha]) for canvas in agents]).round().astype(np.uint8),
+        carried,
+    )
+
+
+def _minigrid_atlas(
+    tile_px: int, looks: list[int], number: NDArray[np.int64], kinds: "tuple[ObjectKind, ...]"
+) -> Atlas:
+    """The agent is part of its tile, nothing lies over it; what is unseen is an empty cell."""
+    under = np.zeros((4, LOOKS), np.int64)
+    drawn: list[tuple[int, int | None]] = [(EMPTY, None), *((look, None) for look in looks)]
+    for direction in range(4):
+        under[direction, looks] = len(drawn) + np.arange(len(looks))
+        drawn += [(look, direction) for look in looks]
+    tiles = np.stack(
+        [
+            [minigrid_tile(look, tile_px, facing=way, lit=lit, kinds=kinds) for look, way in drawn]
+            for lit in (False, True)
+        ]
+    )
+    nothing = np.zeros((len(looks) + 1, 1, 1, 4), np.uint8)
+    return Atlas(number, under, _in_runs(tiles.reshape(2, -1, tile_px, 3 * tile_px)), nothing[:4], nothing)
+
+
+def _in_runs(tiles: Pixels) -> Words:
+    return tiles.view(np.uint64) if tiles.shape[2] % 8 == 0 else tiles
+
+
+def draw_grid(
+    row: Row,
+    *,
+    view: View,
+    view_size: int,
+    tile_px: int,
+    palette: GridPalette,
+    kinds: "tuple[ObjectKind, ...]" = (),
+    lit: bool = True,
+    by_bytes: bool = False,
+) -> Pixels:
+    """A picture, uint8[rows * tile_px, columns * tile_px, 3].
+
+    Args:
+        row: The state.
+        view: "partial": what the agent sees, looking up; "full": everything, what it sees ``lit``.
+        view_size: Cells on a side of the agent's view.
+        tile_px: Pixels on a side of a tile.
+        palette: The colours.
+        kinds: Kinds of the world's own.
+        lit: In the full view, make the cells lighter that the agent sees.
+        by_bytes: Copy tiles byte by byte whatever their size, which is one kernel for all sizes, and slower.
+    """
+    drawn = atlas(tile_px, palette, kinds)
+    columns, rows = (view_size, view_size) if view == "partial" else (row[WIDTH], row[HEIGHT])
+    out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
+    lines = out.reshape(rows * tile_px, -1)
+    tiles = drawn.tiles.view(np.uint8) if by_bytes else drawn.tiles
+    image = np.zeros((view_size, view_size, 3), np.uint8)
+    if lit or view == "partial":
+        see(row, image)
+    words = lines.view(tiles.dtype)
+    full, in_view, seen = view == "full", palette == "minigrid", np.zeros((columns, rows), np.int64)
+    tables = drawn.number, drawn.under, tiles, drawn.agents, drawn.carried
+    draw_cells(row, image, full, in_view, seen, *tables, words, lines)
+    return out
+
+
+@device_function("void(uint8[:, :, :, ::1], int64, int64, int64, uint8[:, ::1])")
+def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> None:
+    """Blend a figure with transparency into a picture."""
+    for v in range(figures.shape[1]):
+        for u in range(figures.shape[2]):
+            alpha = np.int64(figures[figure, v, u, 3])
+            if alpha > 0:
+                for part in range(3):
+                    byte = 3 * (left + u) + part
+                    under = np.int64(out[top + v, byte])
+                    over = np.int64(figures[figure, v, u, part])
+                    out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
+
+
+@kernel()
+def draw_cells(
+    row: Row,
+    image: NDArray[np.uint8],
+    full: bool,
+    in_view: bool,
+    lit: NDArray[np.int64],
+    number: NDArray[np.int64],
+    under: NDArray[np.int64],
+    tiles: Words,
+    agents: Pixels,
+    carried: Pixels,
+    words: Words,
+    out: Pixels,
+) -> None:
+    """Draw the whole grid, what the agent sees (``image``) lit, or with ``full`` false only what it sees.
+
+    With ``in_view`` the latter is drawn as Minigrid draws it: lit where it is seen, and the agent's cell shows what it
+    carries. ``lit`` (columns, lines) is written: 1 where a cell is lit. ``words`` and ``out`` (lines, bytes) are the
+    same memory.
+    """
+    view_size, px = image.shape[0], tiles.shape[2]
+    middle, bottom = view_size // 2, view_size - 1
+    width, height = row[WIDTH], row[HEIGHT]
+    x, y, direction = row[X], row[Y], row[DIRECTION]
+    columns, lines = (width, height) if full else (view_size, view_size)
+    lit[:] = 0
+    if full:
+        forward_x, forward_y = ahead(0, 0, direction)
+        for i in range(view_size):
+            for j in range(view_size):
+                far, aside = bottom - j, i - middle
+                column = x + forward_x * far - forward_y * aside
+                line = y + forward_y * far + forward_x * aside
+                if image[i, j, 0] != 0 and 0 <= column < width and 0 <= line < height:
+                    lit[column, line] = 1
+    elif in_view:
+        for i in range(view_size):
+            for j in range(view_size):
+                lit[i, j] = image[i, j, 0] != 0
+    for column in range(columns):
+        for line in range(lines):
+            if full:
+                look = np.int64(row[HEADER + column * height + line])
+            elif column == middle and line == bottom:
+                look = np.int64(row[HEADER + x * height + y])
+            else:
+                kind, colour = np.int64(image[column, line, 0]), np.int64(image[column, line, 1])
+                look = kind | colour << 4 | np.int64(image[column, line, 2]) << 7
+            lay_tile(tiles, lit[column, line], number[look & LOOKS - 1], column, line, words)
+    look = np.int64(row[HEADER + x * height + y])
+    if not full:
+        x, y, direction = middle, bottom, 3
+        look = np.int64(row[CARRYING])
+    if in_view:  # there the agent is part of its tile
+        lay_tile(tiles, lit[x, y], under[direction, look & LOOKS - 1], x, y, words)
+    put_agent(row, agents, direction, carried, number, x * px, y * px, out)
+
+
+@device_function(force_inline=True)
+def lay_tile(tiles: Words, lit: int, tile: int, column: int, row: int, words: Words) -> None:
+    """Copy a tile into a picture, to a column and row of cells."""
+    height, width = tiles.shape[2], tiles.shape[3]
+    left = column * width
+    if width < RUN:
+        for v in range(height):
+            for word in range(width):
+                words[row * height + v, left + word] = tiles[lit, tile, v, word]
+        return
+    whole = width - width % RUN
+    for v in range(height):
+        line = row * height + v
+        for run in range(0, whole, RUN):
+            for word in range(RUN):  # a number of turns that is known becomes one move or two
+                words[line, left + run + word] = tiles[lit, tile, v, run + word]
+        for word in range(whole, width):
+            words[line, left + word] = tiles[lit, tile, v, word]
+
+
+@inline
+def put_agent(
+    row: Row,
+    agents: Pixels,
+    direction: int,
+    carried: Pixels,
+    number: NDArray[np.int64],
+    left: int,
+    top: int,
+    out: Pixels,
+) -> None:
+    """Lay the agent over its tile, and what it carries, small, into its lower right corner."""
+    lay_over(agents, direction, left, top, out)
+    if row[CARRYING] != EMPTY:
+        inset = agents.shape[1] - carried.shape[1]
+        lay_over(carried, number[row[CARRYING] & (LOOKS - 1)], left + inset, top + inset, out)

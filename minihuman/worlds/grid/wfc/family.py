@@ -1,0 +1,213 @@
+"""The family of worlds by Wave Function Collapse: a preset names a picture and how it is read.
+
+The pictures are our own, under the names that presets give them (`#` is wall, `.` is free), as Minigrid's are not part
+of its packages. Of patterns of 2 x 2 cells there are so few that the maze, the dungeon and the dots hold the same ones
+as Minigrid's pictures, and so give the same layouts; rooms and obstacles are of our own kind.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.core.cells import EMPTY, GREEN_GOAL, GREY_WALL
+from minihuman.worlds.grid.core.placement import stand
+from minihuman.worlds.grid.core.rng import RngState, integer, shuffle
+from minihuman.worlds.grid.core.state import HEADER, HEIGHT, WIDTH, Row, put
+from minihuman.worlds.grid.layout import Recipe
+from minihuman.worlds.grid.missions import MissionSpace
+from minihuman.worlds.grid.wfc.collapse import Overlaps, collapse, largest_part, overlaps
+from minihuman.worlds.kernels import kernel
+from minihuman.worlds.options import check_bool, check_one_of, check_whole
+
+PICTURES: Mapping[str, str] = MappingProxyType(
+    {
+        "SimpleMaze": """
+            ######
+            #...#.
+            #.#.#.
+            #.#...
+            #.####
+            #.....
+        """,
+        "ScaledMaze": """
+            #########
+            #...#...#
+            #...#...#
+            #...#...#
+            ###.#.###
+            #.......#
+            #.#####.#
+            #.......#
+        """,
+        "Fabric": """
+            ##########
+            #...#....#
+            #...#....#
+            #........#
+            #...#....#
+            ##.###.###
+            #........#
+            #...#....#
+            #...#....#
+        """,
+        "Blackdots": """
+            ......
+            .#....
+            ....#.
+            ......
+        """,
+        "Angular": """
+            #.....
+            ##....
+            ###...
+            ##....
+            #.....
+            ......
+        """,
+        "Hogs": """
+            ........
+            .###....
+            .#.#.##.
+            .....#..
+            .##.....
+            ..#.###.
+            ....#...
+            ........
+        """,
+    }
+)
+
+ATTEMPTS = 1000  # as in Minigrid
+LAYOUTS = 100  # that are thrown away before there are two connected cells; Minigrid ends in an error at the first
+MAX_WFC_CELLS = 64  # on a side: at most a second to collapse from our pictures
+MAX_WFC_PIXELS = 64  # on a side of a picture
+
+
+class Preset(NamedTuple):
+    """A picture's name, the cells on a side of its patterns, and whether layouts go on over their edges."""
+
+    picture: str
+    width: int
+    periodic: bool
+
+
+PRESETS: Mapping[str, Preset] = MappingProxyType(
+    {
+        "MazeSimple": Preset("SimpleMaze", 2, False),
+        "DungeonMazeScaled": Preset("ScaledMaze", 2, True),
+        "RoomsFabric": Preset("Fabric", 3, False),
+        "ObstaclesBlackdots": Preset("Blackdots", 2, False),
+        "ObstaclesAngular": Preset("Angular", 3, True),
+        "ObstaclesHogs3": Preset("Hogs", 3, True),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WfcRecipe(Recipe):
+    """A layout is collapsed from a picture's overlaps; the start, the goal and the direction are drawn."""
+
+    name: str
+    overlaps: Overlaps
+    periodic: bool
+    connected: bool
+
+    def lay_out(self, row: Row, rng_state: RngState) -> None:
+        """Lay an episode out into a cleared row.
+
+        Raises:
+            WorldError: if every attempt ends in contradiction, or no layout has two connected cells.
+        """
+        dig(row, rng_state, np.array(self._free(rng_state, int(row[WIDTH]) - 2), np.int64))
+
+    def _free(self, rng_state: RngState, size: int) -> list[tuple[int, int]]:
+        """The free cells of a layout in which a goal can be reached."""
+        for _ in range(LAYOUTS):
+            patterns = collapse(rng_state, self.overlaps.weights, self.overlaps.beside, size, self.periodic, ATTEMPTS)
+            if not len(patterns):
+                raise WorldError(
+                    f"{self.name}: {ATTEMPTS} attempts at {size} x {size} cells ended in contradiction; use another "
+                    "size or picture"
+                )
+            free = [(x, y) for x, y in np.argwhere(~self.overlaps.walls[patterns].reshape(size, size)).tolist()]
+            cells = largest_part(free) if self.connected else free
+            if len(cells) > 1:
+                return cells
+        raise WorldError(f"{self.name}: no two free cells of {size} x {size} are connected; enlarge size")
+
+
+def wfc(
+    *, wfc_config: str = "MazeSimple", size: int = 25, ensure_connected: bool = True, patterns: str | None = None
+) -> WfcRecipe:
+    """A maze by Wave Function Collapse.
+
+    Args:
+        wfc_config: The preset: a picture and how it is read.
+        size: Cells on a side, outer walls included.
+        ensure_connected: Only the largest connected part stays free.
+        patterns: A folder of pictures to take instead of ours, named as in the preset (``SimpleMaze.png``).
+    """
+    preset = PRESETS[check_one_of("wfc_config", wfc_config, tuple(PRESETS))]
+    check_whole("size", size, 5, MAX_WFC_CELLS)
+    check_bool("ensure_connected", ensure_connected)
+    read = _ours(preset.picture, preset.width) if patterns is None else _read(patterns, preset)
+    return WfcRecipe(
+        layout=dig,
+        numbers=(),
+        width=size,
+        height=size,
+        max_steps=20 * size,
+        mission=MissionSpace("traverse the maze to get to the goal"),
+        name=wfc_config,
+        overlaps=read,
+        periodic=preset.periodic,
+        connected=ensure_connected,
+    )
+
+
+@cache
+def _ours(picture: str, width: int) -> Overlaps:
+    lines = PICTURES[picture].split()
+    free = np.array([[sign != "#" for sign in line] for line in lines])
+    return overlaps(np.repeat(255 * free[:, :, None], 3, axis=2).astype(np.uint8), width)
+
+
+def _read(folder: str, preset: Preset) -> Overlaps:
+    from PIL import Image, UnidentifiedImageError  # only for pictures of the user's own
+
+    if not isinstance(folder, str):
+        raise WorldError(f"patterns is {folder!r}; give the path of a folder")
+    path = Path(folder, f"{preset.picture}.png")
+    try:
+        with Image.open(path) as image:
+            if max(image.size) > MAX_WFC_PIXELS or min(image.size) < preset.width:
+                raise WorldError(
+                    f"{path} is {image.size[0]} x {image.size[1]} pixels; "
+                    f"each side must have {preset.width} to {MAX_WFC_PIXELS}"
+                )
+            pixels = np.asarray(image.convert("RGB"))
+    except (OSError, UnidentifiedImageError, ValueError) as error:
+        raise WorldError(f"patterns is {folder!r}: {path} cannot be read as a picture: {error}") from None
+    return overlaps(pixels, preset.width)
+
+
+@kernel()
+def dig(row: Row, rng_state: RngState, free: NDArray[np.int64]) -> None:
+    """Make everything wall but the free cells (n, 2) of a layout; draw the start and the goal among them."""
+    height = row[HEIGHT]
+    for k in range(HEADER, HEADER + row[WIDTH] * height):
+        row[k] = GREY_WALL
+    for x, y in free:
+        row[HEADER + (x + 1) * height + y + 1] = EMPTY
+    order = np.arange(len(free))
+    shuffle(rng_state, order)
+    start, goal = order[0], order[1]
+    put(row, free[goal, 0] + 1, free[goal, 1] + 1, GREEN_GOAL)
+    stand(row, free[start, 0] + 1, free[start, 1] + 1, integer(rng_state, 0, 4))

@@ -1,0 +1,40 @@
+"""How Gymnasium makes the grid worlds of the catalogue: as they are, or seen from inside.
+
+The renderer is imported only for the latter, as it takes a second to load.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.grid.layouts.go_to_obj import GoToObjGrid
+
+
+def make_grid_world(family: str, **options: Any) -> Any:
+    """A world of a family or a level; ``view="first_person"`` shows it from inside, in 3D."""
+    return make_with_view(partial(GridEnv, family), **options)
+
+
+def make_go_to_obj_world(**options: Any) -> Any:
+    """The grid's half of the transfer pair; ``view`` as in `make_grid_world`."""
+    return make_with_view(GoToObjGrid, **options)
+
+
+def make_with_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: Any) -> Any:
+    """A grid world as it is, or seen from inside.
+
+    Raises:
+        WorldError: if there is no such view.
+    """
+    if view == "grid":
+        return grid(**options)
+    from minihuman.worlds.inside.env import view_first_person  # here, as the renderer takes a second to load
+
+    picture = {name: options.pop(name) for name in ("obs_width", "obs_height") if name in options}
+    return view_first_person(grid(**options), view, **picture)
+
+
+for _make in (make_grid_world, make_go_to_obj_world):
+    vars(_make)["metadata"] = GridEngine.metadata  # where Gymnasium looks which render modes it has to add

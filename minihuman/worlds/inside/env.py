@@ -1,0 +1,322 @@
+"""A grid world seen from inside: the same state, rules, actions and rewards, drawn in first person.
+
+Its state becomes a scene of walls between cells, doors, and objects on the floor; a cell is a metre wide.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.first_person.pictures import compile_shading, compile_visibility
+from minihuman.worlds.first_person.render.asset_files import asset_library, library_lock
+from minihuman.worlds.first_person.render.drawing import render
+from minihuman.worlds.first_person.render.scene import (
+    BoxLook,
+    Camera,
+    Look,
+    MeshLook,
+    Scene,
+    SceneRoom,
+    Surface,
+    build_scene,
+)
+from minihuman.worlds.grid.core import cells
+from minihuman.worlds.grid.core.state import FIRST_OWN_KIND, State
+from minihuman.worlds.grid.engine import GridEngine, compile_rules, compile_step
+from minihuman.worlds.grid.object_kinds import BlockShape, MeshShape, ObjectKind
+from minihuman.worlds.grid.pictures.tiles import colour_rgb
+from minihuman.worlds.options import MAX_PIXELS, check_whole
+from minihuman.worlds.pose import Pose
+
+WALL_HEIGHT_M = 1.1
+_DOOR_M = 0.08  # how thick a door is
+_KNOB_M = 0.36  # from the middle of a door
+_TILE_M = 0.02  # how thick what lies flat on the floor is
+_ZOOM = 1.6  # of bricks: they are made for walls of full height
+_CARRIED_AHEAD_M = 0.3  # of the agent's eye
+_CARRIED_LOW_M = 0.18
+
+Place = tuple[float, float, float, float]  # x, y, z, yaw_rad
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedLook:
+    """One look and where it stands."""
+
+    look: Look
+    place: Place
+
+
+def walled(state: State) -> NDArray[np.bool_]:
+    """Which cells are wall, [x, z]."""
+    return np.array([[cells.kind_of(code) == cells.WALL for code in column] for column in state.cells.tolist()])
+
+
+def build_rooms(state: State) -> tuple[SceneRoom, ...]:
+    """The whole grid as one room, with the walls as surfaces in it; a run of walls is one surface."""
+    wall = walled(state)
+    width, height = wall.shape
+    x0, x1, z0, z1 = -0.5, width - 0.5, -0.5, height - 0.5
+    outline = np.array(((x1, z1), (x1, z0), (x0, z0), (x0, z1)))
+    surfaces = [_level(outline, 0.0, "floor_tiles_bw_1"), _level(outline[::-1], WALL_HEIGHT_M, "concrete_tiles_1")]
+    for z in range(height + 1):
+        above, below = _row(wall, z - 1), _row(wall, z)
+        surfaces += [_upright((end, z - 0.5), (start, z - 0.5)) for start, end in _runs(above & ~below)]
+        surfaces += [_upright((start, z - 0.5), (end, z - 0.5)) for start, end in _runs(below & ~above)]
+    for x in range(width + 1):
+        left, right = _row(wall.T, x - 1), _row(wall.T, x)
+        surfaces += [_upright((x - 0.5, start), (x - 0.5, end)) for start, end in _runs(left & ~right)]
+        surfaces += [_upright((x - 0.5, end), (x - 0.5, start)) for start, end in _runs(right & ~left)]
+    return (SceneRoom(outline, surfaces),)
+
+
+def build_things(state: State, palette: Palette, kinds: Sequence[ObjectKind] = ()) -> list[PlacedLook]:
+    """Everything but walls, sorted by look and then by place: the looks stay the same while a thing moves."""
+    found = []
+    for x, z in zip(*np.nonzero(state.cells != cells.EMPTY), strict=True):
+        found += _in_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
+    return sorted(found, key=repr)
+
+
+def build_carried(
+    code: int, eye: tuple[float, float, float], yaw_rad: float, palette: Palette, kinds: Sequence[ObjectKind] = ()
+) -> list[PlacedLook]:
+    """The thing in the agent's hand, low in the picture."""
+    x, y, z = eye
+    ahead = _CARRIED_AHEAD_M
+    place = x + ahead * np.cos(yaw_rad), y - _CARRIED_LOW_M, z - ahead * np.sin(yaw_rad), yaw_rad
+    if cells.kind_of(code) >= FIRST_OWN_KIND:
+        return _own(kinds[cells.kind_of(code) - FIRST_OWN_KIND], code, place, palette, height_m=0.08)
+    match cells.KINDS[cells.kind_of(code)]:
+        case "key" | "ball" as kind:
+            return [PlacedLook(MeshLook(f"{kind}_white", 0.08, _rgb(code, palette)), place)]
+        case "box":
+            return [PlacedLook(BoxLook((0.08, 0.08, 0.08), _rgb(code, palette)), place)]
+        case _:
+            return []
+
+
+def _own(
+    kind: ObjectKind, code: int, place: Place, palette: Palette, *, height_m: float | None = None
+) -> list[PlacedLook]:
+    """A thing of a world's own, as large as it is, or as high as it may be in the hand."""
+    is_open = kind.opens and cells.state_of(code) == cells.OPEN
+    match kind.inside_open if is_open else kind.inside:
+        case BlockShape((along, up, deep)):
+            scale = 1.0 if height_m is None else height_m / max(along, up, deep)
+            return [PlacedLook(BoxLook((along * scale, up * scale, deep * scale), _rgb(code, palette)), place)]
+        case MeshShape(mesh, up):
+            return [PlacedLook(MeshLook(mesh, up if height_m is None else height_m, _rgb(code, palette)), place)]
+        case _:
+            return []
+
+
+def _in_cell(
+    state: State, code: int, x: int, z: int, palette: Palette, kinds: Sequence[ObjectKind]
+) -> list[PlacedLook]:
+    middle = (float(x), 0.0, float(z), 0.0)
+    if cells.kind_of(code) >= FIRST_OWN_KIND:
+        return _own(kinds[cells.kind_of(code) - FIRST_OWN_KIND], code, middle, palette)
+    match cells.KINDS[cells.kind_of(code)]:
+        case "door":
+            return _door(state, code, x, z, palette)
+        case "key" | "ball" as kind:
+            return [PlacedLook(MeshLook(f"{kind}_white", 0.4, _rgb(code, palette)), (*middle[:3], 0.8))]
+        case "box":
+            return [PlacedLook(BoxLook((0.45, 0.45, 0.45), _rgb(code, palette)), (*middle[:3], 0.4))]
+        case "goal" | "lava" | "floor":
+            return [PlacedLook(BoxLook((0.98, _TILE_M, 0.98), _rgb(code, palette)), middle)]
+        case _:
+            return []
+
+
+def _door(state: State, code: int, x: int, z: int, palette: Palette) -> list[PlacedLook]:
+    """A leaf across the way, or turned aside where the door is open; a closed one has a knob, a locked one a bar."""
+    colour = _rgb(code, palette)
+    yaw = 0.0 if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL else np.pi / 2
+    leaf = BoxLook((1.0, 0.95 * WALL_HEIGHT_M, _DOOR_M), colour)
+    match cells.state_of(code):
+        case cells.OPEN:
+            aside = 0.5 - _DOOR_M / 2
+            right, down = (-aside, 0.0) if yaw == 0.0 else (0.0, -aside)
+            return [PlacedLook(leaf, (x + right, 0.0, z + down, yaw + np.pi / 2))]
+        case cells.LOCKED:
+            bar = BoxLook((1.0, 0.12, 1.6 * _DOOR_M), (0.12, 0.12, 0.12))
+            return [PlacedLook(leaf, (x, 0.0, z, yaw)), PlacedLook(bar, (x, 0.45 * WALL_HEIGHT_M, z, yaw))]
+        case _:
+            along, down = (_KNOB_M, 0.0) if yaw == 0.0 else (0.0, _KNOB_M)
+            knob = BoxLook((0.08, 0.08, 3 * _DOOR_M), (0.12, 0.12, 0.12))
+            return [
+                PlacedLook(leaf, (x, 0.0, z, yaw)),
+                PlacedLook(knob, (x + along, 0.45 * WALL_HEIGHT_M, z + down, yaw)),
+            ]
+
+
+def _rgb(code: int, palette: Palette) -> tuple[float, float, float]:
+    red, green, blue = colour_rgb(code, palette)
+    return red / 255, green / 255, blue / 255
+
+
+def _row(wall: NDArray[np.bool_], z: int) -> NDArray[np.bool_]:
+    """Which cells of a row are wall; outside the grid everything is."""
+    return wall[:, z] if 0 <= z < wall.shape[1] else np.ones(wall.shape[0], np.bool_)
+
+
+def _runs(marked: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Where each unbroken run of marked cells begins and ends."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
+    return [(start - 0.5, end - 0.5) for start, end in edges.reshape(-1, 2).tolist()]
+
+
+def _level(outline: NDArray[np.float64], y: float, texture: str) -> Surface:
+    corners = np.column_stack((outline[:, 0], np.full(len(outline), y), outline[:, 1]))
+    return Surface(corners, outline + 0.5, texture)
+
+
+def _upright(start: tuple[float, float], end: tuple[float, float]) -> Surface:
+    """A wall from one (x, z) to another, seen from its left."""
+    (ax, az), (bx, bz) = start, end
+    length, top = abs(bx - ax) + abs(bz - az), WALL_HEIGHT_M
+    corners = np.array(((ax, 0.0, az), (ax, top, az), (bx, top, bz), (bx, 0.0, bz)))
+    across = np.array(((0.0, 0.0), (0.0, top), (length, top), (length, 0.0)))
+    return Surface(corners, across * _ZOOM, "brick_wall_1")
+
+
+_EYE_M = 0.6  # above the floor
+_BACK_M = 0.4  # the eye stands so far behind the middle of its cell, so that a wall ahead is not a blur
+_FOV_Y_DEG = 60.0
+
+
+def _as_in_grid(name: str) -> Any:
+    """A method that the grid answers."""
+
+    @wraps(getattr(GridEngine, name))
+    def answer(self: "GridFromInside", *args: Any) -> Any:
+        return getattr(self.grid, name)(*args)
+
+    return answer
+
+
+class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
+    """A grid world whose observation's "image" is what the agent would see, uint8[obs_height, obs_width, 3].
+
+    Args:
+        grid: the world; it keeps the state.
+        obs_width: width of the observation's picture in pixels.
+        obs_height: height of the observation's picture in pixels.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own way to declare it
+    compile_pieces = compile_rules, compile_shading, compile_step, compile_visibility
+
+    def __init__(self, grid: GridEngine, *, obs_width: int = 80, obs_height: int = 60) -> None:
+        check_whole("obs_width", obs_width, 1, MAX_PIXELS)
+        check_whole("obs_height", obs_height, 1, MAX_PIXELS)
+        self.grid = grid
+        self.size_px = (obs_width, obs_height)
+        if grid.render_mode == "ansi":
+            raise WorldError("render_mode is 'ansi'; a first-person grid renders only as 'rgb_array'")
+        self.render_mode = grid.render_mode
+        self.action_names = grid.action_names
+        self.action_space = grid.action_space
+        spaces = dict(grid.observation_space.spaces)  # type: ignore[attr-defined]
+        spaces["image"] = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
+        self.observation_space = gymnasium.spaces.Dict(spaces)
+        self._drawn = _Drawn(grid.kinds)
+
+    @property
+    def mission(self) -> str:
+        """What to do, in words."""
+        return self.grid.mission
+
+    @property
+    def max_steps(self) -> int:
+        """The grid's."""
+        return self.grid.max_steps
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Lay out a new episode, the grid's own for that seed."""
+        super().reset(seed=seed)
+        observation, info = self.grid.reset(seed=seed, options=options)
+        return self._seen(observation), info
+
+    def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Act as in the grid."""
+        observation, reward, terminated, truncated, info = self.grid.step(action)
+        return self._seen(observation), reward, terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """What the agent sees, 800 x 600; None without a render mode."""
+        return None if self.render_mode is None else self.picture(size_px=(800, 600))
+
+    pose, map, subgoals, advance = (_as_in_grid(name) for name in ("pose", "map", "subgoals", "advance"))
+    state_hash, scene_hash = (_as_in_grid(name) for name in ("state_hash", "scene_hash"))
+    shortest_path, path_length_bounds = (_as_in_grid(name) for name in ("shortest_path", "path_length_bounds"))
+    save, restore = (_as_in_grid(name) for name in ("save", "restore"))
+
+    def picture(
+        self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """What the agent sees, exactly ``size_px`` (width, height); ``full`` is the grid's own plan from above."""
+        if view == "full":
+            return self.grid.picture(view=view, size_px=size_px, palette=palette)
+        return self._draw(self.grid.pose(), size_px, palette)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_drawn": _Drawn(self.grid.kinds)}
+
+    def _seen(self, observation: dict[str, Any]) -> dict[str, Any]:
+        return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
+
+    def _draw(self, pose: Pose, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
+        back_x, back_z = _BACK_M * math.cos(pose.yaw_rad), _BACK_M * math.sin(pose.yaw_rad)
+        eye = (pose.x - back_x, _EYE_M, pose.z + back_z)
+        scene = self._drawn.scene(self.grid.state, eye, pose.yaw_rad, palette)
+        return render(scene, Camera(eye, pose.yaw_rad, fov_y_deg=_FOV_Y_DEG), *size_px)
+
+
+class _Drawn:
+    """What was laid out for the last picture, to be used again as far as nothing has changed."""
+
+    def __init__(self, kinds: tuple[ObjectKind, ...]) -> None:
+        self._kinds = kinds
+        self._rooms: tuple[bytes, tuple[SceneRoom, ...]] = (b"", ())
+        self._things: tuple[bytes, Palette, list[PlacedLook]] = (b"", "classic", [])
+        self._scene: tuple[list[Look], Scene] | None = None
+
+    def scene(self, state: State, eye: tuple[float, float, float], yaw_rad: float, palette: Palette) -> Scene:
+        """The scene of a state, with what is carried before the eye."""
+        if (state.cells.tobytes(), palette) != self._things[:2]:
+            self._things = state.cells.tobytes(), palette, build_things(state, palette, self._kinds)
+            walls = walled(state).tobytes()
+            if walls != self._rooms[0]:
+                self._rooms, self._scene = (walls, build_rooms(state)), None
+        seen = self._things[2]
+        if state.carrying != cells.EMPTY:
+            seen = seen + build_carried(state.carrying, eye, yaw_rad, palette, self._kinds)
+        looks = [thing.look for thing in seen]
+        if self._scene is None or self._scene[0] != looks:
+            with library_lock:
+                self._scene = looks, build_scene(self._rooms[1], looks, library=asset_library(None))
+        return self._scene[1].at(np.array([thing.place for thing in seen], dtype=np.float64).reshape(-1, 4))
+
+
+def view_first_person(grid: GridEngine, view: str, **options: Any) -> GridFromInside:
+    """The grid seen from inside, for ``gymnasium.make(..., view="first_person")``.
+
+    Raises:
+        WorldError: if the view is another one.
+    """
+    if view != "first_person":
+        raise WorldError(f"view is {view!r}; use 'grid' (from above) or 'first_person' (from inside)")
+    return GridFromInside(grid, **options)

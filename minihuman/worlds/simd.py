@@ -1,0 +1,377 @@
+"""SIMD vectors for kernels: operations on several pixels at once, written once with operators.
+
+In a compiled kernel they become LLVM vector instructions of the width that the processor has; without compilation they
+run on NumPy arrays. Both give the same bits: each operation is one of IEEE 754 or of whole numbers that wrap around, in
+the order in which it is written.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numpy.typing import NDArray
+
+from minihuman.worlds.kernels import llvm_function
+
+F64, F32, I64, U32, U16, U8, BOOL = "float64", "float32", "int64", "uint32", "uint16", "uint8", "bool"
+_BITS = {F64: 64, F32: 32, I64: 64, U32: 32, U16: 16, U8: 8, BOOL: 1}
+_REAL = F64, F32
+_WHOLE = ir.IntType(64)
+
+
+def llvm_operations(builder: Any) -> "_Operations":
+    """What vector code finds its operations in."""
+    return _Operations(builder)
+
+
+def llvm_arguments(builder: Any, given: Sequence[tuple[str, Any]]) -> list[Any]:
+    """What vector code is given, as it takes it: numbers by kind and LLVM's value, arrays as they are."""
+    return [SimdVector(builder, value, kind) if kind in (F64, I64) else value for kind, value in given]
+
+
+def _operator(whole: str, real: str, *, turned: bool = False) -> Any:
+    """A method that adds the instruction for whole numbers or for real ones; ``turned``: the other comes first."""
+
+    def add(self: "SimdVector", other: Any) -> "SimdVector":
+        a, b = (self._like(other), self.value) if turned else (self.value, self._like(other))
+        return self._with(getattr(self.builder, real if self.kind in _REAL else whole)(a, b))
+
+    return add
+
+
+class SimdVector:
+    """Numbers side by side in a kernel that is being compiled; operators add instructions."""
+
+    def __init__(self, builder: Any, value: Any, kind: str) -> None:
+        self.builder, self.value, self.kind = builder, value, kind
+
+    @property
+    def count(self) -> int:
+        """How many lanes."""
+        return int(self.value.type.count)
+
+    def _with(self, value: Any, kind: str | None = None) -> "SimdVector":
+        return SimdVector(self.builder, value, kind or self.kind)
+
+    def _like(self, other: Any) -> Any:
+        if isinstance(other, SimdVector):
+            return other.value
+        number = float(other) if self.kind in _REAL else int(other)
+        one = not isinstance(self.value.type, ir.VectorType)
+        return ir.Constant(self.value.type, number if one else [number] * self.count)
+
+    __add__, __mul__ = _operator("add", "fadd"), _operator("mul", "fmul")
+    __sub__, __rsub__ = _operator("sub", "fsub"), _operator("sub", "fsub", turned=True)
+    __truediv__, __rtruediv__ = _operator("", "fdiv"), _operator("", "fdiv", turned=True)
+    __and__, __or__ = _operator("and_", ""), _operator("or_", "")
+    __lshift__, __rshift__ = _operator("shl", ""), _operator("lshr", "")
+
+    def _compare(self, sign: str, other: Any) -> "SimdVector":
+        compare = self.builder.fcmp_ordered if self.kind in _REAL else self.builder.icmp_unsigned
+        return self._with(compare(sign, self.value, self._like(other)), BOOL)
+
+    def __lt__(self, other: Any) -> "SimdVector":
+        return self._compare("<", other)
+
+    def __gt__(self, other: Any) -> "SimdVector":
+        return self._compare(">", other)
+
+    def __eq__(self, other: object) -> "SimdVector":  # type: ignore[override]
+        return self._compare("==", other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _vector(kind: str, count: int) -> ir.VectorType:
+    real = {F64: ir.DoubleType(), F32: ir.FloatType()}
+    return ir.VectorType(real.get(kind) or ir.IntType(_BITS[kind]), count)
+
+
+class _Operations:
+    def __init__(self, builder: Any) -> None:
+        self._builder = builder
+
+    def _whole(self, value: Any) -> Any:
+        return ir.Constant(_WHOLE, value) if isinstance(value, int) else value.value
+
+    def _place(self, array: Any, at: Any, kind: str, count: int) -> Any:
+        place = self._builder.gep(array.start, [self._whole(at)])
+        return self._builder.bitcast(place, _vector(kind, count).as_pointer())
+
+    def _call(self, name: str, result: Any, *arguments: Any) -> Any:
+        kind = ir.FunctionType(result, [argument.type for argument in arguments])
+        return self._builder.call(self._builder.module.declare_intrinsic(name, (), kind), arguments)
+
+    def load(self, array: Any, at: Any, count: int) -> SimdVector:
+        kind = U32 if array.kind == "int32" else array.kind
+        place = self._place(array, at, kind, count)
+        return SimdVector(self._builder, self._builder.load(place, align=_BITS[kind] // 8), kind)
+
+    def store(self, array: Any, at: Any, values: SimdVector) -> None:
+        place = self._place(array, at, values.kind, values.count)
+        self._builder.store(values.value, place, align=_BITS[values.kind] // 8)
+
+    def pairs(self, array: Any, at: SimdVector) -> tuple[SimdVector, SimdVector]:
+        build, short = self._builder, ir.IntType(32)
+        return self._pairs(
+            array, [build.extract_element(at.value, ir.Constant(short, lane)) for lane in range(at.count)]
+        )
+
+    def pairs_at(self, array: Any, places: Any, first: Any, count: int) -> tuple[SimdVector, SimdVector]:
+        build = self._builder
+        start = build.gep(places.start, [self._whole(first)])
+        each = [build.load(build.gep(start, [ir.Constant(_WHOLE, lane)])) for lane in range(count)]
+        return self._pairs(array, each)
+
+    def _pairs(self, array: Any, numbers: Sequence[Any]) -> tuple[SimdVector, SimdVector]:
+        build, count = self._builder, len(numbers)
+        # two pixels in turn, so that what belongs together is one shuffle within each sixteen bytes; as float64, which
+        # one instruction loads into the upper half
+        parts = []
+        for odd in (0, 2):
+            lanes = [lane for lane in range(count) if lane & 2 == odd]
+            both = ir.Constant(_vector(F64, count // 2), ir.Undefined)
+            for at, lane in enumerate(lanes):
+                place = build.gep(array.start, [build.zext(numbers[lane], _WHOLE)])
+                found = build.load(build.bitcast(place, ir.DoubleType().as_pointer()), align=4)
+                both = build.insert_element(both, found, ir.Constant(ir.IntType(32), at))
+            parts.append(build.bitcast(both, _vector(U32, count)))
+        order = [(lane & 2) // 2 * count + lane // 4 * 4 + lane % 2 * 2 for lane in range(count)]
+        here, beside = (_shuffle(build, parts[0], parts[1], [at + odd for at in order]) for odd in (0, 1))
+        return SimdVector(build, here, U32), SimdVector(build, beside, U32)
+
+    def fetch(self, array: Any, at: SimdVector, by: Any) -> None:
+        build, short = self._builder, ir.IntType(32)
+        start = build.gep(array.start, [self._whole(by)])
+        how = [ir.Constant(short, each) for each in (0, 2, 1)]  # to be read, into the second cache, and it is data
+        for lane in range(0, at.count, 4):
+            number = build.extract_element(at.value, ir.Constant(short, lane))
+            place = build.bitcast(build.gep(start, [build.zext(number, _WHOLE)]), ir.IntType(8).as_pointer())
+            self._call("llvm.prefetch.p0", ir.VoidType(), place, *how)
+
+    def count_from(self, first: Any, count: int, by: int) -> SimdVector:
+        build = self._builder
+        start = _splat(build, build.sitofp(self._whole(first), ir.DoubleType()), count)
+        steps = ir.Constant(_vector(F64, count), [float(by * lane) for lane in range(count)])
+        return SimdVector(build, build.fadd(start, steps), F64)
+
+    def these(self, values: Sequence[float]) -> SimdVector:
+        return SimdVector(self._builder, ir.Constant(_vector(F64, len(values)), list(values)), F64)
+
+    def all_of(self, value: Any, count: int) -> SimdVector:
+        return SimdVector(self._builder, _splat(self._builder, value.value, count), F64)
+
+    def steps(self, count: int) -> SimdVector:
+        return SimdVector(self._builder, ir.Constant(_vector(F32, count), [float(lane) for lane in range(count)]), F32)
+
+    def single(self, value: Any, count: int) -> SimdVector:
+        short = self._builder.fptrunc(value.value, ir.FloatType())
+        return SimdVector(self._builder, _splat(self._builder, short, count), F32)
+
+    def fixed(self, value: Any, count: int) -> SimdVector:
+        short = self._builder.trunc(self._whole(value), ir.IntType(32))
+        return SimdVector(self._builder, _splat(self._builder, short, count), U32)
+
+    def _rounded(self, name: str, values: SimdVector) -> SimdVector:
+        kind = values.value.type
+        named = f"llvm.{name}.v{values.count}f{_BITS[values.kind]}"
+        return SimdVector(self._builder, self._call(named, kind, values.value), values.kind)
+
+    def floor(self, values: SimdVector) -> SimdVector:
+        return self._rounded("floor", values)
+
+    def ceil(self, values: SimdVector) -> SimdVector:
+        return self._rounded("ceil", values)
+
+    def size(self, values: SimdVector) -> SimdVector:
+        return self._rounded("fabs", values)
+
+    def larger(self, a: SimdVector, b: Any) -> SimdVector:
+        return self.where(a > b, a, b)
+
+    def smaller(self, a: SimdVector, b: Any) -> SimdVector:
+        return self.where(a < b, a, b)
+
+    def where(self, chosen: SimdVector, a: Any, b: Any) -> SimdVector:
+        like = a if isinstance(a, SimdVector) else b
+        return SimdVector(self._builder, self._builder.select(chosen.value, like._like(a), like._like(b)), like.kind)
+
+    def cut(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.fptosi(values.value, _vector(U32, values.count)), U32)
+
+    def real(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.sitofp(values.value, _vector(F64, values.count)), F64)
+
+    def short(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.sitofp(values.value, _vector(F32, values.count)), F32)
+
+    def bits(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U32, values.count)), U32)
+
+    def halves(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U16, 2 * values.count)), U16)
+
+    def wholes(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U32, values.count // 2)), U32)
+
+    def upper(self, a: SimdVector, b: SimdVector) -> SimdVector:
+        build, wide = self._builder, _vector(U32, a.count)
+        product = build.mul(build.zext(a.value, wide), build.zext(b.value, wide))
+        half = build.lshr(product, ir.Constant(wide, [16] * a.count))
+        return SimdVector(build, build.trunc(half, a.value.type), U16)
+
+    def octets(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U8, 4 * values.count)), U8)
+
+    def three_of_four(self, values: SimdVector) -> SimdVector:
+        return self._shuffled(values, values, [lane for lane in range(values.count) if lane % 4 < 3])
+
+    def part(self, values: SimdVector, first: int, count: int) -> SimdVector:
+        return self._shuffled(values, values, list(range(first, first + count)))
+
+    def _shuffled(self, a: SimdVector, b: SimdVector, lanes: Sequence[int]) -> SimdVector:
+        return SimdVector(self._builder, _shuffle(self._builder, a.value, b.value, lanes), a.kind)
+
+
+def _splat(builder: Any, value: Any, count: int) -> Any:
+    kind = ir.VectorType(value.type, count)
+    one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), count), [0] * count))
+
+
+def _shuffle(builder: Any, a: Any, b: Any, lanes: Sequence[int]) -> Any:
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), list(lanes)))
+
+
+Array = NDArray[Any]
+
+
+def simd_function(*, counts: bool = False) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Make vector code of a function, for kernels to call; its first argument is what it finds the operations in.
+
+    Its other arguments are arrays, whole numbers and floating-point ones. With ``counts`` it returns a whole number,
+    otherwise nothing.
+    """
+
+    def made(function: Callable[..., Any]) -> Callable[..., Any]:
+        def write(builder: Any, given: Sequence[tuple[str, Any]]) -> Any:
+            found = function(llvm_operations(builder), *llvm_arguments(builder, given))
+            return found.value if counts else None
+
+        return llvm_function(write, partial(function, NumpyOperations()), counts=counts)
+
+    return made
+
+
+class NumpyOperations:
+    """The operations on NumPy's arrays."""
+
+    def load(self, array: Array, at: int, count: int) -> Any:
+        """``count`` neighbours in an array."""
+        values = array[at : at + count].copy()
+        return values.view(np.uint32) if values.dtype == np.int32 else values
+
+    def store(self, array: Array, at: int, values: Any) -> None:
+        """Put neighbours into an array."""
+        array[at : at + len(values)] = values
+
+    def pairs(self, array: Array, at: Any) -> tuple[Any, Any]:
+        """What is at some places of an array of uint32, and what is one further."""
+        return array[at], array[at + np.uint32(1)]
+
+    def pairs_at(self, array: Array, places: Array, first: int, count: int) -> tuple[Any, Any]:
+        """The same, for places that stand in another array."""
+        return self.pairs(array, places[first : first + count])
+
+    def fetch(self, array: Array, at: Any, by: int) -> None:
+        """Prefetch what lies ``by`` further than every fourth of some places; it may lie outside the array."""
+
+    def count_from(self, first: int, count: int, by: int) -> Any:
+        """first, first + by, first + 2 * by and so on, as float64."""
+        return first + by * np.arange(count, dtype=np.float64)
+
+    def these(self, values: Sequence[float]) -> Any:
+        """Constants, as float64."""
+        return np.array(values, np.float64)
+
+    def all_of(self, value: float, count: int) -> Any:
+        """One float64 in every lane."""
+        return np.full(count, value, np.float64)
+
+    def steps(self, count: int) -> Any:
+        """0, 1, 2 and so on, as float32."""
+        return np.arange(count, dtype=np.float32)
+
+    def single(self, value: float, count: int) -> Any:
+        """A float64 as the nearest float32 in every lane."""
+        return np.full(count, value, np.float32)
+
+    def fixed(self, value: int, count: int) -> Any:
+        """One uint32 in every lane."""
+        return np.full(count, value, np.uint32)
+
+    def floor(self, values: Any) -> Any:
+        """The whole number below."""
+        return np.floor(values)
+
+    def ceil(self, values: Any) -> Any:
+        """The whole number above."""
+        return np.ceil(values)
+
+    def size(self, values: Any) -> Any:
+        """Without the sign."""
+        return np.abs(values)
+
+    def larger(self, a: Any, b: Any) -> Any:
+        """The larger of two, lane by lane."""
+        return np.where(a > b, a, b)
+
+    def smaller(self, a: Any, b: Any) -> Any:
+        """The smaller of two, lane by lane."""
+        return np.where(a < b, a, b)
+
+    def where(self, chosen: Any, a: Any, b: Any) -> Any:
+        """``a`` where something is true, ``b`` elsewhere."""
+        return np.where(chosen, a, b)
+
+    def cut(self, values: Any) -> Any:
+        """A floating-point number without its fraction, as uint32; it is 0 or more, and below 2 ** 31."""
+        return values.astype(np.int32).view(np.uint32)
+
+    def real(self, values: Any) -> Any:
+        """A uint32 below 2 ** 31 as float64."""
+        return values.view(np.int32).astype(np.float64)
+
+    def short(self, values: Any) -> Any:
+        """A uint32 below 2 ** 31 as float32."""
+        return values.view(np.int32).astype(np.float32)
+
+    def bits(self, values: Any) -> Any:
+        """A float32's bits, as uint32."""
+        return values.view(np.uint32)
+
+    def halves(self, values: Any) -> Any:
+        """Each uint32 as two uint16."""
+        return values.view(np.uint16)
+
+    def wholes(self, values: Any) -> Any:
+        """Two uint16 as one uint32."""
+        return values.view(np.uint32)
+
+    def upper(self, a: Any, b: Any) -> Any:
+        """The upper half of each product of two uint16."""
+        return (a.astype(np.uint32) * b >> 16).astype(np.uint16)
+
+    def octets(self, values: Any) -> Any:
+        """Each uint32 as four uint8, the lowest first."""
+        return values.view(np.uint8)
+
+    def three_of_four(self, values: Any) -> Any:
+        """Every lane but each fourth."""
+        return values.reshape(-1, 4)[:, :3].ravel()
+
+    def part(self, values: Any, first: int, count: int) -> Any:
+        """Some neighbouring lanes."""
+        return values[first : first + count].copy()

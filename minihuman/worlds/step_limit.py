@@ -1,0 +1,67 @@
+"""Step limits and action numbers: whole numbers in range, or an error. A float is refused even where it is whole.
+
+A family's recipe has the default limit and the option `max_steps` replaces it; Gymnasium's `TimeLimit` may set a lower
+one, and so may a protocol.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from minihuman.errors import WorldError
+from minihuman.worlds.options import whole_number
+
+if TYPE_CHECKING:
+    import gymnasium
+
+LARGEST_STEP_LIMIT = 2**31 - 1  # what a grid's state holds
+
+
+def check_max_steps(max_steps: Any) -> int:
+    """An episode's step limit, if it is a whole number from 1 to `LARGEST_STEP_LIMIT`.
+
+    Raises:
+        WorldError: if it is not.
+    """
+    steps = whole_number(max_steps)
+    if steps is None or not 1 <= steps <= LARGEST_STEP_LIMIT:
+        raise WorldError(f"max_steps is {max_steps!r}; it must be a whole number, 1 to {LARGEST_STEP_LIMIT}")
+    return steps
+
+
+def check_action(action: Any, count: int) -> int:
+    """The number of an action, if it is a whole number from 0 to ``count`` - 1.
+
+    Raises:
+        WorldError: if it is not.
+    """
+    number = whole_number(action)
+    if number is None or not 0 <= number < count:
+        raise WorldError(f"action is {action!r}; it must be a whole number, 0 to {count - 1}")
+    return number
+
+
+def step_limit_of(env: "gymnasium.Env[Any, Any]") -> int | None:
+    """The limit that a world or Gymnasium's registry sets, the lower of both; None where there is none."""
+    limits = (getattr(env.unwrapped, "max_steps", None), env.spec.max_episode_steps if env.spec else None)
+    return min((int(limit) for limit in limits if limit is not None), default=None)
+
+
+def elapsed_steps(env: "gymnasium.Env[Any, Any]") -> list[int]:
+    """The steps that each of Gymnasium's `TimeLimit` wrappers has counted, from outside in."""
+    return [wrapper._elapsed_steps for wrapper in _time_limits(env)]
+
+
+def set_elapsed_steps(env: "gymnasium.Env[Any, Any]", steps: Sequence[int]) -> None:
+    """Bring the `TimeLimit` wrappers back to what `elapsed_steps` returned."""
+    for wrapper, elapsed in zip(_time_limits(env), steps, strict=True):
+        wrapper._elapsed_steps = elapsed
+
+
+def _time_limits(env: "gymnasium.Env[Any, Any]") -> Iterator[Any]:
+    from gymnasium import Wrapper
+    from gymnasium.wrappers import TimeLimit
+
+    while isinstance(env, Wrapper):
+        if isinstance(env, TimeLimit):
+            yield env
+        env = env.env

@@ -1,0 +1,500 @@
+"""A study's numbers recomputed from its MCAP logs, annotations and protocol, without importing minihuman.
+
+Messages are decoded by the schemas that each log itself holds. The definitions are those of the data dictionary,
+written down a second time: rows of the tables steps, presses, keys, episodes, blocks and participants, all but the
+columns that only a world can tell. ``python -m tests.recompute STUDY TABLES`` compares the CSV tables of a report or an
+export.
+"""
+
+import csv
+import json
+import math
+import statistics
+import sys
+import tomllib
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.reader import make_reader
+
+Row = dict[str, Any]
+TABLES = ("steps", "presses", "keys", "episodes", "blocks", "participants")
+NOISE = 1e-9
+FIRST_EPISODES = 5
+
+
+@dataclass
+class Episode:
+    """What a log says of one attempt at an episode; times are session time, ns."""
+
+    start: Any
+    segment: int
+    offset_ns: int = 0
+    attempt: int = 1
+    steps: list[Any] = field(default_factory=list)
+    keys: list[Any] = field(default_factory=list)
+    outcome: str = "cut_off"
+    pauses: list[tuple[int, int]] = field(default_factory=list)
+
+    @property
+    def number(self) -> int:
+        return int(self.start.plan.episode) + 1
+
+    @property
+    def block(self) -> str:
+        return str(self.start.plan.block_name)
+
+    @property
+    def start_ns(self) -> int:
+        return int(self.start.t_ns) + self.offset_ns
+
+    def played_ns(self, until_ns: int | None = None) -> int:
+        end = self.start_ns if not self.steps else self.steps[-1].t_ns + self.offset_ns
+        end = end if until_ns is None else until_ns
+        return end - self.start_ns - sum(max(0, min(end, b) - max(self.start_ns, a)) for a, b in self.pauses)
+
+    def visible(self) -> list[bool]:
+        hashes = [self.start.observation_hash, *(step.observation_hash for step in self.steps)]
+        return [after != before for before, after in pairwise(hashes)]
+
+    def key_map(self) -> tuple[Any, ...]:
+        its = self.start.plan.key_map
+        return tuple((one.key, one.action) for one in its.keys), tuple(its.spare_keys), its.spare, its.seed
+
+
+@dataclass
+class Session:
+    """A log, read."""
+
+    path: Path
+    plan: Any
+    protocol: dict[str, Any]
+    metadata: list[tuple[str, dict[str, str]]]
+    episodes: list[Episode]
+    segments: int
+    end_reason: str
+    skipped: int
+    tags: dict[int | None, set[str]]
+
+    @property
+    def who(self) -> Row:
+        person = self.plan.participant
+        version = f"{self.plan.study_version} ({self.plan.protocol_sha256[:8]})"
+        return {
+            "study": self.plan.study,
+            "version": version,
+            "participant": person.id,
+            "group": person.group,
+            "session": self.plan.session,
+        }
+
+    def facts(self, name: str) -> list[dict[str, str]]:
+        return [values for key, values in self.metadata if key == f"minihuman.{name}"]
+
+    def practice(self) -> set[str]:
+        found = set()
+        for block in self.protocol.get("blocks", []):
+            changes = block.get("group_overrides", block.get("for_group", {})).get(self.plan.participant.group, {})
+            if not (block | changes).get("analysed", True):
+                found.add(block["name"])
+        return found
+
+
+def read_messages(path: Path) -> tuple[list[tuple[str, Any]], list[tuple[str, dict[str, str]]], bytes]:
+    """Every message of a log in file order, decoded by the log's own schemas; its metadata; and the protocol."""
+    types: dict[int, Any] = {}
+    messages = []
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            assert schema is not None
+            if schema.id not in types:
+                pool = descriptor_pool.DescriptorPool()
+                files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
+                for one in files.file:
+                    pool.Add(one)
+                types[schema.id] = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+            messages.append((channel.topic, types[schema.id].FromString(message.data)))
+    with path.open("rb") as file:
+        metadata = [(one.name, dict(one.metadata)) for one in make_reader(file).iter_metadata()]
+    with path.open("rb") as file:
+        protocols = [one.data for one in make_reader(file).iter_attachments() if one.name == "protocol.toml"]
+    return messages, metadata, protocols[0]
+
+
+def read_session(path: Path) -> Session:
+    messages, metadata, protocol = read_messages(path)
+    starts = [values for name, values in metadata if name == "minihuman.segment"]
+    plan = next(message for topic, message in messages if topic == "/session/plan")
+    episodes: list[Episode] = []
+    current: Episode | None = None
+    segment, offset_ns, last_ns, skipped, end_reason = 0, 0, 0, 0, "cut_off"
+    paused: int | None = None
+    pauses: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    attempts: Counter[int] = Counter()
+    for topic, message in messages:
+        if topic == "/session/plan":
+            if paused is not None:
+                pauses[segment].append((paused, max(paused, last_ns)))
+            after_ns = last_ns + 1 if segment else 0
+            zero = int(starts[0]["started_unix_ns"])
+            offset_ns = max(int(starts[segment]["started_unix_ns"]) - zero, after_ns)
+            segment, current, paused, end_reason = segment + 1, None, None, "cut_off"
+            last_ns = offset_ns
+        if hasattr(message, "t_ns"):
+            last_ns = max(last_ns, message.t_ns + offset_ns)
+        match topic:
+            case "/episode/start":
+                attempts[message.plan.episode] += 1
+                current = Episode(message, segment, offset_ns, attempts[message.plan.episode])
+                episodes.append(current)
+            case "/step" if current is not None:
+                current.steps.append(message)
+            case "/input/key" if current is not None:
+                current.keys.append(message)
+            case "/episode/end" if current is not None:
+                current.outcome, current = message.outcome, None
+            case "/episode/skip":
+                skipped += message.count
+            case "/session/pause":
+                if message.paused and paused is None:
+                    paused = message.t_ns + offset_ns
+                elif not message.paused and paused is not None:
+                    pauses[segment].append((paused, message.t_ns + offset_ns))
+                    paused = None
+            case "/session/end":
+                end_reason = message.reason
+    if paused is not None:
+        pauses[segment].append((paused, max(paused, last_ns)))
+    for episode in episodes:
+        episode.pauses = pauses[episode.segment]
+    text = protocol.decode()
+    return Session(path, plan, tomllib.loads(text), metadata, episodes, segment, end_reason, skipped, read_tags(path))
+
+
+def read_tags(log: Path) -> dict[int | None, set[str]]:
+    tags: dict[int | None, set[str]] = defaultdict(set)
+    path = log.with_name(log.name.removesuffix(".mcap") + ".marks.jsonl")
+    for line in path.read_text().splitlines() if path.exists() else ():
+        mark = json.loads(line)
+        its = tags[mark.get("episode")]
+        (its.discard if mark.get("taken_back") else its.add)(mark["tag"])
+    return tags
+
+
+def key_name(key: str) -> str | None:
+    return f"key_{key}" if len(key) == 1 else key or None
+
+
+def place(episode: Episode) -> Row:
+    return {
+        "block": episode.block,
+        "segment": episode.segment,
+        "episode": episode.number,
+        "attempt": episode.attempt,
+    }
+
+
+def step_rows(session: Session, episode: Episode) -> Iterator[Row]:
+    names = episode.start.action_names
+    for step, shows in zip(episode.steps, episode.visible(), strict=True):
+        t_ns = step.t_ns + episode.offset_ns
+        pose = step.pose if step.HasField("pose") else None
+        yield {
+            **session.who,
+            **place(episode),
+            "step": step.step,
+            "t_ns": t_ns,
+            "t_s": t_ns / 1e9,
+            "action": names[step.action],
+            "key": key_name(step.key),
+            "reward": step.reward,
+            "reaction_ms": step.rt_ms if step.HasField("rt_ms") else None,
+            "visible_effect": shows,
+            "x": pose and pose.x,
+            "z": pose and pose.z,
+            "yaw_rad": pose and pose.yaw_rad,
+            "terminated": step.terminated,
+            "truncated": step.truncated,
+        }
+
+
+def press_rows(session: Session, episode: Episode) -> Iterator[Row]:
+    for key in episode.keys:
+        t_ns = key.t_ns + episode.offset_ns
+        yield {
+            **session.who,
+            **place(episode),
+            "t_ns": t_ns,
+            "t_s": t_ns / 1e9,
+            "key": key_name(key.key),
+            "down": key.down,
+            "action": episode.start.action_names[key.action] if key.HasField("action") else None,
+            "verdict": key.verdict,
+        }
+
+
+def pressed(episode: Episode) -> list[Any]:
+    return [key for key in episode.keys if key.down and key.verdict != "repeat"]
+
+
+def refused(episode: Episode) -> list[Any]:
+    return [key for key in pressed(episode) if key.verdict not in ("accepted", "queued")]
+
+
+def by_key_map(episodes: Sequence[Episode]) -> list[list[Episode]]:
+    """Episodes that follow each other under one key map."""
+    runs: list[list[Episode]] = []
+    for episode in episodes:
+        if runs and runs[-1][0].key_map() == episode.key_map():
+            runs[-1].append(episode)
+        else:
+            runs.append([episode])
+    return runs
+
+
+def discoveries(run: Sequence[Episode]) -> dict[str, tuple[float, int]]:
+    """Playing time and steps until each key first changed what is seen."""
+    found: dict[str, tuple[float, int]] = {}
+    before_ns = done = 0
+    for episode in run:
+        for number, (step, shows) in enumerate(zip(episode.steps, episode.visible(), strict=True)):
+            if shows and step.key not in found:
+                since_ns = before_ns + episode.played_ns(step.key_t_ns + episode.offset_ns)
+                found[step.key] = since_ns / 1e9, done + number + 1
+        before_ns += episode.played_ns()
+        done += len(episode.steps)
+    return found
+
+
+def key_rows(session: Session) -> Iterator[Row]:
+    for run in by_key_map(session.episodes):
+        its = run[0].start.plan.key_map
+        actions = {one.key: one.action for one in its.keys}
+        presses = Counter(key.key for episode in run for key in pressed(episode))
+        not_taken = Counter(key.key for episode in run for key in refused(episode))
+        steps: Counter[str] = Counter()
+        ineffective: Counter[str] = Counter()
+        for episode in run:
+            for step, shows in zip(episode.steps, episode.visible(), strict=True):
+                steps[step.key] += 1
+                ineffective[step.key] += not shows
+        found = discoveries(run)
+        others = {*its.spare_keys, *presses, *(key for key, count in steps.items() if count)} - {*actions, ""}
+        for key in (*sorted(actions), *sorted(others)):
+            seconds, count = found.get(key, (None, None)) if key in actions else (None, None)
+            yield {
+                **session.who,
+                "block": run[0].block,
+                "first_episode": run[0].number,
+                "key": key_name(key),
+                "action": actions.get(key),
+                "presses": presses[key],
+                "steps": steps[key],
+                "ineffective_steps": ineffective[key],
+                "refused": not_taken[key],
+                "discovered_s": seconds,
+                "discovered_steps": count,
+            }
+
+
+def path_row(episode: Episode) -> Row:
+    """Ground covered, straightness, and runs of turning on the spot."""
+    poses = [one.pose if one.HasField("pose") else None for one in (episode.start, *episode.steps)]
+    if any(pose is None for pose in poses):
+        return {"path_length": None, "path_efficiency": None, "turns_in_place": None}
+    length, turns, is_turning = 0.0, 0, False
+    for before, after in pairwise(poses):
+        stride = math.hypot(after.x - before.x, after.z - before.z)
+        length += stride
+        if stride >= NOISE:
+            is_turning = False
+        elif abs(math.remainder(after.yaw_rad - before.yaw_rad, math.tau)) > NOISE and not is_turning:
+            is_turning = True
+            turns += 1
+    straight = math.hypot(poses[-1].x - poses[0].x, poses[-1].z - poses[0].z)
+    efficiency = straight / length if length > NOISE else None
+    return {"path_length": length, "path_efficiency": efficiency, "turns_in_place": turns}
+
+
+def episode_row(episode: Episode) -> Row:
+    plan, times = episode.start.plan, [step.rt_ms for step in episode.steps if step.HasField("rt_ms")]
+    return {
+        **place(episode),
+        "episode_in_block": plan.episode_in_block + 1,
+        "world": plan.world,
+        "seed": plan.seed,
+        "t_ns": episode.start_ns,
+        "outcome": episode.outcome,
+        "success": episode.outcome == "goal",
+        "reward": sum(step.reward for step in episode.steps),
+        "steps": len(episode.steps),
+        "max_steps": plan.max_steps,
+        "playing_s": episode.played_ns() / 1e9,
+        "reaction_mean_ms": statistics.fmean(times) if times else None,
+        "reaction_median_ms": statistics.median(times) if times else None,
+        **path_row(episode),
+        "ineffective_steps": episode.visible().count(False),
+        "refused": len(refused(episode)),
+    }
+
+
+def mean(values: Sequence[float | None]) -> float | None:
+    there = [value for value in values if value is not None]
+    return statistics.fmean(there) if there else None
+
+
+def slope(rows: Sequence[Row]) -> float | None:
+    """Least squares over the first five episodes of a block; None of several blocks."""
+    points = [(row["episode_in_block"] - 1, row["reward"]) for row in rows]
+    points = [(x, y) for x, y in dict(points).items() if x < FIRST_EPISODES]
+    if len({row["block"] for row in rows}) != 1 or len(points) < 2:
+        return None
+    mean_x, mean_y = (statistics.fmean(axis) for axis in zip(*points, strict=True))
+    return sum((x - mean_x) * (y - mean_y) for x, y in points) / sum((x - mean_x) ** 2 for x, _ in points)
+
+
+def over(session: Session, rows: Sequence[Row], episodes: Sequence[Episode]) -> Row:
+    """What some episodes amount to; keys are found in all that were begun in their blocks."""
+    rewards = [row["reward"] for row in rows]
+    times = [step.rt_ms for episode in episodes for step in episode.steps if step.HasField("rt_ms")]
+    blocks = {row["block"] for row in rows}
+    runs = by_key_map([episode for episode in session.episodes if episode.block in blocks])
+    to_find = [discoveries(run).get(one.key) for run in runs for one in run[0].start.plan.key_map.keys]
+    found = [one[0] for one in to_find if one is not None]
+    steps = sum(row["steps"] for row in rows)
+    return {
+        "episodes": len(rows),
+        "success": mean([row["success"] for row in rows]),
+        "reward_mean": mean(rewards),
+        "reward_sd": statistics.stdev(rewards) if len(rewards) > 1 else None,
+        "reward_first": rewards[0] if rewards else None,
+        "reward_slope": slope(rows),
+        "steps_mean": mean([row["steps"] for row in rows]),
+        "steps_at_limit_mean": mean([row["steps"] if row["success"] else row["max_steps"] for row in rows]),
+        "playing_s_mean": mean([row["playing_s"] for row in rows]),
+        "reaction_median_ms": statistics.median(times) if times else None,
+        "path_efficiency_mean": mean([row["path_efficiency"] for row in rows]),
+        "ineffective_share": sum(row["ineffective_steps"] for row in rows) / steps if steps else None,
+        "refused": sum(row["refused"] for row in rows),
+        "keys_discovered": len(found),
+        "keys_total": len(to_find),
+        "all_keys_discovered_s": max(found) if found and len(found) == len(to_find) else None,
+    }
+
+
+def session_row(session: Session) -> Row:
+    completed = {one.number for one in session.episodes if one.outcome not in ("abandoned", "cut_off")}
+    planned = len(session.plan.episodes) - session.skipped
+    facts, ends = session.facts("facts"), session.facts("end")
+    return {
+        "player": facts[0].get("player"),
+        "window": facts[0].get("window"),
+        "started_at": session.facts("segment")[0]["started_at"],
+        "end_reason": session.end_reason,
+        "clean": len(ends) == session.segments and all(end["clean"] == "true" for end in ends),
+        "segments": session.segments,
+        "completed_share": len(completed) / planned if planned else None,
+    }
+
+
+def broken_rule(session: Session, level: str, row: Row) -> str | None:
+    for rule in session.protocol.get("exclusions", []):
+        value = row.get(rule["measure"])
+        if rule.get("level", "episode") != level or value is None:
+            continue
+        if value < rule.get("below", -math.inf) or value > rule.get("above", math.inf):
+            return str(rule["reason"])
+    return None
+
+
+def reasons(session: Session, rows: Sequence[Row]) -> list[str | None]:
+    """Why each episode is left out; None where nothing speaks against it."""
+    found = []
+    for row in rows:
+        tags = session.tags[row["episode"]] | session.tags[None]
+        if "exclude" in tags:
+            found.append("tagged exclude")
+        elif row["outcome"] in ("abandoned", "cut_off"):
+            found.append("not played to an end")
+        else:
+            found.append(broken_rule(session, "episode", row))
+    return found
+
+
+def included(session: Session, rows: Sequence[Row], why: Sequence[str | None], *, analysed: bool) -> list[int]:
+    practice = session.practice() if analysed else set()
+    return [at for at, row in enumerate(rows) if why[at] is None and row["block"] not in practice]
+
+
+def recompute(study: Path) -> dict[str, list[Row]]:
+    """The rows of each table, of all sessions in order of path."""
+    sessions = [read_session(path) for path in sorted(study.rglob("*.mcap"))]
+    against: dict[str, list[tuple[int, str]]] = defaultdict(list)
+    for session in sessions:
+        rows = [episode_row(episode) for episode in session.episodes]
+        its = included(session, rows, reasons(session, rows), analysed=True)
+        row = over(session, [rows[at] for at in its], [session.episodes[at] for at in its]) | session_row(session)
+        if why := broken_rule(session, "participant", row):
+            against[session.who["participant"]].append((session.plan.session, why))
+    tables: dict[str, list[Row]] = {name: [] for name in TABLES}
+    for session in sessions:
+        who = session.who
+        of_person = min(against[who["participant"]], default=(0, None))[1]
+        rows = [episode_row(episode) for episode in session.episodes]
+        why = reasons(session, rows)
+        for episode, row, reason in zip(session.episodes, rows, why, strict=True):
+            tables["steps"] += step_rows(session, episode)
+            tables["presses"] += press_rows(session, episode)
+            tags = " ".join(sorted(session.tags[episode.number] | session.tags[None])) or None
+            tables["episodes"].append(who | row | {"tags": tags, "exclusion_reason": of_person or reason})
+        tables["keys"] += key_rows(session)
+        for block in dict.fromkeys(row["block"] for row in rows):
+            its = [at for at in included(session, rows, why, analysed=False) if rows[at]["block"] == block]
+            row = over(session, [rows[at] for at in its], [session.episodes[at] for at in its])
+            reason = of_person or (None if its else "no episode counts")
+            tables["blocks"].append(who | {"block": block} | row | {"exclusion_reason": reason})
+        its = included(session, rows, why, analysed=True)
+        row = over(session, [rows[at] for at in its], [session.episodes[at] for at in its])
+        counts = bool(included(session, rows, why, analysed=False)) or not session.plan.episodes
+        reason = of_person or (None if counts else "no episode counts")
+        tables["participants"].append(who | session_row(session) | row | {"exclusion_reason": reason})
+    return tables
+
+
+def equal(cell: str, value: Any) -> bool:
+    """Whether a CSV cell holds a value: texts and counts exactly, other numbers to the last digits of a double."""
+    if value is None:
+        return cell == ""
+    if isinstance(value, bool):
+        return cell == str(value).upper()
+    if isinstance(value, float):
+        return cell != "" and math.isclose(float(cell), value, rel_tol=1e-12, abs_tol=1e-12)
+    return cell == str(value)
+
+
+def differences(study: Path, folder: Path) -> Iterator[str]:
+    """Each cell of the CSV tables in a folder that is not what the logs say."""
+    for name, rows in recompute(study).items():
+        with (folder / f"{name}.csv").open(newline="") as file:
+            found = list(csv.DictReader(file))
+        if len(found) != len(rows):
+            yield f"{name}: {len(found)} rows; by the logs {len(rows)}"
+        for number, (cells, row) in enumerate(zip(found, rows, strict=False), 1):
+            if missing := row.keys() - cells.keys():
+                yield f"{name}: no columns {sorted(missing)}"
+                break
+            for column, value in row.items():
+                if not equal(cells[column], value):
+                    yield f"{name} row {number} {column}: {cells[column]!r}; by the log {value!r}"
+
+
+if __name__ == "__main__":
+    lines = list(differences(Path(sys.argv[1]), Path(sys.argv[2])))
+    print("\n".join(lines) or "every cell is what the logs say")
+    sys.exit(bool(lines))

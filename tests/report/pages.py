@@ -1,0 +1,21 @@
+"""The report's page with little on it, to look at one of its parts."""
+
+from pathlib import Path
+from typing import Any
+
+from minihuman.reporting.elements import Table
+from minihuman.reporting.sections import quality_section
+from minihuman.reporting.template import REPORT, render_template
+
+NOTHING: dict[str, Any] = {
+    "study": "little", "versions": "Protocol version 1", "sessions": 0, "included": (0, 0), "players": (),
+    "simulated": 0, "windows": "", "flow": None, "practice": {}, "published": None, "blocks": [],
+    "min_growth_episodes": 8, "clauses": None, "teaching": None, "answers": None, "figures": [],
+    "quality": quality_section([]),
+    "exclusions": None, "skipped": Table((), ()), "methods": [], "tables": [],
+}  # fmt: skip
+
+
+def page(templates: Path | None = None, **shown: Any) -> str:
+    """Render a page that shows this and nothing else."""
+    return render_template(REPORT, NOTHING | shown, templates)

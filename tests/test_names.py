@@ -1,0 +1,120 @@
+"""Names: one word for one thing, nouns for modules, and no word that was replaced comes back."""
+
+import ast
+import csv
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+
+import minihuman
+
+PACKAGE = Path(minihuman.__file__).parent
+TABLE = Path(__file__).with_name("vocabulary.tsv")
+MOST_MODULES = 350
+MOST_STATEMENTS = 54_000
+NOT_NOUNS = {
+    "told",
+    "said",
+    "asked",
+    "around",
+    "bare",
+    "again",
+    "made",
+    "chosen",
+    "carried",
+    "taught",
+    "kept",
+    "whole",
+    "own",
+    "waiting",
+    "shipped",
+    "opened",
+    "given",
+    "shown",
+    "found",
+    "left",
+    "counted",
+    "drawn",
+    "planned",
+    "undrawn",
+    "compared",
+    "measured",
+    "recorded",
+    "things",
+}
+SAME_CLASS = {
+    "PutNext": "a first-person world and a BabyAI instruction: both names are written into hashes and exports"
+}
+SAME_FILE = {  # a name that several packages share, for the same role in each
+    "batch": "many worlds of a kind in one call",
+    "belief_state": "what an agent has seen of a kind of world",
+    "drawing": "the pictures of a kind of world",
+    "env": "the Gymnasium environment of a kind of world",
+    "machine": "commands about this machine, and what a log says of it",
+    "go_to_obj": "GoToObj: its grid world, its 3D world, and what the two share",
+    "imitation": "a library of that name, and learning of that name",
+    "options": "options of commands, and of worlds",
+    "make": "where older data sets look for a kind of world",
+    "paths": "where logs lie, and paths over a floor plan",
+    "planner": "the shortest path in a kind of world",
+    "preferences": "the activity, and the learner from what it logs",
+    "rooms": "rooms of a kind of world",
+    "rules": "what an action does in a kind of world",
+    "search": "best-first search in a kind of world",
+    "state": "the state of a kind of world, and its hash",
+    "world": "a world as a session needs it, and the class to write one with",
+}
+
+
+def _modules() -> list[Path]:
+    return [path for path in sorted(PACKAGE.rglob("*.py")) if not path.stem.endswith("_pb2")]
+
+
+@cache
+def _trees() -> dict[Path, ast.Module]:
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in _modules()}
+
+
+def test_no_public_class_name_stands_twice():
+    places = defaultdict(list)
+    for path, tree in _trees().items():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(str(path.relative_to(PACKAGE)))
+    assert {name: where for name, where in places.items() if len(where) > 1 and name not in SAME_CLASS} == {}
+
+
+def test_a_module_is_a_noun():
+    assert [str(path.relative_to(PACKAGE)) for path in _modules() if path.stem in NOT_NOUNS] == []
+
+
+def test_two_modules_share_a_file_name_only_for_the_same_role():
+    places = defaultdict(list)
+    for path in _modules():
+        if not path.stem.startswith("__"):
+            places[path.stem].append(str(path.relative_to(PACKAGE)))
+    assert {name: where for name, where in places.items() if len(where) > 1 and name not in SAME_FILE} == {}
+
+
+def test_the_package_stays_a_house_for_a_few_people():
+    modules = [path for path in _modules() if path.stem != "__init__"]
+    assert len(modules) <= MOST_MODULES
+    statements = sum(isinstance(node, ast.stmt) for tree in _trees().values() for node in ast.walk(tree))
+    assert statements <= MOST_STATEMENTS
+
+
+def test_no_replaced_name_comes_back():
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        replaced = {row["old"]: row["new"] for row in csv.DictReader(file, delimiter="\t")}
+    hits = defaultdict(set)
+    for path, tree in _trees().items():
+        for node in ast.walk(tree):
+            for name in _identifiers(node):
+                if name in replaced:
+                    hits[f"{name} (now {replaced[name]})"].add(str(path.relative_to(PACKAGE)))
+    assert dict(hits) == {}
+
+
+def _identifiers(node: ast.AST) -> list[str]:
+    found = [getattr(node, field, None) for field in ("id", "attr", "name", "arg", "asname")]
+    return [one.rpartition(".")[2] for one in found if isinstance(one, str)]

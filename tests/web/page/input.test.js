@@ -1,0 +1,97 @@
+// Keys as the session hears of them: by place, once, with our own repetition.
+
+import assert from "node:assert/strict";
+import { beforeEach, mock, test } from "node:test";
+
+import { Keyboard } from "../../../minihuman/web/page/input.js";
+
+const state = { active: true, typing: false, scrollable: false };
+let heard = [];
+let target = new EventTarget();
+let keyboard;
+
+beforeEach(() => {
+  Object.assign(state, { active: true, typing: false, scrollable: false });
+  heard = [];
+  target = new EventTarget();
+  keyboard = new Keyboard(target, {
+    isActive: () => state.active,
+    isTyping: () => state.typing,
+    isScrollable: () => state.scrollable,
+    now: () => 0,
+    timeOf: (ms) => ms,
+    press: (key, symbol, _stamp, _trusted, isRepeat) => heard.push(`${isRepeat ? "repeat" : "press"} ${key} ${symbol}`.trim()),
+    release: (key) => heard.push(`release ${key}`),
+  });
+  keyboard.codes = { KeyA: "a", ArrowUp: "up", MetaLeft: "meta", Enter: "enter" };
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout"] });
+});
+
+/** Whether the browser keeps the key. */
+function send(type, code, key, fields = {}) {
+  const event = Object.assign(new Event(type, { cancelable: true }), { code, key, ...fields });
+  return target.dispatchEvent(event);
+}
+
+test("a key is pressed and released once, by its place", () => {
+  assert.equal(send("keydown", "KeyA", "q"), false);
+  send("keydown", "KeyA", "q", { repeat: true });
+  send("keyup", "KeyA", "q");
+  send("keyup", "KeyA", "q");
+  assert.deepEqual(heard, ["press a q", "release a"]);
+});
+
+test("a key without a name is called by its code", () => {
+  send("keydown", "Lang<1>", "Lang1");
+  assert.deepEqual(heard, ["press code_Lang1"]);
+});
+
+test("a held key repeats after 500 ms, every 33 ms, until it comes up", () => {
+  send("keydown", "KeyA", "a");
+  mock.timers.tick(499);
+  assert.equal(heard.length, 1);
+  for (const ms of [1, 33, 33]) mock.timers.tick(ms);
+  send("keyup", "KeyA", "a");
+  mock.timers.tick(1000);
+  assert.deepEqual(heard, ["press a a", "repeat a a", "repeat a a", "repeat a a", "release a"]);
+});
+
+test("a window that loses the focus holds no key down", () => {
+  send("keydown", "KeyA", "a");
+  keyboard.clear();
+  mock.timers.tick(1000);
+  send("keyup", "KeyA", "a");
+  assert.deepEqual(heard, ["press a a"]);
+});
+
+test("when Command comes up, so does every key beside it", () => {
+  send("keydown", "MetaLeft", "Meta", { metaKey: true });
+  send("keydown", "KeyA", "a", { metaKey: true });
+  send("keyup", "MetaLeft", "Meta");
+  assert.deepEqual(heard.slice(2), ["release meta", "release a"]);
+});
+
+test("the browser keeps shortcuts, reloading, scrolling and letters that are typed, and nothing else", () => {
+  assert.equal(send("keydown", "KeyA", "a", { ctrlKey: true }), true);
+  assert.equal(send("keydown", "F5", "F5"), true);
+  assert.equal(send("keydown", "ArrowUp", "ArrowUp"), false);
+  state.scrollable = true;
+  assert.equal(send("keydown", "ArrowUp", "ArrowUp"), true);
+  state.typing = true;
+  assert.equal(send("keydown", "KeyB", "b"), true);
+  assert.equal(send("keydown", "Enter", "Enter"), false);
+});
+
+test("keys of an input method are the input method's", () => {
+  state.typing = true;
+  assert.equal(send("keydown", "Enter", "Enter", { keyCode: 229 }), true);
+  assert.equal(send("keydown", "KeyA", "a", { isComposing: true }), true);
+  assert.deepEqual(heard, []);
+});
+
+test("nothing is heard before the session's time is known, or after the end", () => {
+  state.active = false;
+  assert.equal(send("keydown", "KeyA", "a"), true);
+  assert.deepEqual(heard, []);
+});

@@ -1,0 +1,169 @@
+// What the page sent stays in the tab until it is acknowledged, is numbered over reloads and is sent again in order.
+
+import assert from "node:assert/strict";
+import { beforeEach, mock, test } from "node:test";
+
+import { IncomingStream, Outbox } from "../../../minihuman/web/page/stream.js";
+
+/** A tab's storage, as the browser keeps it over reloads. */
+class MemoryStorage {
+  #items = new Map();
+  get length() { return this.#items.size; }
+  key(index) { return [...this.#items.keys()][index] ?? null; }
+  getItem(name) { return this.#items.get(name) ?? null; }
+  setItem(name, value) { this.#items.set(name, String(value)); }
+  removeItem(name) { this.#items.delete(name); }
+  clear() { this.#items.clear(); }
+}
+
+const clock = { ms: 0, timeOrigin: 1000, now() { return this.ms; } };
+const numbersOf = (texts) => texts.map((text) => JSON.parse(text).n);
+
+function openOutbox(storage = new MemoryStorage()) {
+  const outbox = new Outbox(storage, clock);
+  outbox.sent = [];
+  outbox.transmit = (texts) => outbox.sent.push(...texts);
+  return outbox;
+}
+
+beforeEach(() => {
+  clock.ms = 100;
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout"] });
+});
+
+test("nothing is numbered before the session's time is known", () => {
+  const outbox = openOutbox();
+  assert.equal(outbox.add({ t: "tick" }), 0);
+  assert.equal(outbox.size, 0);
+});
+
+test("messages are numbered from one, with times that increase although the clock stands still", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 5_000_000, true, 0);
+  assert.deepEqual([1, 2, 3].map(() => outbox.add({ t: "tick" })), [1, 2, 3]);
+  assert.deepEqual(outbox.list().map(({ at }) => at), [5_000_000, 5_000_001, 5_000_002]);
+});
+
+test("a message that can wait goes with the next one, in order", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 0, true, 0);
+  outbox.add({ t: "shown", submit: 0, flip: 0 }, true);
+  assert.deepEqual(outbox.sent, []);
+  outbox.add({ t: "tick" });
+  assert.deepEqual(numbersOf(outbox.sent), [1, 2]);
+});
+
+test("a message that can wait is sent alone after 100 ms", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 0, true, 0);
+  outbox.add({ t: "shown", submit: 0, flip: 0 }, true);
+  mock.timers.tick(99);
+  assert.deepEqual(outbox.sent, []);
+  mock.timers.tick(1);
+  assert.deepEqual(numbersOf(outbox.sent), [1]);
+});
+
+test("what is acknowledged is forgotten, and the rest survives a reload with its numbers and the session's time", () => {
+  const storage = new MemoryStorage();
+  const before = openOutbox(storage);
+  before.setTime("a", 0, true, 0);
+  for (let i = 0; i < 12; i++) before.add({ t: "tick" });
+  before.acknowledge(8);
+  clock.ms += 40;
+  const after = openOutbox(storage);
+  assert.deepEqual(after.list().map(({ n }) => n), [9, 10, 11, 12]);
+  assert.equal(after.first, 9);
+  assert.equal(after.now(), 40e6);
+  assert.equal(after.state.stream, before.state.stream);
+  assert.equal(after.add({ t: "tick" }), 13);
+});
+
+test("a new connection is sent what the server has not heard, and nothing twice", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 0, true, 0);
+  for (let i = 0; i < 11; i++) outbox.add({ t: "tick" });
+  outbox.sent = [];
+  outbox.add({ t: "shown", submit: 0, flip: 0 }, true);
+  assert.deepEqual(numbersOf(outbox.takeUnacknowledged(9)), [10, 11, 12]);
+  mock.timers.tick(1000);
+  assert.deepEqual(outbox.sent, []);
+});
+
+test("a copied tab goes on behind the numbers that the other has used", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 0, true, 0);
+  outbox.add({ t: "tick" });
+  outbox.skipTo(7, 900);
+  assert.equal(outbox.add({ t: "tick" }), 8);
+  assert.equal(outbox.list().at(-1)?.at, 901);
+});
+
+test("keys that a segment had not heard are reported to the next one, which hears nothing else of them", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 0, true, 0);
+  const key = { t: "key", key: "left", stamp: 7, trusted: true };
+  outbox.add({ ...key, down: true });
+  outbox.add({ ...key, down: false });
+  outbox.setTime("b", 0, false, 0);
+  assert.deepEqual(outbox.list().map(({ what }) => what), [{ t: "unheard", text: "left at 7 ns" }]);
+});
+
+test("a page that was loaded again takes over a time that differs by more than two seconds, and never goes back", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 0, true, 0);
+  outbox.setTime("a", 1e9, true, 0);
+  assert.equal(outbox.now(), 0);
+  outbox.setTime("a", 5e9, false, 0);
+  assert.equal(outbox.now(), 0);
+  outbox.setTime("a", 5e9, true, 0);
+  assert.equal(outbox.now(), 5e9);
+});
+
+test("a storage that holds nonsense is an empty one", () => {
+  const storage = new MemoryStorage();
+  storage.setItem("stream", "{");
+  assert.equal(openOutbox(storage).state.next, 1);
+});
+
+test("what comes is taken once and in order", () => {
+  const incoming = new IncomingStream(() => {});
+  assert.deepEqual([1, 1, 3, 2, 3, 2].map((n) => incoming.take(n)), [true, false, false, true, true, false]);
+  assert.equal(incoming.received, 3);
+});
+
+test("what was heard is reported after a second, and at once after a hundred messages", () => {
+  const reports = [];
+  const incoming = new IncomingStream((heard) => reports.push(heard));
+  incoming.take(1);
+  incoming.take(2);
+  mock.timers.tick(1000);
+  assert.deepEqual(reports, [2]);
+  for (let n = 3; n <= 102; n++) incoming.take(n);
+  assert.deepEqual(reports, [2, 102]);
+  mock.timers.tick(5000);
+  assert.deepEqual(reports, [2, 102]);
+});
+
+test("in a new segment the numbers go on behind the last one that the server heard", () => {
+  const storage = new MemoryStorage();
+  const before = openOutbox(storage);
+  before.setTime("a", 0, true, 0);
+  for (let i = 0; i < 5; i++) before.add({ t: "tick" });
+  before.acknowledge(2);
+  const outbox = openOutbox(storage);
+  assert.equal(outbox.first, 3);
+  outbox.setTime("b", 0, true, 2);
+  assert.equal(outbox.add({ t: "tick" }), 3);
+});
+
+test("a page that was given to another person keeps nothing from then on", () => {
+  const storage = new MemoryStorage();
+  const outbox = openOutbox(storage);
+  outbox.setTime("a", 0, true, 0);
+  outbox.add({ t: "tick" });
+  outbox.discard();
+  assert.equal(outbox.add({ t: "tick" }), 0);
+  outbox.save();
+  assert.equal(storage.length, 0);
+});

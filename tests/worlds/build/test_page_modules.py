@@ -1,0 +1,95 @@
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+import minihuman
+from minihuman.worlds.build.page_modules import MANIFEST, sources_digest
+from minihuman.worlds.build.targets import PAGE, linker_version
+from minihuman.worlds.catalogue import WORLDS
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from tests.worlds.build.page_cases import Files, differing, grid_case, is_foreign, scene_case
+
+PAGE_FOLDER = Path(minihuman.__file__).parent / "web/page"
+MODULES = PAGE_FOLDER / "worlds"
+MOST_BYTES = 400_000
+FOREIGN = ["minihuman/MiniGrid-GoToObj-Transfer-v0"]  # grid worlds whose rules are Python
+SEEDS = 200 if os.environ.get("MINIHUMAN_LONG") else 1
+
+needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="Node.js runs the page's modules here")
+
+
+def _manifest() -> dict:
+    return json.loads((MODULES / MANIFEST).read_text(encoding="utf-8"))
+
+
+def test_the_committed_modules_are_those_of_the_manifest_and_small():
+    files = [file for module in _manifest()["modules"].values() for file in module["files"]]
+    found = {file["file"]: hashlib.sha256((MODULES / file["file"]).read_bytes()).hexdigest() for file in files}
+    assert found == {file["file"]: file["sha256"] for file in files}
+    assert {path.name for path in MODULES.iterdir()} == {MANIFEST, *found}
+    assert sum(path.stat().st_size for path in MODULES.iterdir()) <= MOST_BYTES
+
+
+def test_the_committed_modules_are_built_from_the_kernels_beside_them():
+    assert _manifest()["sources"] == sources_digest(), "run `python -m minihuman.worlds.build`"
+
+
+@pytest.mark.program
+def test_building_again_gives_the_committed_modules(tmp_path):
+    if linker_version(PAGE) is None:
+        pytest.skip("no wasm-ld, neither Debian's lld nor PyPI's ziglang")
+    subprocess.run([sys.executable, "-m", "minihuman.worlds.build", str(tmp_path)], check=True)
+    new, kept = json.loads((tmp_path / MANIFEST).read_text(encoding="utf-8")), _manifest()
+    tools = "numba", "llvmlite", "linker"
+    if any(new[tool] != kept[tool] for tool in tools):
+        pytest.skip("other tools than the manifest pins: " + ", ".join(f"{tool} {new[tool]}" for tool in tools))
+    assert new == kept
+
+
+def _played(tmp_path: Path, cases: list[dict], simd: str = "plain") -> dict[str, str]:
+    (tmp_path / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
+    node = ["node", str(Path(__file__).with_name("play.mjs")), str(PAGE_FOLDER), str(tmp_path / "cases.json"), simd]
+    done = subprocess.run(node, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@needs_node
+@pytest.mark.program
+def test_every_grid_world_plays_in_the_page_as_in_python(tmp_path):
+    files, cases, expected, foreign = Files(tmp_path), [], {}, []
+    for entry in WORLDS:
+        env = gymnasium.make(entry.id).unwrapped
+        if isinstance(env, FirstPersonEnv):
+            continue
+        if is_foreign(env):
+            foreign.append(entry.id)
+            continue
+        for seed in range(SEEDS):
+            name = f"{entry.id} {seed}"
+            case, expected[name] = grid_case(env, seed, files, name)
+            cases.append(case)
+    assert differing(expected, _played(tmp_path, cases)) == []
+    assert foreign == FOREIGN
+    assert len(expected) == 193 * SEEDS
+
+
+@needs_node
+@pytest.mark.program
+@pytest.mark.parametrize("simd", ["plain", "simd"])
+def test_every_first_person_world_looks_in_the_page_as_in_python(tmp_path, simd):
+    files, cases, expected = Files(tmp_path), [], {}
+    for entry in WORLDS:
+        env = gymnasium.make(entry.id).unwrapped
+        if isinstance(env, FirstPersonEnv):
+            case, expected[entry.id] = scene_case(env, 3, files, entry.id)
+            cases.append(case)
+    assert differing(expected, _played(tmp_path, cases, simd)) == []
+    assert len(expected) == 24
