@@ -9,7 +9,7 @@ from pathlib import Path
 import gymnasium
 from PIL import Image
 
-from minihuman.worlds.first_person.catalogue import ENTRIES
+from minihuman.worlds.catalogue import FIRST_PERSON_WORLDS
 from minihuman.worlds.first_person.env import FirstPersonEnv
 
 SEEDS = range(40)  # the first of those that show most is drawn
@@ -33,7 +33,7 @@ def draw_gallery(folder: Path, *, limit: int | None = None) -> list[Path]:
         "|---|---|---|---|",
     ]
     written = []
-    for entry in ENTRIES[:limit]:
+    for entry in FIRST_PERSON_WORLDS[:limit]:
         world = gymnasium.make(entry.id).unwrapped
         world.reset(seed=_showing_most(world))
         cells = []

@@ -9,9 +9,9 @@ import gymnasium
 from PIL import Image
 
 import minihuman  # noqa: F401  # registers the worlds
-from minihuman.worlds.entry import Entry
-from minihuman.worlds.grid import catalogue
-from minihuman.worlds.grid.levels import catalogue as levels
+from minihuman.worlds import catalogue
+from minihuman.worlds import catalogue as levels
+from minihuman.worlds.catalogue import CatalogueEntry
 
 SEED = 3
 WIDTH_PX = 176  # of a picture at most, which a page shows three abreast
@@ -27,11 +27,11 @@ Every level at seed 3 with what it says, the agent's field of view lit. Drawn by
 
 def write(folder: Path) -> None:
     """Write the pages and the pictures that they show into a folder."""
-    write_page(folder, "gallery-grid", GRID, catalogue.ENTRIES)
-    write_page(folder, "gallery-levels", LEVELS, levels.ENTRIES)
+    write_page(folder, "gallery-grid", GRID, catalogue.GRID_WORLDS)
+    write_page(folder, "gallery-levels", LEVELS, levels.BABYAI_WORLDS)
 
 
-def write_page(folder: Path, name: str, head: str, entries: tuple[Entry, ...]) -> None:
+def write_page(folder: Path, name: str, head: str, entries: tuple[CatalogueEntry, ...]) -> None:
     """Write one page, and its pictures into a folder of its name."""
     pictures = folder / name
     pictures.mkdir(parents=True, exist_ok=True)

@@ -16,19 +16,19 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from minihuman.lab.protocol_file import read_protocol
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.display.drawing.screen import compose_screen
+from minihuman.display.windows.window import VirtualClock
+from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.players.choose import make_player
-from minihuman.seats.agent_seat import agent_seat
-from minihuman.seats.run import run_session
-from minihuman.seats.simulated import SimulatedWindow
-from minihuman.study.expand import enrol, expand
-from minihuman.study.protocol import Protocol, decode
-from minihuman.study.screens import FilmScreen, PairScreen, PlayScreen, Screen, TextScreen
-from minihuman.study.session import Session
-from minihuman.windows.compose import compose
-from minihuman.windows.scripted import VirtualClock
-from minihuman.worlds.adapt.world import World
+from minihuman.runtime.agent_host import make_agent_host
+from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.simulation.participant import make_participant
+from minihuman.worlds.adapters.world import World
 
 ROOT = Path(__file__).parents[1]
 STUDY = "fourrooms-transfer"
@@ -55,7 +55,7 @@ def windows(folder: Path, work: Path) -> None:
     wanted = {"window_keyboard_check": _is_check, "window_grid": _in_grid, "window_first_person": _in_room}
     for name, is_it in wanted.items():
         screen = next(screen for screen in screens if is_it(screen))
-        Image.fromarray(compose(screen, WINDOW_PX)).save(folder / f"{name}.png")
+        Image.fromarray(compose_screen(screen, WINDOW_PX)).save(folder / f"{name}.png")
 
 
 def teaching(folder: Path, work: Path) -> None:
@@ -64,22 +64,22 @@ def teaching(folder: Path, work: Path) -> None:
     for old, new in (('policy = ""', 'policy = "optimal:0.5"'), ('learner = "hg-dagger:updates=300"', "")):
         assert old in toml
         toml = toml.replace(old, new)
-    screens = _screens(decode(toml.encode()), "supervisor:knows_all=1", work)
+    screens = _screens(decode_protocol(toml.encode()), "supervisor:knows_all=1", work)
     played = [screen for screen in screens if isinstance(screen, PlayScreen) and screen.step > 1]
     wanted: dict[str, Screen] = {
-        f"teach_{who}": next(s for s in played if s.steers == who) for who in ("agent", "person")
+        f"teach_{who}": next(s for s in played if s.controller == who) for who in ("agent", "person")
     }
     wanted["teach_correct"] = max((s for s in screens if isinstance(s, FilmScreen)), key=lambda film: film.step)
     wanted["teach_compare"] = next(s for s in screens if isinstance(s, PairScreen) and s.along > 0.5)
     for name, screen in wanted.items():
-        Image.fromarray(compose(screen, WINDOW_PX)).save(folder / f"{name}.png")
+        Image.fromarray(compose_screen(screen, WINDOW_PX)).save(folder / f"{name}.png")
 
 
 def _screens(protocol: Protocol, player: str, work: Path) -> list[Screen]:
     """Every screen of a session, as a simulated person comes past it."""
     clock = VirtualClock()
-    plan = expand(protocol, enrol(protocol, 0, None))
-    session = Session(plan, World, {}, picture_px=(600, 450))
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0, None))
+    session = SessionMachine(plan, World, {}, picture_px=(600, 450))
     recorder = McapRecorder(work, plan, started_ns=0)
     seen: list[Screen] = []
 
@@ -89,8 +89,8 @@ def _screens(protocol: Protocol, player: str, work: Path) -> list[Screen]:
             seen.append(replace(screen, pictures=tuple(screen.pictures)) if film else screen)
             return super().show(screen)
 
-    window = Watching(make_player(player, np.random.default_rng(1)), session, clock)
-    run_session(session, window, recorder, clock, agent=agent_seat(protocol, plan, work, patient=True))
+    window = Watching(make_participant(player, np.random.default_rng(1)), session, clock)
+    run_session(session, window, recorder, clock, agent=make_agent_host(protocol, plan, work, patient=True))
     return seen
 
 
