@@ -50,7 +50,7 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     assert minihuman("new", tmp_path, "--yes").returncode == 0
     again = minihuman("new", tmp_path, "--yes")
     assert (again.returncode, again.stderr.count("\n")) == (2, 1)
-    assert "already exists; choose another --name" in again.stderr
+    assert "already exists; choose another name with --name" in again.stderr
 
 
 def test_questions_are_asked_and_their_answers_taken(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_no_screen_of_a_study_has_a_serious_finding_and_none_is_cut_off_at_200_p
         looked = go_through(somebody, look)
         assert CODE in somebody.screen()
         stranger = sit_down(address + "unknown").page
-        stranger.get_by_text("This link is not known here").wait_for()
+        stranger.get_by_text("This link is not valid").wait_for()
         assert serious(stranger) == []
     assert [kind for kind in KINDS if not any(kind in looks for looks in looked)] == []
     assert {looks: each for looks, each in found.items() if each} == {}

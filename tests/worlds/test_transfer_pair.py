@@ -115,7 +115,7 @@ def test_the_3d_world_can_take_the_published_agents_seven_actions():
 
 
 def test_a_room_without_space_is_refused():
-    with pytest.raises(WorldError, match="size is 10; it must be an odd number, 5 to"):
+    with pytest.raises(WorldError, match="size is 10; it must be an odd number from 5 to"):
         make(GRID, size=10)
     with pytest.raises(WorldError, match="size is 3; it must be a number, 5 to"):
         make(FIRST_PERSON, size=3)

@@ -116,7 +116,7 @@ def test_no_free_cell_left_to_place_something():
     with pytest.raises(RecursionError):
         theirs.place_obj(Ball(), max_tries=1000)
     with pytest.raises(
-        WorldError, match="numObjs is 4; it must be a whole number, 1 to 3"
+        WorldError, match="numObjs is 4; it must be a whole number from 1 to 3"
     ):  # and the agent takes the fourth
         GridEnv("fetch", size=4, numObjs=4)
 
