@@ -42,10 +42,12 @@ def test_the_code_runs_as_printed(part, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("part", "name", "group"),
-    [("A kind of question", "question", "questions"), ("An activity", "activity", "activities")],
+    [("A kind of question", "affect_grid", "questions"), ("An activity", "tapping", "activities")],
 )
 def test_a_part_of_a_session_is_one_file_and_one_registration(part, name, group, install_lab):
-    code, check = (re.findall(rf"```python {block}\n(.*?)```", PARTS[part], re.S) for block in (name, f"{name}-check"))
+    code, check = (
+        re.findall(rf'```python title="{file}.py"\n(.*?)```', PARTS[part], re.S) for file in (name, f"test_{name}")
+    )
     toml = tomllib.loads(re.findall(r"```toml\n(.*?)```", PARTS[part], re.S)[0])
     [(word, place)] = toml["project"]["entry-points"][f"minihuman.{group}"].items()
     install_lab("a-lab", code[0], **{group: [f"{word} = a_lab:{place.partition(':')[2]}"]})
