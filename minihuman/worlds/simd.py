@@ -65,7 +65,7 @@ class SimdVector:
     __add__, __mul__ = _operator("add", "fadd"), _operator("mul", "fmul")
     __sub__, __rsub__ = _operator("sub", "fsub"), _operator("sub", "fsub", turned=True)
     __truediv__, __rtruediv__ = _operator("", "fdiv"), _operator("", "fdiv", turned=True)
-    __and__, __or__ = _operator("and_", ""), _operator("or_", "")
+    __and__, __or__, __xor__ = _operator("and_", ""), _operator("or_", ""), _operator("xor", "")
     __lshift__, __rshift__ = _operator("shl", ""), _operator("lshr", "")
 
     def _compare(self, sign: str, other: Any) -> "SimdVector":
@@ -145,11 +145,17 @@ class _Operations:
     def fetch(self, array: Any, at: SimdVector, by: Any) -> None:
         build, short = self._builder, ir.IntType(32)
         start = build.gep(array.start, [self._whole(by)])
-        how = [ir.Constant(short, each) for each in (0, 2, 1)]  # to be read, into the second cache, and it is data
         for lane in range(0, at.count, 4):
             number = build.extract_element(at.value, ir.Constant(short, lane))
-            place = build.bitcast(build.gep(start, [build.zext(number, _WHOLE)]), ir.IntType(8).as_pointer())
-            self._call("llvm.prefetch.p0", ir.VoidType(), place, *how)
+            self._prefetch(build.gep(start, [build.zext(number, _WHOLE)]), 2)
+
+    def prefetch(self, array: Any, at: Any) -> None:
+        self._prefetch(self._builder.gep(array.start, [self._whole(at)]), 3)
+
+    def _prefetch(self, place: Any, level: int) -> None:
+        build, short = self._builder, ir.IntType(32)
+        how = [ir.Constant(short, each) for each in (0, level, 1)]  # to be read, how near, and it is data
+        self._call("llvm.prefetch.p0", ir.VoidType(), build.bitcast(place, ir.IntType(8).as_pointer()), *how)
 
     def count_from(self, first: Any, count: int, by: int) -> SimdVector:
         build = self._builder
@@ -228,6 +234,39 @@ class _Operations:
     def three_of_four(self, values: SimdVector) -> SimdVector:
         return self._shuffled(values, values, [lane for lane in range(values.count) if lane % 4 < 3])
 
+    def number(self, array: Any, at: int) -> SimdVector:
+        place = self._builder.gep(array.start, [self._whole(at)])
+        return SimdVector(self._builder, self._builder.sext(self._builder.load(place), _WHOLE), I64)
+
+    def indices(self, count: int) -> SimdVector:
+        return SimdVector(self._builder, ir.Constant(_vector(U32, count), list(range(count))), U32)
+
+    def shuffled(self, values: SimdVector, lanes: Sequence[int]) -> SimdVector:
+        return self._shuffled(values, values, lanes)
+
+    def transposed(self, rows: Sequence[SimdVector]) -> Sequence[SimdVector]:
+        found, lanes = list(rows), range(8)
+        for half in (4, 2, 1):
+            for row in (row for row in lanes if not row & half):
+                a, b = found[row], found[row + half]
+                found[row] = self._shuffled(a, b, [lane if not lane & half else 8 + lane - half for lane in lanes])
+                found[row + half] = self._shuffled(
+                    a, b, [lane + half if not lane & half else 8 + lane for lane in lanes]
+                )
+        return found
+
+    def lane_bits(self, chosen: SimdVector) -> SimdVector:
+        byte = self._builder.bitcast(chosen.value, ir.IntType(8))
+        return SimdVector(self._builder, self._builder.zext(byte, _WHOLE), I64)
+
+    def packed(self, values: SimdVector) -> SimdVector:
+        short = self._builder.trunc(values.value, _vector(U8, 8))
+        return SimdVector(self._builder, self._builder.bitcast(short, _WHOLE), I64)
+
+    def unpacked(self, number: SimdVector) -> SimdVector:
+        short = self._builder.bitcast(number.value, _vector(U8, 8))
+        return SimdVector(self._builder, self._builder.zext(short, _vector(U32, 8)), U32)
+
     def part(self, values: SimdVector, first: int, count: int) -> SimdVector:
         return self._shuffled(values, values, list(range(first, first + count)))
 
@@ -274,8 +313,8 @@ class NumpyOperations:
         return values.view(np.uint32) if values.dtype == np.int32 else values
 
     def store(self, array: Array, at: int, values: Any) -> None:
-        """Put neighbours into an array."""
-        array[at : at + len(values)] = values
+        """Put neighbours into an array, whatever its shape."""
+        array.reshape(-1)[at : at + len(values)] = values
 
     def pairs(self, array: Array, at: Any) -> tuple[Any, Any]:
         """What is at some places of an array of uint32, and what is one further."""
@@ -287,6 +326,9 @@ class NumpyOperations:
 
     def fetch(self, array: Array, at: Any, by: int) -> None:
         """Prefetch what lies ``by`` further than every fourth of some places; it may lie outside the array."""
+
+    def prefetch(self, array: Array, at: int) -> None:
+        """Prefetch what lies at a place, into the nearest cache; it may lie outside the array."""
 
     def count_from(self, first: int, count: int, by: int) -> Any:
         """first, first + by, first + 2 * by and so on, as float64."""
@@ -371,6 +413,34 @@ class NumpyOperations:
     def three_of_four(self, values: Any) -> Any:
         """Every lane but each fourth."""
         return values.reshape(-1, 4)[:, :3].ravel()
+
+    def number(self, array: Array, at: int) -> int:
+        """One whole number of an array."""
+        return int(array[at])
+
+    def indices(self, count: int) -> Any:
+        """0, 1, 2 and so on, as uint32."""
+        return np.arange(count, dtype=np.uint32)
+
+    def shuffled(self, values: Any, lanes: Sequence[int]) -> Any:
+        """The lanes in another order."""
+        return values[list(lanes)]
+
+    def transposed(self, rows: Sequence[Any]) -> Sequence[Any]:
+        """Eight vectors of eight lanes: of each the first lane, of each the second, and so on."""
+        return list(np.array(rows).T)
+
+    def lane_bits(self, chosen: Any) -> int:
+        """Of eight lanes, which are true: a bit each, the first the lowest."""
+        return int(np.packbits(chosen, bitorder="little")[0])
+
+    def packed(self, values: Any) -> int:
+        """The lowest bytes of eight lanes as one whole number, the first lane's the lowest."""
+        return int(values.astype(np.uint8).view(np.uint64)[0])
+
+    def unpacked(self, number: int) -> Any:
+        """The eight bytes of a whole number, a lane each."""
+        return np.array([number], np.uint64).view(np.uint8).astype(np.uint32)
 
     def part(self, values: Any, first: int, count: int) -> Any:
         """Some neighbouring lanes."""

@@ -4,7 +4,11 @@ Its states are a matrix, one row per world, stepped in one kernel. Each world of
 same layouts, draws, observations, rewards and ends.
 """
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import gymnasium
@@ -33,7 +37,7 @@ from minihuman.worlds.grid.core.state import (
     State,
     clear,
 )
-from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.grid.core.view import fetch_header, fetch_usual, see
 from minihuman.worlds.grid.engine import GridSnapshot
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.layout import Recipe
@@ -42,6 +46,9 @@ from minihuman.worlds.options import BatchSeeds, seeds_per_world
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
+
+MANY, LEAD = 256, 8  # worlds: when to prefetch, and how far ahead
+MIN_SHARE = 128  # worlds: with fewer, handing work to another thread costs more than it saves
 
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
@@ -53,6 +60,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         family: One of ``env.FAMILIES``.
         num_envs: How many worlds.
         autoreset_mode: What happens after an episode's end, in Gymnasium's words: "NextStep", "SameStep" or "Disabled".
+        threads: How many step a share of the worlds each, from some hundred worlds on; None for one per core.
         options: What `GridEnv` takes.
     """
 
@@ -62,10 +70,13 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         *,
         num_envs: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = 1,
         **options: Any,
     ) -> None:
         if num_envs < 1:
             raise WorldError(f"num_envs is {num_envs!r}; a batch needs 1 world or more")
+        if threads is not None and threads < 1:
+            raise WorldError(f"threads is {threads!r}; give 1 or more, or None for one per core")
         if options.pop("view", "grid") != "grid":
             raise WorldError("a batch has no first-person view; make it with vectorization_mode='sync'")
         self._world = GridEnv(family, **options)  # what all have in common: spaces, recipe, settings
@@ -82,6 +93,9 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self._rng_states: RngState = np.zeros((num_envs, 6), np.uint64)
         self._missions = (self._world.mission,) * num_envs
         self._seeds = [-1] * num_envs
+        self._cleared = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
+        shares = max(min(threads or os.cpu_count() or 1, num_envs // MIN_SHARE), 1)
+        self._shares = list(pairwise(num_envs * share // shares for share in range(shares + 1)))
 
     @property
     def states(self) -> list[State]:
@@ -126,7 +140,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             clear(row)
         images = np.zeros((self.num_envs, *self._world.image_shape), np.uint8)
         directions = np.zeros(self.num_envs, np.int64)
-        self._lay_out(recipe, mask, mask | (self._rows[:, PHASE] != NEW), images, directions)
+        self._lay_out(recipe, np.flatnonzero(mask), images, directions)
+        observe_many(self._rows, ~mask & (self._rows[:, PHASE] != NEW), images, directions)
         return {"image": images, "direction": directions, "mission": self._missions}, {}
 
     def step(
@@ -146,16 +161,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         directions = np.empty(n, np.int64)
         rewards = np.empty(n)
         ends = np.empty((3, n), np.bool_)  # terminated, truncated, and over: to be laid out anew
-        count = STEPS[self._instructed](
-            self._rows,
-            np.ascontiguousarray(given, np.int64),
-            self._rng_states,
-            self._mode,
-            images,
-            directions,
-            rewards,
-            ends,
-        )
+        numbers = np.ascontiguousarray(given, np.int64)
+        count = self._step_shares((self._rows, numbers, self._rng_states, images, directions, rewards, ends))
         if count < 0:
             raise self._refusal(~count, given)
         terminated, truncated, over = ends
@@ -163,7 +170,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if count > 0:
             if self._mode == SAME_STEP:
                 info = self._final(over, images, directions)
-            self._lay_out(self._world.recipe, over, over, images, directions)
+            self._lay_out(self._world.recipe, self._cleared[:count], images, directions)
         return (
             {"image": images, "direction": directions, "mission": self._missions},
             rewards,
@@ -186,28 +193,36 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         phase, count = self._rows[world, PHASE], self._rows[world, ACTIONS]
         if phase == NEW or (phase == OVER and self._mode != NEXT_STEP):
             return WorldError(f"world {world} is not in an episode; call reset() before step()")
-        return WorldError(f"action {actions[world]!r} does not exist in world {world}; actions are 0 to {count - 1}")
+        return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {count - 1}")
+
+    def _step_shares(self, arrays: tuple[NDArray[Any], ...]) -> int:
+        """Step all worlds, a share for each thread; what `step_many` returns, for all."""
+        step, shares = STEPS[self._instructed], self._shares
+        if len(shares) == 1:
+            return step(*arrays, self._cleared, self._mode, *shares[0])
+        if (refusing := first_refusal(*arrays[:2], self._mode, 0, self.num_envs)) < 0:
+            return refusing
+        stepping = _helpers(os.getpid()).map(lambda share: step(*arrays, self._cleared, self._mode, *share), shares)
+        found = [self._cleared[first : first + count] for (first, _), count in zip(shares, stepping, strict=True)]
+        cleared = np.concatenate(found)
+        self._cleared[: len(cleared)] = cleared
+        return len(cleared)
 
     def _lay_out(
-        self,
-        recipe: Recipe,
-        over: NDArray[np.bool_],
-        seen: NDArray[np.bool_],
-        images: NDArray[np.uint8],
-        directions: NDArray[np.int64],
+        self, recipe: Recipe, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]
     ) -> None:
-        """Lay out the cleared worlds that were over, and observe those to be seen."""
-        worlds = np.flatnonzero(over).tolist()
-        for i in worlds:
+        """Lay out cleared worlds and observe them."""
+        numbers = worlds.tolist()
+        for i in numbers:
             recipe.lay_out(self._rows[i], self._rng_states[i])
-        failed = begin_many(self._rows, over, seen, images, directions)
+        failed = begin_many(self._rows, worlds, images, directions)
         if failed >= 0:
             raise WorldError(
                 f"world {failed} of {self._world} has no free cell for something it places; make the grid larger"
             )
         if self._world.mission_space.varies:
             missions = list(self._missions)
-            for i in worlds:
+            for i in numbers:
                 missions[i] = self._world.mission_space.of(self._rows[i])
             self._missions = tuple(missions)
 
@@ -225,59 +240,78 @@ def step_many(
     rows: Row,
     actions: NDArray[np.int64],
     rng_state: RngState,
-    mode: int,
     images: NDArray[np.uint8],
     directions: NDArray[np.int64],
     rewards: NDArray[np.float64],
     ends: NDArray[np.bool_],
+    cleared: NDArray[np.int64],
+    mode: int,
+    first: int,
+    last: int,
 ) -> int:
-    """Step every world that is in an episode. Those that autoreset is to lay out anew are marked over and cleared.
+    """Step the worlds from ``first`` to before ``last`` that are in an episode.
 
+    Those that autoreset is to lay out anew are marked over, cleared, and listed in ``cleared``, from ``first`` on.
     A world that is over when its turn comes earns nothing in this step.
 
     Returns:
         How many worlds are cleared; or, when one refuses its action or is not to be stepped now, the complement
         (~) of the first such world. Then none was stepped.
     """
-    cleared = first_refusal(rows, actions, mode)
-    for i in range(len(rows) if cleared == 0 else 0):
+    count = first_refusal(rows, actions, mode, first, last)
+    for i in range(first, last if count == 0 else first):
+        fetch(rows, i)
         status, rewards[i] = 0, 0.0
         stepped = rows[i, PHASE] != OVER
         if stepped:
             status, rewards[i] = act(rows[i], actions[i], rng_state[i])
-        cleared += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
-    return cleared
+        cleared[first + count] = i  # counts only if it is
+        count += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
+    return count
 
 
 @kernel(nogil=True)
-def step_many_as_told(
+def step_many_instructed(
     rows: Row,
     actions: NDArray[np.int64],
     rng_state: RngState,
-    mode: int,
     images: NDArray[np.uint8],
     directions: NDArray[np.int64],
     rewards: NDArray[np.float64],
     ends: NDArray[np.bool_],
+    cleared: NDArray[np.int64],
+    mode: int,
+    first: int,
+    last: int,
 ) -> int:
     """`step_many` for rows that have room for an instruction."""
-    cleared = first_refusal(rows, actions, mode)
-    for i in range(len(rows) if cleared == 0 else 0):
+    count = first_refusal(rows, actions, mode, first, last)
+    for i in range(first, last if count == 0 else first):
+        fetch(rows, i)
         status, rewards[i] = 0, 0.0
         stepped = rows[i, PHASE] != OVER
         if stepped:
             status, rewards[i] = act_instructed(rows[i], actions[i], rng_state[i])
-        cleared += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
-    return cleared
-
-
-STEPS = step_many, step_many_as_told  # by whether there may be an instruction
+        cleared[first + count] = i  # counts only if it is
+        count += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
+    return count
 
 
 @inline
-def first_refusal(rows: Row, actions: NDArray[np.int64], mode: int) -> int:
+def fetch(rows: Row, i: int) -> None:
+    """Prefetch what worlds further on will be asked for, where all of them are more than the nearest caches hold."""
+    if len(rows) >= MANY:
+        fetch_header(rows[min(i + 2 * LEAD, len(rows) - 1)])
+        fetch_usual(rows[min(i + LEAD, len(rows) - 1)])
+
+
+STEPS = step_many, step_many_instructed  # by whether there may be an instruction
+
+
+@kernel(hold_gil=True)
+def first_refusal(rows: Row, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
     """The complement (~) of the first world that refuses its action or is not to be stepped now; 0 for none."""
-    for i in range(len(rows)):
+    for i in range(first, last):
         phase = rows[i, PHASE]
         ready = phase == PLAYING or (mode == NEXT_STEP and phase == OVER)
         if not ready or actions[i] < 0 or actions[i] >= rows[i, ACTIONS]:
@@ -310,22 +344,29 @@ def finish(
 
 
 @kernel(nogil=True)
-def begin_many(
-    rows: Row,
-    over: NDArray[np.bool_],
-    seen: NDArray[np.bool_],
-    images: NDArray[np.uint8],
-    directions: NDArray[np.int64],
-) -> int:
-    """Start the episodes just laid out, and observe worlds. Returns -1, or the first world whose layout failed."""
+def begin_many(rows: Row, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> int:
+    """Start the episodes just laid out and observe them. Returns -1, or the first world whose layout failed."""
+    for i in worlds:
+        if rows[i, FAILED] != 0:
+            return i
+        rows[i, PHASE] = PLAYING
+        see(rows[i], images[i])
+        directions[i] = rows[i, DIRECTION]
+        if rows[i, TASK] == INSTRUCTED:
+            hand_over(rows[i])
+    return -1
+
+
+@kernel(nogil=True)
+def observe_many(rows: Row, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
+    """Observe the worlds that are to be seen."""
     for i in range(len(rows)):
-        if over[i]:
-            if rows[i, FAILED] != 0:
-                return i
-            rows[i, PHASE] = PLAYING
         if seen[i]:
             see(rows[i], images[i])
             directions[i] = rows[i, DIRECTION]
-        if over[i] and rows[i, TASK] == INSTRUCTED:
-            hand_over(rows[i])
-    return -1
+
+
+@cache
+def _helpers(process: int) -> ThreadPoolExecutor:
+    """The threads of this process that step shares; a forked child has its own."""
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix=f"worlds-{process}")

@@ -5,6 +5,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
+from minihuman.worlds.grid.batch import MIN_SHARE
 
 WORLDS = ("FourRooms-v0", "DoorKey-5x5-v0", "Dynamic-Obstacles-6x6-v0", "Fetch-5x5-N2-v0", "KeyCorridorS3R1-v0")
 N = 5
@@ -101,3 +102,39 @@ def test_a_mission_is_set_in_a_batch_until_the_next_reset():
     assert len(set(batch.reset(seed=0)[0]["mission"])) > 1
     with pytest.raises(WorldError, match="cannot be set"):
         make_both("FourRooms-v0", AutoresetMode.NEXT_STEP)[0].reset(options=options)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("name", ["MiniGrid-FourRooms-v0", "BabyAI-GoToLocal-v0"])
+def test_threads_step_what_one_thread_does(name, mode):
+    alone, together = (
+        gymnasium.make_vec(
+            f"minihuman/{name}",
+            num_envs=3 * MIN_SHARE + 1,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=mode,
+            threads=threads,
+            max_steps=9,
+        )
+        for threads in (1, 3)
+    )
+    assert_same(alone.reset(seed=3)[0], together.reset(seed=3)[0])
+    alone.action_space.seed(1)
+    for _ in range(25):
+        actions = alone.action_space.sample()
+        ours, theirs = together.step(actions), alone.step(actions)
+        assert_same(ours[0], theirs[0])
+        for part in (1, 2, 3):
+            np.testing.assert_array_equal(ours[part], theirs[part])
+    wrong = np.full(alone.num_envs, 7)
+    wrong[:-1] = 0
+    for batch in (alone, together):
+        with pytest.raises(WorldError, match=f"action 7 does not exist in world {alone.num_envs - 1}"):
+            batch.step(wrong)
+
+
+def test_no_thread_at_all_is_refused():
+    with pytest.raises(WorldError, match="threads is 0; give 1 or more, or None for one per core"):
+        gymnasium.make_vec(
+            "minihuman/MiniGrid-FourRooms-v0", num_envs=2, vectorization_mode="vector_entry_point", threads=0
+        )
