@@ -63,7 +63,7 @@ def new(
 
     from minihuman.admin.protocol_file import SCHEMA_FILE, ProtocolDraft, make_study_name
     from minihuman.errors import ProtocolError
-    from minihuman.experiment.protocol.protocol import build_json_schema
+    from minihuman.experiment.protocol.schema import build_json_schema
 
     usual = ProtocolDraft()
     usual = replace(usual, name=make_study_name(name or usual.name), world=world or usual.world)
