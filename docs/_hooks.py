@@ -181,6 +181,8 @@ def _resolve_links(markdown: str, folder: Path) -> str:
             return f"[{text}]({_PAGES[name]}{anchor})"
         if name.startswith("docs/"):
             return f"[{text}]({name.removeprefix('docs/')}{anchor})"
+        if name.endswith(text.strip("`")):
+            return f"`{name}`"
         return text if name in text else f"{text} (`{name}`)"
 
     return _LINK.sub(resolve, markdown)
