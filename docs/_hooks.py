@@ -54,6 +54,12 @@ def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
     return _resolve_links(markdown, _ROOT / "docs")
 
 
+def on_post_page(output: str, **_: Any) -> str:
+    """Mend two things that the theme leaves: a search dialog without a name, and hidden inputs that Tab reaches."""
+    dialog, hidden = 'data-md-component="search" role="dialog"', '<input class="md-option"'
+    return output.replace(dialog, f'{dialog} aria-label="Search"').replace(hidden, f'{hidden} tabindex="-1"')
+
+
 def list_exports(package: str) -> str:
     """Write a reference entry for each name that a package exports."""
     modules: dict[str, str] = import_module(package)._MODULES
