@@ -2,15 +2,21 @@
 
 import re
 import runpy
+import tomllib
 from pathlib import Path
 
+import jsonschema
 import pytest
 from PIL import Image
 
 import minihuman
-from minihuman import ext
+from minihuman import ext, testing
 from minihuman.cli.command_line import SECTIONS
 from minihuman.dataset.table_columns import TABLES
+from minihuman.experiment.activities.registry import list_built_in_kinds
+from minihuman.experiment.protocol.schema import build_json_schema, list_protocol_tables
+from minihuman.log.codec import list_activity_topics
+from minihuman.log.topics import TOPICS
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -61,3 +67,58 @@ def test_the_windows_pictures_are_made_again(tmp_path):
     for path in (folder / name for folder in (pictures, DOCS / "images") for name in names):
         with Image.open(path) as picture:
             assert picture.size == (800, 450)
+
+
+def test_the_reference_has_every_field_of_a_protocol_with_type_default_meaning_and_a_valid_example():
+    reference = runpy.run_path(str(DOCS / "protocol_reference.py"))
+    readme = reference["README"].read_text(encoding="utf-8")
+    assert readme == reference["write_tables"](readme), "run: python docs/protocol_reference.py"
+    schema = build_json_schema()
+    for table, (heading, fields) in list_protocol_tables().items():
+        names = [field.name for field in fields]
+        section = re.split(r"\n#{2,3} ", readme.partition(f" `{heading}`\n")[2])[0]
+        assert [line.split("`")[1] for line in section.splitlines() if line.startswith("| `")] == names, table
+        assert all(field.type and field.default and field.meaning and field.example for field in fields)
+        whole = tomllib.loads("\n".join(f"{field.name} = {field.example}" for field in fields))
+        definition = next(one for one in schema["$defs"].values() if list(one.get("properties", ())) == names)
+        jsonschema.validate(whole, {**definition, "$defs": schema["$defs"]})
+        assert all(definition["properties"][field.name]["description"] == field.meaning for field in fields)
+
+
+def test_the_reference_has_every_topic_and_every_field_of_its_message():
+    pytest.importorskip("mkdocs")
+    written = runpy.run_path(str(DOCS / "_hooks.py"))["list_topics"]("")
+    for topic in (*TOPICS, *list_activity_topics(list_built_in_kinds())):
+        section = written.partition(f"## {topic.name}\n")[2].partition("\n## ")[0]
+        fields = [field.name for field in topic.message.DESCRIPTOR.fields]
+        if topic.is_preview:
+            assert all(f"`{name}`" in section for name in fields)
+        else:
+            rows = [line.split("|") for line in section.splitlines() if line.startswith("| `")]
+            assert [row[1].strip(" `") for row in rows] == fields, topic.name
+            assert all(row[3].strip() for row in rows)
+    for name in ("EpisodePlan", "KeyMap", "Map", "Participant", "Pose"):
+        assert f"### {name}\n" in written
+
+
+def test_the_reference_has_every_kind_of_plug_in():
+    pytest.importorskip("mkdocs")
+    hooks = runpy.run_path(str(DOCS / "_hooks.py"))
+    written = hooks["list_ports"]("")
+    groups = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
+    assert {name.removeprefix("minihuman.") for name in groups} == hooks["PORTS"].keys() - {"worlds"}
+    for group, plugins in groups.items():
+        section = written.partition(f"## {group.removeprefix('minihuman.')}\n")[2].partition("\n## ")[0]
+        assert all(f"`{name}`" in section for name in plugins), group
+    assert {check for _, _, check in hooks["PORTS"].values()} == {one for one in testing.__all__ if "check" in one}
+    assert {name for _, name, _ in hooks["PORTS"].values()} <= set(ext.__all__)
+
+
+def test_the_glossary_is_in_order_and_each_word_has_a_sentence_and_a_link():
+    rows = re.findall(r"^\| (.+?) \| (.+) \|$", (DOCS / "glossary.md").read_text(encoding="utf-8"), re.MULTILINE)[1:]
+    rows = [(word, said) for word, said in rows if not word.startswith("-")]
+    words = [word for word, _ in rows]
+    assert words == sorted(words, key=str.casefold)
+    assert len(words) == len(set(words)) > 40
+    for word, said in rows:
+        assert re.fullmatch(r"[A-Z][^|]+\(\[[^\]]+\]\([^)]+\.md[^)]*\)(, \[[^\]]+\]\([^)]+\.md\))*\)\.", said), word

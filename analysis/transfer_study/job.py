@@ -3,7 +3,6 @@ place and frozen, or as the published code did it.
 """
 
 import contextlib
-import fcntl
 import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,6 +21,7 @@ from minihuman.learn.policy.file import PolicyCard, get_versions, read_policy_fi
 from minihuman.learn.policy.network import ACTOR_HEAD, EncoderName
 from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.learn.ppo import LeanPpo, TrainingEnv, TrainingHistory, TrainingPoint, make_ppo, train_ppo
+from minihuman.operating_system import lock_descriptor
 from transfer_study.plan import SOURCE, ProtocolName, TransferJob
 
 
@@ -320,7 +320,7 @@ def _sole(folder: Path) -> Iterator[None]:
     """Hold a job's folder; the lock is the kernel's and ends with the process, however that ends."""
     with (folder / LOCK).open("w") as file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_descriptor(file.fileno(), wait=False)
         except BlockingIOError:
             raise LearnError(f"{folder} is being trained by another process; let it end first") from None
         yield

@@ -4,6 +4,7 @@ The log is append-only and fsynced, one line per entry. Two stations that share 
 slot: a slot is taken under an exclusive lock of the file. Lines of kinds that other programs add are passed over.
 """
 
+import os
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from itertools import count
@@ -38,6 +39,7 @@ from minihuman.experiment.plan.expansion import (
 )
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.operating_system import find_case_twin
 
 
 def take_slot(
@@ -62,9 +64,14 @@ def take_slot(
 
     Raises:
         AllocationError: if every slot is taken, the code is no code, the participant's group is another,
-            or the study began with another allocation list.
+            the study began with another allocation list, or another study's name differs in case only.
     """
     slots = build_allocation_list(protocol)
+    if study_dir.parent.is_dir() and (twin := find_case_twin(study_dir.name, os.listdir(study_dir.parent))):
+        raise AllocationError(
+            f"study {study_dir.name!r} would share its folder with {twin!r} on Windows and macOS; rename the study, "
+            "or choose another folder with --data"
+        )
     study_dir.mkdir(parents=True, exist_ok=True)
     with open_enrolment_log(study_dir).hold() as register:
         holders = _SlotHolders(register.lines)

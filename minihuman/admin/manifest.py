@@ -18,8 +18,8 @@ from minihuman.dataset.caches import is_cache
 from minihuman.errors import LogError, name_file_in_errors
 from minihuman.log.integrity import CHAIN_KEY
 from minihuman.log.paths import require_folder, study_folder
-from minihuman.log.record.file_lock import sync_folder
 from minihuman.log.salvage.summary_section import read_summary
+from minihuman.operating_system import replace_file, sync_file, sync_folder
 
 MANIFEST_FILE_NAME = "seal.json"
 _UNFINISHED = f"{MANIFEST_FILE_NAME}.part"
@@ -84,8 +84,8 @@ def write_manifest(study: Path) -> StudyManifest:
         with name_file_in_errors(unfinished), unfinished.open("wb") as file:
             file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
             file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(study / MANIFEST_FILE_NAME)
+            sync_file(file.fileno())
+        replace_file(unfinished, study / MANIFEST_FILE_NAME)
     finally:
         unfinished.unlink(missing_ok=True)
     sync_folder(study)

@@ -20,6 +20,7 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
 from minihuman.log.paths import study_folder
 from minihuman.log.read.session_reader import list_session_files
+from minihuman.operating_system import replace_file, sync_file
 from minihuman.worlds.adapters.world import World
 
 POLICIES_FOLDER = "policies"
@@ -46,8 +47,8 @@ class PolicyStore:
             with unfinished.open("wb") as file:
                 file.write(content)
                 file.flush()
-                os.fsync(file.fileno())
-            unfinished.replace(path)
+                sync_file(file.fileno())
+            replace_file(unfinished, path)
         return sha256
 
     def path(self, sha256: str) -> Path:

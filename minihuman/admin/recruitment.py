@@ -19,6 +19,7 @@ from typing import Any
 import msgspec
 
 from minihuman.dataset.journal import ARRIVALS_FILE_NAME, Journal, LockedJournal, find_database_url, open_journal
+from minihuman.operating_system import open_file, sync_file
 
 IDS_FILE_NAME = "platform-ids.jsonl"
 SECRET_FILE_NAME = "arrivals.secret"
@@ -226,10 +227,10 @@ def _secret_in(path: Path) -> bytes:
     while not path.exists():
         made = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        fd = os.open(made, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, _OWNER_ONLY)
+        fd = open_file(made, os.O_CREAT | os.O_EXCL | os.O_WRONLY, _OWNER_ONLY)
         try:
             os.write(fd, secrets.token_bytes(32))
-            os.fsync(fd)
+            sync_file(fd)
         finally:
             os.close(fd)
         with suppress(FileExistsError):

@@ -13,7 +13,7 @@ from pathlib import Path
 from minihuman.dataset.withdrawals import read_withdrawn_codes
 from minihuman.errors import LogError
 from minihuman.log.paths import LOG_SUFFIX, study_folder
-from minihuman.log.record.file_lock import sync_folder
+from minihuman.operating_system import replace_file, sync_file, sync_folder
 
 STORE_URL_FILE_NAME = "logs.url"
 _S3 = "s3://"
@@ -96,7 +96,7 @@ def open_remote_store(data: Path) -> RemoteStore | None:
     path = data / STORE_URL_FILE_NAME
     if not path.is_file():
         return None
-    url = path.read_text().strip()
+    url = path.read_text(encoding="utf-8").strip()
     if url.startswith(_S3):
         from minihuman.admin.s3_store import S3Store
 
@@ -178,8 +178,8 @@ def _copy_durably(path: Path, to: Path) -> None:
         with path.open("rb") as source, beside.open("wb") as target:
             shutil.copyfileobj(source, target)
             target.flush()
-            os.fsync(target.fileno())
-        beside.replace(to)
+            sync_file(target.fileno())
+        replace_file(beside, to)
     finally:
         beside.unlink(missing_ok=True)
     sync_folder(to.parent)

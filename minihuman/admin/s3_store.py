@@ -10,6 +10,7 @@ from boto3.exceptions import S3UploadFailedError
 from botocore.exceptions import BotoCoreError, ClientError
 
 from minihuman.admin.remote_store import RemoteStore, RemoteStoreError
+from minihuman.operating_system import replace_file
 
 
 class S3Store(RemoteStore):
@@ -36,7 +37,7 @@ class S3Store(RemoteStore):
         with self._said(f"{name} cannot be fetched from"):
             try:
                 self._client.download_file(self._bucket, self._prefix + name, str(beside))
-                beside.replace(path)
+                replace_file(beside, path)
             finally:
                 beside.unlink(missing_ok=True)
 

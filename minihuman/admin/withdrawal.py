@@ -5,7 +5,6 @@ the tombstone on the participant is excluded, whatever happens to the files.
 """
 
 import hashlib
-import os
 import shutil
 import zipfile
 from collections.abc import Iterator
@@ -23,7 +22,8 @@ from minihuman.dataset.withdrawals import read_withdrawn_codes
 from minihuman.errors import AllocationError, name_output_when_full
 from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
-from minihuman.log.record.file_lock import is_being_recorded, sync_folder
+from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.operating_system import sync_file, sync_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> 
                 for path in files:
                     sealed.write(path, path.relative_to(study_dir))
             file.flush()
-            os.fsync(file.fileno())
+            sync_file(file.fileno())
         sync_folder(archive.parent)
         with archive.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()

@@ -175,12 +175,11 @@ def watch(
 
     Example: minihuman watch sessions/fourrooms-transfer
     """
-    import os
-
+    from minihuman.operating_system import lower_process_priority
     from minihuman.runtime.watch.dashboard import DashboardServer
 
     server = DashboardServer(study, port)
-    os.nice(10)  # the sessions come first
+    lower_process_priority()  # the sessions come first
     print(f"open {server.url}   (Ctrl-C ends it; the sessions go on)", flush=True)
     try:
         server.serve()

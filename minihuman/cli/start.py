@@ -63,7 +63,7 @@ def new(
 
     from minihuman.admin.protocol_file import SCHEMA_FILE, ProtocolDraft, make_study_name
     from minihuman.errors import ProtocolError
-    from minihuman.experiment.protocol.protocol import build_json_schema
+    from minihuman.experiment.protocol.schema import build_json_schema
 
     usual = ProtocolDraft()
     usual = replace(usual, name=make_study_name(name or usual.name), world=world or usual.world)
@@ -73,8 +73,8 @@ def new(
         raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
     text = draft.toml()
     folder.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
-    (folder / SCHEMA_FILE).write_text(json.dumps(build_json_schema(), indent=1) + "\n", encoding="utf-8")
+    path.write_text(text, encoding="utf-8", newline="\n")
+    (folder / SCHEMA_FILE).write_text(json.dumps(build_json_schema(), indent=1) + "\n", encoding="utf-8", newline="\n")
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman run {path} --windowed")
 
 
@@ -192,13 +192,13 @@ def play(
     Example: minihuman play minihuman/MiniGrid-FourRooms-v0
     """
     from contextlib import closing
-    from time import monotonic_ns
+    from time import perf_counter_ns
 
     from minihuman.display.windows.blocking_window import open_window
     from minihuman.runtime.free_play import FreePlay, run_free_play
 
-    with closing(open_window(window, monotonic_ns, fullscreen=fullscreen)) as opened:
-        run_free_play(FreePlay(world_id, seed, view.value, palette.value), opened, monotonic_ns)
+    with closing(open_window(window, perf_counter_ns, fullscreen=fullscreen)) as opened:
+        run_free_play(FreePlay(world_id, seed, view.value, palette.value), opened, perf_counter_ns)
 
 
 def worlds(json: JsonOption = False) -> None:

@@ -20,7 +20,8 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from minihuman.errors import LogError, name_file_in_errors
-from minihuman.log.record.file_lock import is_file_at, lock_file, sync_folder
+from minihuman.log.record.file_lock import is_file_at, lock_file
+from minihuman.operating_system import open_file, read_at, replace_file, sync_file, sync_folder
 
 Line = TypeVar("Line")
 LineDecoder = Callable[[bytes, int], Line | None]  # a line's bytes and its number; None for one that is passed over
@@ -183,7 +184,7 @@ class FileJournal(Journal[Line]):
         self._path.parent.mkdir(parents=True, exist_ok=True)
         while True:
             with name_file_in_errors(self._path):
-                fd = os.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, self._mode)
+                fd = open_file(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)
                 try:
                     lock_file(fd, self._path)
                     if is_file_at(
@@ -202,12 +203,12 @@ class FileJournal(Journal[Line]):
         with self.hold():
             kept = [line for line in self._path.read_bytes().splitlines() if wanted(line)]
             beside = self._path.with_name(f"{self._path.name}.new")
-            fd = os.open(beside, os.O_CREAT | os.O_TRUNC | os.O_WRONLY | os.O_CLOEXEC, self._mode)
+            fd = open_file(beside, os.O_CREAT | os.O_TRUNC | os.O_WRONLY, self._mode)
             with os.fdopen(fd, "wb") as file:
                 file.write(b"".join(line + b"\n" for line in kept))
                 file.flush()
-                os.fsync(file.fileno())
-            beside.replace(self._path)
+                sync_file(file.fileno())
+            replace_file(beside, self._path)
             sync_folder(self._path.parent)
 
     def _forget(self) -> None:
@@ -226,12 +227,12 @@ class FileJournal(Journal[Line]):
             size, mtime_ns = self._seen
             rewritten = now.st_size == size and now.st_mtime_ns != mtime_ns
             another = (now.st_dev, now.st_ino) != self._which
-            if rewritten or another or os.pread(fd, len(self._last), self._seen_from) != self._last:
+            if rewritten or another or read_at(fd, len(self._last), self._seen_from) != self._last:
                 self._forget()
                 self._which = now.st_dev, now.st_ino
             self._seen = now.st_size, now.st_mtime_ns
             data = b""
-            while piece := os.pread(fd, 1 << 20, self._at + len(data)):
+            while piece := read_at(fd, 1 << 20, self._at + len(data)):
                 data += piece
             whole, _, rest = data.rpartition(b"\n") if b"\n" in data else (b"", b"", data)
             found = whole.split(b"\n") if b"\n" in data else []
@@ -266,7 +267,7 @@ class _LockedFile(LockedJournal[Line]):
     def append(self, *lines: Line) -> None:
         """Write them behind the others, all or none; a line that a crash cut off is finished first."""
         size = os.fstat(self._fd).st_size
-        start = os.pread(self._fd, _LONGEST, max(0, size - _LONGEST)).rpartition(b"\n")[2]
+        start = read_at(self._fd, _LONGEST, max(0, size - _LONGEST)).rpartition(b"\n")[2]
         end = b"" if not start else b"\n"
         if start and self._chain is not None:
             end = (
@@ -280,7 +281,7 @@ class _LockedFile(LockedJournal[Line]):
         try:
             while data:
                 data = data[os.write(self._fd, data) :]
-            os.fsync(self._fd)
+            sync_file(self._fd)
         except OSError:
             with suppress(OSError):
                 os.ftruncate(self._fd, size)
@@ -316,7 +317,7 @@ def find_database_url(study_dir: Path) -> str:
     path = study_dir.parent / URL_FILE_NAME
     if not path.is_file() or any((study_dir / name).exists() for name in (ENROLMENT_FILE_NAME, ARRIVALS_FILE_NAME)):
         return ""
-    return path.read_text().strip()
+    return path.read_text(encoding="utf-8").strip()
 
 
 @cache

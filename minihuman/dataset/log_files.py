@@ -21,6 +21,7 @@ from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import read_first_metadata
+from minihuman.operating_system import count_processes
 
 T = TypeVar("T")
 _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
@@ -139,7 +140,7 @@ def map_logs(
     raise LogError or ProtocolError: that session is skipped. Only a few results are held at a time.
     """
     paths, each = list(paths), partial(_work_on_each, work=work)
-    others = min(processes or os.cpu_count() or 1, len(paths) // _MIN_LOGS_PER_PROCESS + 1) - 1
+    others = min(processes or count_processes(), len(paths) // _MIN_LOGS_PER_PROCESS + 1) - 1
     if not others:
         yield from (_work_on(path, work) for path in paths)
         return

@@ -72,7 +72,7 @@ def write_tables(
         folder / "datapackage.json": build_data_package("minihuman-tables", files, without=without),
     }
     for path, content in described.items():
-        path.write_text(json.dumps(content, indent=1) + "\n")
+        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
     for name in names:
         columns = arrow_schema(name, without=without)
         writers = [_WRITERS[kind](folder / f"{name}.{kind}", columns) for kind in kinds]

@@ -43,7 +43,9 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     if first is None:
         return replace(written, paths=())
     path = out / "croissant.json"
-    path.write_text(json.dumps(_description(first, out), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    path.write_text(
+        json.dumps(_description(first, out), indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n"
+    )
     return replace(written, paths=(*written.paths, path))
 
 

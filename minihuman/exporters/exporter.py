@@ -69,7 +69,7 @@ class ExportCard:
     def write(self, out: Path, written: ExportResult) -> Path:
         """Write the card into the export's folder."""
         path = out / "README.md"
-        path.write_text(self._text(out, written))
+        path.write_text(self._text(out, written), encoding="utf-8", newline="\n")
         return path
 
     def _text(self, out: Path, written: ExportResult) -> str:

@@ -22,12 +22,12 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     if first is None:
         return replace(written, paths=())
     path = out / "datapackage.json"
-    package = json.loads(path.read_text())
+    package = json.loads(path.read_text(encoding="utf-8"))
     for resource in package["resources"]:
         content = (out / resource["path"]).read_bytes()
         resource |= {"bytes": len(content), "hash": f"sha256:{hashlib.sha256(content).hexdigest()}"}
     package |= {"name": first.study, **get_package_properties(get_plan_study_facts(first))}
-    path.write_text(json.dumps(package, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(package, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
     return written
 
 

@@ -198,4 +198,4 @@ def _settle(written: Path, path: Path, features: datasets.Features) -> None:
         "_output_all_columns": False,
         "_split": None,
     }
-    (path / "state.json").write_text(json.dumps(state, indent=2, sort_keys=True))
+    (path / "state.json").write_text(json.dumps(state, indent=2, sort_keys=True), encoding="utf-8", newline="\n")

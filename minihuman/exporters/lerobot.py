@@ -342,7 +342,7 @@ class _Dataset:
             meta / "tasks.parquet"
         )
         totals = {name: total.statistics() for name, total in self._totals.items()}
-        (meta / "stats.json").write_text(json.dumps(totals, indent=4))
+        (meta / "stats.json").write_text(json.dumps(totals, indent=4), encoding="utf-8", newline="\n")
         info = {
             "codebase_version": FORMAT_VERSION,
             "robot_type": "minihuman",
@@ -358,8 +358,10 @@ class _Dataset:
             "video_path": None,
             "features": self.features,
         }
-        (meta / "info.json").write_text(json.dumps(info, indent=4))
-        (self.root / "README.md").write_text(build_card(self._about, self._world, info, list(self._tasks)))
+        (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
+        (self.root / "README.md").write_text(
+            build_card(self._about, self._world, info, list(self._tasks)), encoding="utf-8", newline="\n"
+        )
 
 
 def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:

@@ -123,7 +123,9 @@ def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedE
 def _namespace(folder: Path, description: str) -> None:
     if not folder.exists():
         folder.mkdir(parents=True)
-        (folder / "namespace_metadata.json").write_text(json.dumps({"description": description}))
+        (folder / "namespace_metadata.json").write_text(
+            json.dumps({"description": description}), encoding="utf-8", newline="\n"
+        )
 
 
 def _description(item: IncludedEpisode, about: AboutSpec, *, recoverable: bool) -> str:

@@ -32,7 +32,9 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         name = f"study-{make_label(first.study)}_description-{make_label(table)}_data.csv"
         files.append((out / "data" / f"{table}.csv").rename(out / "data" / name))
     described = out / "dataset_description.json"
-    described.write_text(json.dumps(_description(first), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    described.write_text(
+        json.dumps(_description(first), indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n"
+    )
     return replace(written, paths=(*files, described, out / "dictionary.json"))
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from minihuman.errors import LogError, MinihumanError
+from minihuman.operating_system import explain_unportable_name, open_without_waiting
 
 if TYPE_CHECKING:
     from minihuman.experiment.plan.session_plan import SessionPlan
@@ -28,7 +29,7 @@ def open_regular_file(path: Path) -> BinaryIO:
         LogError: if it cannot be opened, or is a pipe, a device or anything else that is not a regular file.
     """
     try:
-        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # opening a pipe would wait for its writer
+        fd = open_without_waiting(path)
         if stat.S_ISREG(os.fstat(fd).st_mode):
             return os.fdopen(fd, "rb")
         os.close(fd)
@@ -79,6 +80,8 @@ class SegmentPath:
                     f"{what} {name!r} cannot name a folder; "
                     "use letters, digits, '-', '_' and '.', the first a letter or a digit"
                 )
+            if reason := explain_unportable_name(name):
+                raise LogError(f"{what} {name!r} cannot name a folder on every system: {reason}; choose another name")
         folder = session_folder(data, plan.study, plan.participant.id, plan.session)
         stem = f"{plan.participant.id}_ses-{plan.session:02d}"
         tag = "" if plan.segment == 1 else f"_seg-{plan.segment:02d}"

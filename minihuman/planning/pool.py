@@ -5,7 +5,6 @@ faster and gives the same keys; elsewhere through the same sessions and logs as 
 """
 
 import multiprocessing
-import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +21,7 @@ from minihuman.errors import ReportError
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.operating_system import count_processes
 from minihuman.runtime.simulated_session import simulate
 from minihuman.simulation.participant import SimulatedParticipant, make_participant
 from minihuman.worlds.adapters.world import World
@@ -112,7 +112,7 @@ def simulate_pool(
         ReportError: if they play no such block.
     """
     group = decode_protocol(toml, "protocol").groups[-1].name
-    workers = min(processes or os.cpu_count() or 1, people)
+    workers = min(processes or count_processes(), people)
     shares = [(len(part), seed * 1_000 + number) for number, part in enumerate(np.array_split(range(people), workers))]
     work = partial(_play_share, toml, group, player)
     if workers == 1:

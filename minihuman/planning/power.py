@@ -175,7 +175,7 @@ def describe_power(pool: ParticipantPool, effect: Effect, found: Sequence[PowerE
 def write_power(found: Sequence[PowerEstimate], out: Path) -> tuple[Path, ...]:
     """Write ``power.csv`` and the figure ``power``."""
     out.mkdir(parents=True, exist_ok=True)
-    with (out / "power.csv").open("w", newline="") as file:
+    with (out / "power.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(("measure", "participants_a_group", "power", "low", "high", "studies"))
         table.writerows((one.measure, one.participants, one.power, one.low, one.high, one.studies) for one in found)

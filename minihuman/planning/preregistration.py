@@ -43,7 +43,7 @@ def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, pow
     """
     if path.exists():
         raise ReportError(f"{path} already exists and is not overwritten; choose another file with --out")
-    path.write_text(build_preregistration(protocol, plan, power), encoding="utf-8")
+    path.write_text(build_preregistration(protocol, plan, power), encoding="utf-8", newline="\n")
     return path
 
 

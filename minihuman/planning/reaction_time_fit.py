@@ -102,7 +102,7 @@ def describe_fits(found: list[FittedParticipant]) -> Iterator[str]:
 
 def write_fits(found: list[FittedParticipant], path: Path) -> Path:
     """Write all values and intervals as CSV."""
-    with path.open("w", newline="") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(("participant", "parameter", "value", "low", "high", "presses", "held_out_bits"))
         for one in found:

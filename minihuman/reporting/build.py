@@ -107,7 +107,7 @@ def build_report(sessions: StudySessions, out: Path, templates: Path | None = No
         papers=is_published_study([one.protocol_sha256 for one in outlines]),
     )
     whole = out / "report.html"
-    whole.write_text(build_page(facts, found, templates), encoding="utf-8")
+    whole.write_text(build_page(facts, found, templates), encoding="utf-8", newline="\n")
     return (whole, *tables, *(figure.path for figure in figures))
 
 

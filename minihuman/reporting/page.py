@@ -58,7 +58,7 @@ PUBLISHED_SOURCE = "Chevalier-Boisvert et al. (2023), Minigrid & Miniworld"
 
 def read_published_subjects() -> pd.DataFrame:
     """One row per subject: group, subject, reward_mean."""
-    with (files("minihuman.reporting") / "data" / "published.csv").open() as file:
+    with (files("minihuman.reporting") / "data" / "published.csv").open(encoding="utf-8") as file:
         return pd.read_csv(file)
 
 

@@ -10,6 +10,7 @@ from typing import Literal
 import msgspec
 
 from minihuman.log.paths import LOG_SUFFIX
+from minihuman.operating_system import sync_file
 
 CommandKind = Literal["pause", "go_on", "abort", "note"]
 
@@ -32,7 +33,7 @@ def send_command(log: Path, request: CommandRequest) -> None:
     with inbox_path(log).open("ab") as file:
         file.write(msgspec.json.encode(request) + b"\n")
         file.flush()
-        os.fsync(file.fileno())
+        sync_file(file.fileno())
 
 
 class CommandInbox:

@@ -23,6 +23,7 @@ from minihuman.errors import WindowError
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.operating_system import sync_file
 from minihuman.worlds.adapters.world import World
 
 _STEPS = 60
@@ -35,7 +36,7 @@ def _times_ms(window: BlockingWindow, block: BlockSpec, world: World) -> list[fl
     for number in range(_STEPS):
         if over:
             world.reset(number)
-        started_ns = time.monotonic_ns()
+        started_ns = time.perf_counter_ns()
         happened = world.step(world.action_names.index(next(actions)))
         picture = world.frame(block.view, window.picture_px, block.palette)
         flip_ns = window.show(PlayScreen(picture, "measuring this study's pictures", block.name, step=number)).flip_ns
@@ -106,14 +107,14 @@ def _versions() -> Finding:
 
 
 def _clock_resolution() -> Finding:
-    resolution_ns = time.get_clock_info("monotonic").resolution * 1e9
+    resolution_ns = time.get_clock_info("perf_counter").resolution * 1e9
     coarse = "its clock ticks slower than once a millisecond" if resolution_ns > 1e6 else ""
     return Finding("clock", f"monotonic, {resolution_ns:.0f} ns", coarse)
 
 
 def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
     try:
-        window = open_window(name, time.monotonic_ns, fullscreen=fullscreen)
+        window = open_window(name, time.perf_counter_ns, fullscreen=fullscreen)
     except WindowError as error:
         yield Finding("display", str(error), "no window can be opened")
         return
@@ -162,14 +163,14 @@ def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
         sent_ns: list[int] = []
 
         def send(sent_ns: list[int] = sent_ns) -> None:
-            sent_ns.append(time.monotonic_ns())
+            sent_ns.append(time.perf_counter_ns())
             window.post_key("space")
 
         finger = threading.Timer(0.02, send)
         finger.start()
-        until_ns = time.monotonic_ns() + 2_000_000_000
+        until_ns = time.perf_counter_ns() + 2_000_000_000
         while not any(isinstance(happened, KeyDown) for happened in window.wait(until_ns)):
-            assert time.monotonic_ns() < until_ns, "a key put into the toolkit's queue did not come out of it"
+            assert time.perf_counter_ns() < until_ns, "a key put into the toolkit's queue did not come out of it"
         late_ms.append((window.show(screen).flip_ns - sent_ns[0]) / 1e6)
         finger.join()
     return late_ms
@@ -193,9 +194,9 @@ def _disk(data: Path) -> Iterator[Finding]:
         for _ in range(_SYNCS):
             file.write(os.urandom(_SYNC_BYTES))
             file.flush()
-            started_ns = time.monotonic_ns()
-            os.fsync(file.fileno())
-            times_ms.append((time.monotonic_ns() - started_ns) / 1e6)
+            started_ns = time.perf_counter_ns()
+            sync_file(file.fileno())
+            times_ms.append((time.perf_counter_ns() - started_ns) / 1e6)
     median, p99 = np.percentile(times_ms, (50, 99))
     slow = f"1 fsync in 100 takes over {_SLOWEST_SYNC_MS:.0f} ms under {data}" if p99 > _SLOWEST_SYNC_MS else ""
     yield Finding("fsync", f"median {median:.2f} ms, 99 % {p99:.2f} ms, worst {max(times_ms):.2f} ms", slow)

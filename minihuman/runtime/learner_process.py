@@ -5,18 +5,20 @@ ended when its time is over; the next request starts another.
 """
 
 import json
-import os
-import selectors
+import queue
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from typing import IO
 
 from minihuman.experiment.activities.preferences import EpisodeClip
 
 LEARNER_COMMAND = ("-m", "minihuman.learn.teaching.learner_main")
+_LAST_LINE_TIMEOUT_S = 5.0  # a process that has died may leave its pipe to others
 FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has to start
 
 
@@ -53,7 +55,8 @@ class LearnerProcess:
         self._command = [sys.executable, *command]
         self._process: subprocess.Popen[bytes] | None = None
         self._until_s: float | None = None  # the question's last moment
-        self._heard = b""
+        self._answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._reader: threading.Thread | None = None
 
     @property
     def busy(self) -> bool:
@@ -73,8 +76,11 @@ class LearnerProcess:
             self._process = subprocess.Popen(
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
             )
-            assert self._process.stdout is not None
-            os.set_blocking(self._process.stdout.fileno(), False)
+            self._answers = queue.SimpleQueue()
+            self._reader = threading.Thread(
+                target=_read_lines, args=(self._process.stdout, self._answers), name="minihuman-learner", daemon=True
+            )
+            self._reader.start()
 
     def ask(self, request: LearnerRequest) -> None:
         """Ask for a policy."""
@@ -82,7 +88,8 @@ class LearnerProcess:
         self.start()
         assert self._process is not None
         assert self._process.stdin is not None
-        self._heard = b""
+        while not self._answers.empty():  # to an earlier question
+            self._answers.get()
         self._until_s = time.monotonic() + request.budget_s + (FIRST_ANSWER_TIMEOUT_S if fresh else 0.0)
         with suppress(OSError):  # of a process that has died, as the answer will say
             self._process.stdin.write(json.dumps(asdict(request)).encode() + b"\n")
@@ -92,28 +99,27 @@ class LearnerProcess:
         """What came of the question; None: nothing yet. With ``patient`` this waits for it."""
         assert self._until_s is not None, "nothing was asked"
         while True:
-            found = self._look()
+            found = self._look(0.2 if patient else 0.0)
             if found is not None:
                 self._until_s = None
                 return found
             if not patient:
                 return None
-            self._wait(0.2)
 
     def close(self) -> None:
         """End the process."""
         self._end()
         self._until_s = None
 
-    def _look(self) -> LearnerAnswer | None:
+    def _look(self, timeout_s: float) -> LearnerAnswer | None:
         assert self._process is not None
-        assert self._process.stdout is not None
+        assert self._reader is not None
         assert self._until_s is not None
         died = self._process.poll()
-        self._heard += self._process.stdout.read() or b""
-        line, newline, _ = self._heard.partition(b"\n")
-        if newline:
-            return _read(line)
+        if died is not None:
+            self._reader.join(_LAST_LINE_TIMEOUT_S)
+        with suppress(queue.Empty):
+            return _read(self._answers.get(timeout=timeout_s) if timeout_s else self._answers.get_nowait())
         if died is not None:
             self._end()
             return LearnerAnswer("", f"the learner died ({_describe_exit(died)})")
@@ -122,23 +128,24 @@ class LearnerProcess:
             return LearnerAnswer("", "the learner took too long and was ended")
         return None
 
-    def _wait(self, timeout_s: float) -> None:
-        assert self._process is not None
-        assert self._process.stdout is not None
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._process.stdout, selectors.EVENT_READ)
-            selector.select(timeout_s)
-
     def _end(self) -> None:
         if self._process is None:
             return
         self._process.kill()
         self._process.wait()
+        if self._reader is not None:
+            self._reader.join(_LAST_LINE_TIMEOUT_S)
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 with suppress(OSError):  # of what could not be written any more
                     stream.close()
         self._process = None
+
+
+def _read_lines(stream: IO[bytes], lines: "queue.SimpleQueue[bytes]") -> None:
+    for line in stream:
+        if line.endswith(b"\n"):  # else the process died over it
+            lines.put(line)
 
 
 def _read(line: bytes) -> LearnerAnswer:

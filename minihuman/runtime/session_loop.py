@@ -4,13 +4,10 @@ Every effect is here; every decision is the session's.
 """
 
 import logging
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 from minihuman.display.windows.window import Clock, Window
 from minihuman.errors import LogError
@@ -20,6 +17,7 @@ from minihuman.experiment.machine.inputs import ExperimenterCommand, Input, KeyD
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.log.record.recorder import Recorder
+from minihuman.operating_system import receive_end_signals
 from minihuman.runtime.command_inbox import CommandInbox
 
 LOG = logging.getLogger("minihuman")
@@ -57,7 +55,8 @@ def run_session(
         Exception: what the window or a bug of ours raised.
     """
     loop = _SessionLoop(session, window, recorder, clock, inbox, agent)
-    with _signals(loop):  # up to the end: a second Ctrl-C must not break the log off while it is being finished
+    # Up to the end: a second Ctrl-C must not break the log off while it is being finished.
+    with receive_end_signals(loop.note_signal):
         try:
             with _short_switch_interval():
                 try:
@@ -104,6 +103,10 @@ class _SessionLoop:
         self._look_ns = 0  # when to read the inbox again
         self._shown: Screen | None = None
         self._failed = False
+
+    def note_signal(self, name: str) -> None:
+        """Have the session end at its next input, because of a signal."""
+        self.signal_name = name
 
     def run(self) -> None:
         """Run until the session is over."""
@@ -211,24 +214,3 @@ def _short_switch_interval() -> Iterator[None]:
         yield
     finally:
         sys.setswitchinterval(before)
-
-
-@contextmanager
-def _signals(loop: _SessionLoop) -> Iterator[None]:
-    """SIGINT, SIGTERM and SIGHUP (the terminal was closed) end the session instead of the process.
-
-    Only the main thread receives signals.
-    """
-
-    def remember(number: int, _: FrameType | None) -> None:
-        loop.signal_name = signal.Signals(number).name
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, remember) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

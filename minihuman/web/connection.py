@@ -196,7 +196,7 @@ class Connection:
         self._hosted = hosted
         self._inbox = inbox
         self._closed = False  # its log is
-        self._zero_ns = time.monotonic_ns() - (time.time_ns() - hosted.started_ns)
+        self._zero_ns = time.perf_counter_ns() - (time.time_ns() - hosted.started_ns)
         self._incoming = IncomingStream()
         self._stream = ""
         self.loop = asyncio.get_running_loop()
@@ -219,7 +219,7 @@ class Connection:
 
     def now_ns(self) -> int:
         """The session's time, by the server's clock."""
-        return time.monotonic_ns() - self._zero_ns
+        return time.perf_counter_ns() - self._zero_ns
 
     def greet(self, hello: messages.Hello) -> tuple[messages.Welcome, int]:
         """Welcome a page on a new socket; return the answer and the last of our messages that it has."""

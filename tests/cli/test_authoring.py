@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.experiment.protocol.protocol import build_json_schema
+from minihuman.experiment.protocol.schema import build_json_schema
 from minihuman.worlds.catalogue import WORLDS
 from tests.seats.session_typist import agree, enter_at, until
 from tests.xserver import Typist

@@ -32,7 +32,6 @@ from minihuman.experiment.protocol.specs import (
     check_each_override,
 )
 from minihuman.experiment.protocol.validation_errors import (
-    INTERNAL_FIELDS,
     FieldError,
     build_protocol_error,
     find_structural_errors,
@@ -404,12 +403,3 @@ def list_old_names(protocol: Protocol, source: str) -> list[str]:
     text = protocol.toml.decode("utf-8-sig")
     tree = tomllib.loads(text)
     return format_field_errors(use_current_names(tree).renamed, source=source, text=text, tree=tree)
-
-
-def build_json_schema() -> dict[str, Any]:
-    """The schema (draft 2020-12) of what ``decode`` takes."""
-    schema = msgspec.json.schema(Protocol)
-    definition = schema["$defs"]["Protocol"]
-    for name in INTERNAL_FIELDS:
-        definition["properties"].pop(name, None)
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "minihuman protocol", **schema}

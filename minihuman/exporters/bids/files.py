@@ -51,7 +51,7 @@ def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, An
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = ["\t".join(columns)] if header else []
     lines += ["\t".join(_cell(row.get(column)) for column in columns) for row in rows]
-    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8", newline="\n")
     return path
 
 
@@ -59,7 +59,7 @@ def write_json(path: Path, value: Mapping[str, Any]) -> Path:
     """Write what has a value; None, "" and empty lists are excluded."""
     path.parent.mkdir(parents=True, exist_ok=True)
     said = {name: part for name, part in value.items() if part not in (None, "", [], {})}
-    path.write_text(json.dumps(said, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(said, indent=2, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
     return path
 
 

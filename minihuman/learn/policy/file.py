@@ -1,6 +1,5 @@
 """A policy file: its weights, and everything needed to know where it may play and how it was made."""
 
-import os
 import platform
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
@@ -16,6 +15,7 @@ from minihuman import __version__
 from minihuman.errors import LearnError
 from minihuman.learn.policy.network import ACTOR_HEAD, EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import ObservationEncoder
+from minihuman.operating_system import replace_file, sync_file
 
 FORMAT = 1
 
@@ -118,12 +118,12 @@ def save_atomically(value: Any, path: Path) -> None:
     with unfinished.open("wb") as file:
         torch.save(value, file)
         file.flush()
-        os.fsync(file.fileno())
-    unfinished.replace(path)
+        sync_file(file.fileno())
+    replace_file(unfinished, path)
 
 
 def write_atomically(text: str, path: Path) -> None:
     """Write a text file so that a reader sees the old one or the new one, whole."""
     unfinished = path.with_name(path.name + ".part")
-    unfinished.write_text(text)
-    unfinished.replace(path)
+    unfinished.write_text(text, encoding="utf-8", newline="\n")
+    replace_file(unfinished, path)

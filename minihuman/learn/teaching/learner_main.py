@@ -6,23 +6,23 @@ own, so that no frame waits for it.
 
 import json
 import os
-import resource
 import sys
-from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from minihuman.experiment.activities.preferences import EpisodeClip
+from minihuman.operating_system import limit_memory, lower_process_priority
 
 SHARE = 0.5  # of the machine's memory that it may have
 
 
 def main() -> None:
     """Answer until there are no more questions."""
-    answers = os.fdopen(os.dup(1), "w")
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
     os.dup2(2, 1)  # whatever prints must not be taken for an answer
-    _stand_back()
+    lower_process_priority()
+    limit_memory(SHARE)
     import minihuman.learn.teaching.provenance  # noqa: F401 - the slow part, before the first question
 
     with TemporaryDirectory() as folder:
@@ -55,14 +55,6 @@ def _disputed(asked: dict[str, Any]) -> int:
     ]
     logs = [Path(log) for log in asked["logs"]]
     return choose_disputed_pair(logs, asked["part"], [(left, right) for left, right in pairs], seed=asked["seed"])
-
-
-def _stand_back() -> None:
-    os.nice(10)
-    with suppress(OSError):  # not every system has it
-        Path("/proc/self/oom_score_adj").write_text("1000")
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    resource.setrlimit(resource.RLIMIT_DATA, (int(memory * SHARE), int(memory * SHARE)))
 
 
 if __name__ == "__main__":

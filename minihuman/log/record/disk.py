@@ -8,8 +8,6 @@ moment are one write, and files that are due together are made durable together.
 interpreter lock back and forth at each write, and a slow disk takes a few hundred fsyncs per second.
 """
 
-import ctypes
-import fcntl
 import logging
 import os
 import queue
@@ -25,8 +23,9 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.experiment.plan.session_plan import EpisodePlan
-from minihuman.log.record.file_lock import is_file_at, sync_folder
+from minihuman.log.record.file_lock import is_file_at
 from minihuman.log.record.live_log import AppendBlock
+from minihuman.operating_system import lock_descriptor, open_file, read_at, sync_file, sync_file_system, sync_folder
 
 STEP_BYTES = 2_048  # a step with its key events, frame and pose takes about 900 bytes live; twice that, to be safe
 OBSERVATION_BYTES = 32_768  # a picture of 80 x 60 is in a live log twice, as PNG of up to 15,000 bytes
@@ -75,7 +74,7 @@ class RecorderSettings:
     group: "GroupCommit | None" = None
     on_sync: Callable[[], None] = lambda: None
     put: Callable[[int, memoryview], int] = os.write
-    sync: Callable[[int], None] = os.fsync
+    sync: Callable[[int], None] = sync_file
 
 
 class LiveFile:
@@ -131,7 +130,7 @@ class LiveFile:
         try:
             with self._whole:
                 self._part.parent.mkdir(parents=True, exist_ok=True)
-                again = os.open(self._part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, 0o644)
+                again = open_file(self._part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
                 try:
                     copied = self._copy_to(again)
                     os.dup2(again, self.fd, inheritable=False)
@@ -147,9 +146,9 @@ class LiveFile:
 
     def _copy_to(self, again: int) -> int:
         """Copy all that was written, and make it last."""
-        fcntl.flock(again, fcntl.LOCK_EX)
+        lock_descriptor(again)
         copied = 0
-        while found := os.pread(self.fd, 1 << 20, copied):
+        while found := read_at(self.fd, 1 << 20, copied):
             copied += os.write(again, found)
         self._settings.sync(again)
         for folder in self._part.parents[:4]:
@@ -347,20 +346,6 @@ COMMIT_WINDOW_S = 0.02  # so much earlier it is done where another file's round 
 _MAX_SINGLE_SYNCS = 12  # files that are fsynced by themselves; a disk that keeps up has seldom more in a round
 
 
-def sync_file_system(fd: int) -> None:
-    """Make everything on the file system of an open file durable.
-
-    Raises:
-        OSError: if something could not be written; also where the system has no such call.
-    """
-    call = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
-    if call is None:
-        raise OSError("this system does not support syncfs")
-    if call(fd):
-        number = ctypes.get_errno()
-        raise OSError(number, os.strerror(number))
-
-
 class GroupCommit:
     """The one thread of a process's files. It begins with the first write, and ends with the process.
 
@@ -370,7 +355,7 @@ class GroupCommit:
     """
 
     def __init__(
-        self, *, sync_one: Callable[[int], None] = os.fsync, sync_all: Callable[[int], None] = sync_file_system
+        self, *, sync_one: Callable[[int], None] = sync_file, sync_all: Callable[[int], None] = sync_file_system
     ) -> None:
         self.rounds = 0  # done so far
         self._sync_one = sync_one

@@ -1,16 +1,16 @@
 """Own a live log exclusively: created exclusively, locked while its writer lives, never taken from a live process.
 
-The lock is the kernel's (``flock``): it ends with the process, however that ends, and needs no clean-up.
+The lock is the kernel's: it ends with the process, however that ends, and needs no clean-up.
 """
 
 import contextlib
-import fcntl
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from minihuman.errors import LogError, name_file_in_errors
+from minihuman.errors import LogError
 from minihuman.log.paths import SegmentPath
+from minihuman.operating_system import lock_descriptor, open_file, remove_file, sync_folder
 
 
 def create_live_file(where: SegmentPath) -> int:
@@ -22,7 +22,7 @@ def create_live_file(where: SegmentPath) -> int:
     while True:
         try:
             where.part.parent.mkdir(parents=True, exist_ok=True)
-            fd = os.open(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, 0o644)
+            fd = open_file(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
         except FileExistsError:
             raise _running_error(where) from None
         except OSError as error:
@@ -32,14 +32,14 @@ def create_live_file(where: SegmentPath) -> int:
         try:
             lock_file(fd, where.part)
         except LogError:
-            where.part.unlink(missing_ok=True)
+            remove_file(where.part, missing_ok=True)
             os.close(fd)
             raise
         if is_file_at(fd, where.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
     if (refusal := _recorded_error(where)) is not None:
-        where.part.unlink()
+        remove_file(where.part)
         os.close(fd)
         raise refusal
     for folder in where.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
@@ -83,14 +83,14 @@ def open_leftover(part: Path, flags: int = os.O_RDONLY) -> int:
         LogError: if a living process still writes it, it is gone, or it cannot be opened.
     """
     try:
-        fd = os.open(part, flags | os.O_CLOEXEC)
+        fd = open_file(part, flags)
     except FileNotFoundError:
         raise LogError(f"{part} does not exist; it may have been recovered already") from None
     except OSError as error:
         raise LogError(f"{part} cannot be opened: {error.strerror}") from error
     try:
         try:
-            lock_file(fd, part, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(fd, part, wait=False)
         except BlockingIOError:
             raise LogError(f"{part} is still being written by a running session; let it end first") from None
         if not is_file_at(fd, part):
@@ -124,15 +124,15 @@ def is_being_recorded(part: Path) -> bool:
         return part.exists()
 
 
-def lock_file(fd: int, path: Path, how: int = fcntl.LOCK_EX) -> None:
+def lock_file(fd: int, path: Path, *, wait: bool = True) -> None:
     """Lock an open file.
 
     Raises:
-        BlockingIOError: if another process holds the lock, and ``how`` says not to wait.
+        BlockingIOError: if another process holds the lock, and ``wait`` is false.
         LogError: if its file system has no locks.
     """
     try:
-        fcntl.flock(fd, how)
+        lock_descriptor(fd, wait=wait)
     except BlockingIOError:
         raise
     except OSError as error:
@@ -140,20 +140,6 @@ def lock_file(fd: int, path: Path, how: int = fcntl.LOCK_EX) -> None:
             f"{path} cannot be locked ({error.strerror}), so two machines could write to it at once; "
             "choose a data folder on a file system that supports locks, such as a local disk"
         ) from error
-
-
-def sync_folder(folder: Path) -> None:
-    """Make a folder's entries durable: a new or renamed file is safe only when its folder is.
-
-    Raises:
-        OSError: if it cannot be done; it names the folder.
-    """
-    with name_file_in_errors(folder):
-        fd = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(fd)
-        finally:
-            os.close(fd)
 
 
 def is_file_at(fd: int, path: Path) -> bool:

@@ -26,10 +26,11 @@ from minihuman.log.model.session_log import CUT_OFF
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_companion_file, raise_as_log_error
 from minihuman.log.preview import encode_previews
 from minihuman.log.read.reader import read_segment_starts
-from minihuman.log.record.file_lock import hold_leftover, is_being_recorded, sync_folder
+from minihuman.log.record.file_lock import hold_leftover, is_being_recorded
 from minihuman.log.record.live_log import LIBRARY_NAME
 from minihuman.log.salvage.chunk import LogMessage
 from minihuman.log.salvage.scan import LogScanner, MissingMessages
+from minihuman.operating_system import remove_file, replace_file, sync_file, sync_folder
 
 UNNUMBERED = 0  # the sequence of a preview
 EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
@@ -305,13 +306,13 @@ def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | N
     try:
         result = _rewrite(where, temporary, with_log=bool(earlier), clean=clean, promised=promised)
         if new:  # else a finish that was cut off before it removed the live file
-            os.replace(temporary, where.log)
+            replace_file(temporary, where.log)
             sync_folder(where.log.parent)
     finally:
         temporary.unlink(missing_ok=True)
     if result.damage:  # what could not be read may still be of use
         return replace(result, damaged_copy_path=_put_aside(where.part, "as-found"))
-    where.part.unlink()
+    remove_file(where.part)
     sync_folder(where.part.parent)
     return result
 
@@ -368,7 +369,7 @@ def _repaired(log: Path) -> FinalizedLog:
                 copy.end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{lacks}")
             copy.metadata(names.REPAIRED_METADATA, {"damage": lacks})
         aside = _put_aside(log, "as-found", linked=True)
-        os.replace(temporary, log)
+        replace_file(temporary, log)
         sync_folder(log.parent)
     except OSError as error:
         raise LogError(f"{log} could not be rewritten and is unchanged: {error.strerror}") from error
@@ -430,7 +431,7 @@ def _written(target: Path) -> Iterator[LogCopier]:
         yield LogCopier(writer)
         writer.finish()
         file.flush()
-        os.fsync(file.fileno())
+        sync_file(file.fileno())
 
 
 def _put_aside(part: Path, why: str, *, linked: bool = False) -> Path:

@@ -19,6 +19,7 @@ from mcap.opcode import Opcode
 from minihuman.errors import LogError
 from minihuman.log.names import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
 from minihuman.log.paths import MAGIC, open_regular_file
+from minihuman.operating_system import read_at
 
 _HEAD = struct.Struct("<BQ")  # of a record: its kind, how many bytes follow
 _FOOTER = struct.Struct("<QQI")  # where the summary begins, where its offsets do, its checksum
@@ -74,13 +75,13 @@ def read_summary(path: Path) -> LogSummary | None:
         with open_regular_file(path) as file:
             fd = file.fileno()
             size = os.fstat(fd).st_size
-            data = os.pread(fd, _LAST_BYTES, max(0, size - _LAST_BYTES))
+            data = read_at(fd, _LAST_BYTES, max(0, size - _LAST_BYTES))
             begin = _summary_begin(data, size)
             if begin is None:
                 return None
             ahead = _HEAD.size + _CRC.size  # of the record that ends the data
             if (needed := size - begin + ahead) > len(data):
-                data = os.pread(fd, needed, begin - ahead)
+                data = read_at(fd, needed, begin - ahead)
             return _parse_summary(fd, data[len(data) - (size - begin) - ahead :])
     except (OSError, LogError, struct.error, ValueError):
         return None
@@ -114,7 +115,7 @@ def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
                 counts[topics.get(number, "")] += count
         elif kind == Opcode.METADATA_INDEX and (name := _NAMES.get(content[_PLACE.size :])) is not None:
             offset, length = _PLACE.unpack_from(content)
-            record = os.pread(fd, length, offset)
+            record = read_at(fd, length, offset)
             if _HEAD.unpack_from(record) != (Opcode.METADATA, length - _HEAD.size):
                 return None
             stated_name, facts = _metadata(record[_HEAD.size :])

@@ -6,7 +6,6 @@ slowed down.
 """
 
 import io
-import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, require_folder
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.operating_system import make_thread_idle
 from minihuman.worlds.adapters.world import World
 
 T = TypeVar("T")
@@ -43,7 +43,7 @@ class IdleWorker:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._idle = ThreadPoolExecutor(1, "aside", initializer=_use_idle_class)
+        self._idle = ThreadPoolExecutor(1, "aside", initializer=make_thread_idle)
         self._busy_until_s = 0.0
 
     def __call__(self, work: Callable[[], T]) -> T:
@@ -57,11 +57,6 @@ class IdleWorker:
             ended_s = self._clock()
             if ended_s - began_s > _LATE_S:
                 self._busy_until_s = ended_s + _BUSY_S
-
-
-def _use_idle_class() -> None:
-    if hasattr(os, "SCHED_IDLE"):
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 class ThrottledCall(Generic[T]):

@@ -3,7 +3,6 @@
 The server prints its links and runs until it is stopped. Each worker has hosts of its own.
 """
 
-import signal
 import socket
 import subprocess
 import sys
@@ -17,6 +16,7 @@ import uvicorn
 from minihuman.errors import LogError, MinihumanError, ProtocolError
 from minihuman.experiment.activities.registry import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.operating_system import claim_address, exit_when_terminated
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
 from minihuman.web.limits import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
@@ -49,7 +49,7 @@ def open_listening_socket(port: int) -> socket.socket:
         ServeError: if it is taken.
     """
     taken = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    claim_address(taken)
     try:
         taken.bind((HOST, port))
     except OSError as error:
@@ -113,17 +113,13 @@ def keep_processes_running(commands: Iterable[Sequence[str]]) -> Iterator[None]:
 
     They end with this process, SIGTERM included.
     """
-    signal.signal(signal.SIGTERM, _leave)
+    exit_when_terminated()
     kept = [_KeptProcess(words) for words in commands]
     try:
         yield
     finally:
         for one in kept:
             one.stop()
-
-
-def _leave(*_: object) -> None:
-    raise SystemExit(0)
 
 
 class _KeptProcess:

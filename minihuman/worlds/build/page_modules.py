@@ -70,5 +70,5 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
         "linker": linker_version(PAGE),
         "modules": modules,
     }
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8", newline="\n")
     return manifest

@@ -131,7 +131,7 @@ def read_mtl(path: Path) -> dict[str, Material]:
     if not path.exists():
         return materials
     name = ""
-    for number, line in enumerate(path.read_text().splitlines(), 1):
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         match line.split():
             case ["newmtl", name]:
                 materials[name] = Material()
@@ -147,7 +147,7 @@ def read_mtl(path: Path) -> dict[str, Material]:
 
 def _read_lines(path: Path) -> _Lines:
     try:
-        text = path.read_text()
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise WorldError(f"{path}: cannot be read ({error.strerror}); check the mesh's name") from error
     except UnicodeDecodeError as error:

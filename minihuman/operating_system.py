@@ -1,0 +1,317 @@
+"""Calls to the operating system that differ between Linux, macOS and Windows; no other module makes them.
+
+Files opened here can be renamed and removed while they are open, as POSIX has it and Windows does on request. A lock
+is the kernel's and ends with the process, however that ends. Linux is tested; Windows and macOS are type-checked only.
+"""
+
+import contextlib
+import ctypes
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from minihuman.errors import name_file_in_errors
+
+if sys.platform == "win32":
+    import _winapi
+    import msvcrt
+else:
+    import fcntl
+    import resource
+
+MAX_PROCESSES = 61  # that one Windows process can wait for
+REPLACE_ATTEMPTS = 50  # a virus scanner or an indexer has let go of a file by then
+REPLACE_INTERVAL_S = 0.1
+_SHARING_VIOLATIONS = frozenset({5, 32, 33})  # Windows: access denied, open elsewhere, locked elsewhere
+_LOCK_OFFSET_HIGH = 0x4000_0000  # Windows locks bytes against reading: lock one that no file has
+_RESERVED_NAMES = frozenset(
+    {"con", "prn", "aux", "nul"} | {f"{device}{number}" for device in ("com", "lpt") for number in range(10)}
+)
+
+
+def explain_unportable_name(name: str) -> str:
+    """Say why a file or folder of this name cannot be kept on every system; "" where it can."""
+    if name.partition(".")[0].casefold() in _RESERVED_NAMES:
+        return "Windows reserves the name for a device"
+    if name.endswith((".", " ")):
+        return "Windows drops a dot or space at the end"
+    if any(letter in '<>:"/\\|?*' or ord(letter) < 32 for letter in name):
+        return "Windows refuses one of its characters"
+    return ""
+
+
+def find_case_twin(name: str, names: Iterable[str]) -> str:
+    """The name among others that differs from this one in case only; "" where there is none, or the same name too.
+
+    Windows, and macOS as it comes, keep one folder for both.
+    """
+    others = set(names)
+    return "" if name in others else next((one for one in sorted(others) if one.casefold() == name.casefold()), "")
+
+
+def is_sharing_violation(error: OSError) -> bool:
+    """Say whether Windows refused because another program has the file open; trying again may succeed."""
+    return getattr(error, "winerror", None) in _SHARING_VIOLATIONS
+
+
+def open_file(path: Path, flags: int, mode: int = 0o644) -> int:
+    """Open a file and return its descriptor: in bytes, not inherited by child processes, free to be renamed.
+
+    Raises:
+        OSError: as ``os.open``.
+    """
+    if sys.platform == "win32":
+        read_write = 0xC000_0000 if flags & (os.O_RDWR | os.O_WRONLY) else 0x8000_0000
+        share_read_write_delete, normal = 7, 0x80
+        with name_file_in_errors(path):
+            handle = _winapi.CreateFile(
+                str(path), read_write, share_read_write_delete, 0, windows_disposition(flags), normal, 0
+            )
+        return msvcrt.open_osfhandle(handle, flags | os.O_BINARY | os.O_NOINHERIT)
+    return os.open(path, flags | os.O_CLOEXEC, mode)
+
+
+def windows_disposition(flags: int) -> int:
+    """The creation disposition of Windows' CreateFile that means what the flags of ``os.open`` mean."""
+    create_new, create_always, open_existing, open_always, truncate_existing = 1, 2, 3, 4, 5
+    if flags & os.O_CREAT:
+        return create_new if flags & os.O_EXCL else create_always if flags & os.O_TRUNC else open_always
+    return truncate_existing if flags & os.O_TRUNC else open_existing
+
+
+def open_without_waiting(path: Path) -> int:
+    """Open a file for reading and return its descriptor; opening a pipe does not wait for its writer.
+
+    Raises:
+        OSError: as ``os.open``.
+    """
+    if sys.platform == "win32":
+        return open_file(path, os.O_RDONLY)
+    return open_file(path, os.O_RDONLY | os.O_NONBLOCK)
+
+
+def read_at(fd: int, count: int, offset: int) -> bytes:
+    """Read up to ``count`` bytes at an offset; the file's position stays.
+
+    Raises:
+        OSError: if the disk does not give them.
+    """
+    if sys.platform != "win32":
+        return os.pread(fd, count, offset)
+    with _SEEKING:
+        before = os.lseek(fd, 0, os.SEEK_CUR)
+        try:
+            os.lseek(fd, offset, os.SEEK_SET)
+            return os.read(fd, count)
+        finally:
+            os.lseek(fd, before, os.SEEK_SET)
+
+
+_SEEKING = threading.Lock()
+
+
+def lock_descriptor(fd: int, *, wait: bool = True) -> None:
+    """Lock an open file against every other descriptor that asks for its lock.
+
+    Raises:
+        BlockingIOError: if another holds the lock, and ``wait`` is false.
+        OSError: if its file system has no locks.
+    """
+    if sys.platform == "win32":
+        exclusive, at_once, lock_violation = 2, 1, 33
+        call = ctypes.WinDLL("kernel32", use_last_error=True).LockFileEx
+        call.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 4, ctypes.c_void_p]
+        place = (ctypes.c_uint64 * 4)(0, 0, _LOCK_OFFSET_HIGH << 32)  # an OVERLAPPED: its third field is the offset
+        if not call(msvcrt.get_osfhandle(fd), exclusive if wait else exclusive | at_once, 0, 1, 0, place):
+            if ctypes.get_last_error() == lock_violation:
+                raise BlockingIOError(f"descriptor {fd} is locked by another process")
+            raise ctypes.WinError(ctypes.get_last_error())
+    else:
+        fcntl.flock(fd, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def sync_file(fd: int) -> None:
+    """Make what was written to an open file durable; macOS needs a call of its own to empty the disk's cache.
+
+    Raises:
+        OSError: if it cannot be done.
+    """
+    if sys.platform == "darwin":
+        try:
+            fcntl.fcntl(fd, fcntl.F_FULLFSYNC)
+            return
+        except OSError:  # a network's file system has none
+            pass
+    os.fsync(fd)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a folder's entries durable: a new or renamed file is safe only when its folder is.
+
+    Windows cannot do this for a folder, and its file system journals entries by itself.
+
+    Raises:
+        OSError: if it cannot be done; it names the folder.
+    """
+    if sys.platform == "win32":
+        return
+    with name_file_in_errors(folder):
+        fd = os.open(folder, os.O_RDONLY)
+        try:
+            sync_file(fd)
+        finally:
+            os.close(fd)
+
+
+def sync_file_system(fd: int) -> None:
+    """Make everything on the file system of an open file durable.
+
+    Raises:
+        OSError: if something could not be written; also where the system has no such call.
+    """
+    call = None if sys.platform == "win32" else getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
+    if call is None:
+        raise OSError("this system does not support syncfs")
+    if call(fd):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+
+
+def replace_file(source: Path, target: Path) -> None:
+    """Put a file in another's place, in one step; on Windows also while the other is open.
+
+    Raises:
+        OSError: as ``os.replace``.
+    """
+    retry_when_shared(lambda: _replace_open_file(source, target))
+
+
+def remove_file(path: Path, *, missing_ok: bool = False) -> None:
+    """Remove a file; on Windows it may take a moment, as long as another program reads it.
+
+    Raises:
+        OSError: as ``os.unlink``.
+    """
+    retry_when_shared(lambda: path.unlink(missing_ok=missing_ok))
+
+
+def retry_when_shared(call: Callable[[], object], *, interval_s: float = REPLACE_INTERVAL_S) -> None:
+    """Make a call, and make it again while Windows refuses because another program has the file open.
+
+    Raises:
+        OSError: any other error at once; a refusal after ``REPLACE_ATTEMPTS``.
+    """
+    for _ in range(REPLACE_ATTEMPTS - 1):
+        try:
+            call()
+            return
+        except OSError as error:
+            if not is_sharing_violation(error):
+                raise
+        time.sleep(interval_s)
+    call()
+
+
+def _replace_open_file(source: Path, target: Path) -> None:
+    """``os.replace``, which Windows refuses while the target is open: there, rename with POSIX semantics first."""
+    if sys.platform == "win32":
+        delete_and_synchronize, share_all, open_existing, normal = 0x0011_0000, 7, 3, 0x80
+        rename_info_ex, replace_and_posix = 22, 3
+        name = str(target.absolute()).encode("utf-16-le")
+        handle = _winapi.CreateFile(str(source), delete_and_synchronize, share_all, 0, open_existing, normal, 0)
+        try:  # FILE_RENAME_INFO: flags, a folder's handle, the name's length, the name
+            info = b"".join((replace_and_posix.to_bytes(8, "little"), bytes(8), len(name).to_bytes(4, "little"), name))
+            call = ctypes.WinDLL("kernel32").SetFileInformationByHandle
+            call.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint32]
+            if call(handle, rename_info_ex, info, len(info)):
+                return
+        finally:
+            _winapi.CloseHandle(handle)
+    os.replace(source, target)
+
+
+def claim_address(listener: socket.socket) -> None:
+    """Let a server take its port again right after it ended, and no second server take it meanwhile."""
+    if sys.platform == "win32":  # there SO_REUSEADDR would let two servers share a port
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+    else:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+
+
+def count_processes() -> int:
+    """How many processes work side by side at most: one per core."""
+    return min(os.cpu_count() or 1, MAX_PROCESSES)
+
+
+def lower_process_priority() -> None:
+    """Let every other process of this user go first."""
+    if sys.platform == "win32":
+        below_normal = 0x4000
+        kernel = ctypes.WinDLL("kernel32")
+        kernel.SetPriorityClass.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
+        kernel.SetPriorityClass(_winapi.GetCurrentProcess(), below_normal)
+    else:
+        os.nice(10)
+
+
+def make_thread_idle() -> None:
+    """Let this thread run only when no other wants a core; Linux alone has this for a thread."""
+    if sys.platform == "linux":
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
+def limit_memory(share: float) -> None:
+    """Limit this process to a share of the machine's memory, and have the system end it first when memory is short.
+
+    Linux does both. macOS may refuse, and Windows has no such call for a running process: there is no limit then.
+    """
+    if sys.platform != "win32":
+        with contextlib.suppress(OSError):
+            Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii", newline="\n")
+        limit = int(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * share)
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+
+
+@contextlib.contextmanager
+def receive_end_signals(remember: Callable[[str], None]) -> Iterator[None]:
+    """Hand the name of each signal that asks a program to end to ``remember``, instead of ending.
+
+    They are Ctrl-C, SIGTERM, and the closing of the terminal (SIGHUP, or SIGBREAK on Windows). Only the main thread
+    receives signals.
+    """
+
+    def receive(number: int, _: FrameType | None) -> None:
+        remember(signal.Signals(number).name)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before: dict[int, Any] = {number: signal.signal(number, receive) for number in _END_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+if sys.platform == "win32":
+    _END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGBREAK)
+else:
+    _END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def exit_when_terminated() -> None:
+    """Turn SIGTERM into SystemExit, so that ``finally`` blocks run."""
+
+    def leave(*_: object) -> None:
+        raise SystemExit(0)
+
+    signal.signal(signal.SIGTERM, leave)
