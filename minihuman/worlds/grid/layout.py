@@ -50,6 +50,7 @@ class Recipe:
     mission: MissionSpace | InstructionSpace
     see_through_walls: bool = False
     actions: int = 7  # the first so many of the seven
+    room_size: int = 0  # cells on a side of each room of a grid of equal rooms, walls included; 0 for other layouts
 
     def lay_out(self, row: Row, rng_state: RngState) -> None:
         """Lay an episode out into a cleared row."""
