@@ -9,6 +9,7 @@ of its Wave Function Collapse do not make environments, or none of ours, and are
 an environment of its own class, which needs a display.
 """
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -73,7 +74,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         print("\n".join(copy_tests(Path(checkout), Path(folder))), flush=True)
         pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests", *arguments]
-        return subprocess.run(pytest, cwd=folder, check=False).returncode
+        ours = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}  # the minihuman beside this file
+        return subprocess.run(pytest, cwd=folder, env=ours, check=False).returncode
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ out. Also the map of a state, and the pieces of compilation that processes can s
 """
 
 import abc
+import sys
 from collections.abc import Sequence
 from copy import deepcopy
 from operator import index
@@ -292,7 +293,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
             return WorldError(
                 f"action {action!r} does not exist in {self}; actions are 0 to {self._row[fields.ACTIONS] - 1}"
             )
-        return WorldError(f"{self} is not in an episode; call reset() before step(), and again after an end")
+        instead = "; instead of Minigrid's NoDeath, which steps on, use minihuman.worlds.grid.wrappers.NoDeath"
+        return WorldError(
+            f"{self} is not in an episode; call reset() before step(), and again after an end"
+            f"{instead if 'minigrid.wrappers' in sys.modules else ''}"
+        )
 
     def _in_world(self) -> State:
         """The state, once there is one to look at."""

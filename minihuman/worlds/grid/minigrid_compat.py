@@ -7,7 +7,7 @@ They are views of the present state, made when they are asked for; there is no s
 import abc
 import hashlib
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.contract import ReadOnlyName
 from minihuman.worlds.grid.core.cells import (
     DOOR,
     EMPTY,
@@ -219,17 +220,6 @@ class RoomView:
     doors: tuple[ObjectView | None, ...]  # right, down, left, up
 
 
-class _Read:
-    """A read-only name; a subclass or an instance may define its own under the same name."""
-
-    def __init__(self, read: Callable[[Any], Any]) -> None:
-        self._read = read
-        self.__doc__ = read.__doc__
-
-    def __get__(self, world: Any, owner: Any = None) -> Any:
-        return self if world is None else self._read(world)
-
-
 class MinigridCompat(abc.ABC):
     """Mixed into every grid world: reads its ``state``."""
 
@@ -274,69 +264,69 @@ class MinigridCompat(abc.ABC):
     def carrying(self, thing: Any) -> None:
         self.state.row[CARRYING] = self.grid._code(thing)
 
-    @_Read
+    @ReadOnlyName
     def actions(self) -> type[IntEnum]:
         """The seven actions by name; a world may take fewer."""
         return Actions
 
-    @_Read
+    @ReadOnlyName
     def dir_vec(self) -> NDArray[np.int64]:
         """One step ahead, as (columns, rows)."""
         return np.array(STEPS[self.state.direction])
 
-    @_Read
+    @ReadOnlyName
     def front_pos(self) -> NDArray[np.int64]:
         """The cell in front of the agent."""
         return np.add(self.state.position, STEPS[self.state.direction])
 
-    @_Read
+    @ReadOnlyName
     def right_vec(self) -> NDArray[np.int64]:
         """One step to the right, as (columns, rows)."""
         right, down = STEPS[self.state.direction]
         return np.array((-down, right))
 
-    @_Read
+    @ReadOnlyName
     def see_through_walls(self) -> bool:
         """Whether walls hide nothing."""
         return bool(self.state.row[SEE_THROUGH] & 1)
 
-    @_Read
+    @ReadOnlyName
     def goal_pos(self) -> Place | None:
         """The first goal's column and row, counted row by row; None without one."""
         goals = np.argwhere(self.state.kinds.T == GOAL)
         return (int(goals[0, 1]), int(goals[0, 0])) if len(goals) else None
 
-    @_Read
+    @ReadOnlyName
     def goal_position(self) -> Place | None:
         """`goal_pos`."""
         return self.goal_pos
 
-    @_Read
+    @ReadOnlyName
     def step_count(self) -> int:
         """Steps taken in this episode."""
         return self.state.step
 
-    @_Read
+    @ReadOnlyName
     def steps_remaining(self) -> int:
         """Steps left before the episode is truncated."""
         return self.state.max_steps - self.state.step
 
-    @_Read
+    @ReadOnlyName
     def width(self) -> int:
         """Columns."""
         return self.state.width
 
-    @_Read
+    @ReadOnlyName
     def height(self) -> int:
         """Rows."""
         return self.state.height
 
-    @_Read
+    @ReadOnlyName
     def agent_view_size(self) -> int:
         """Cells on a side of the agent's view."""
         return int(self.image_shape[0])  # type: ignore[attr-defined]  # every grid world has one
 
-    @_Read
+    @ReadOnlyName
     def grid(self) -> GridView:
         """The cells."""
         return GridView(self.state, self.kinds)
