@@ -5,6 +5,7 @@ They are views of the present state, made when they are asked for; there is no s
 """
 
 import abc
+import builtins
 import hashlib
 import sys
 from collections.abc import Sequence
@@ -76,7 +77,7 @@ class ObjectView:
     code: int
 
     @property
-    def __class__(self) -> type:  # type: ignore[override]
+    def __class__(self) -> builtins.type:  # type: ignore[misc]  # what isinstance asks for
         return getattr(sys.modules.get(_OF_MINIGRID), self.type.capitalize(), ObjectView)
 
     def __reduce__(self) -> tuple[Any, ...]:
