@@ -76,8 +76,8 @@ class ObjectView:
     own: ObjectKind | None  # where it is of a kind of the world's own
     code: int
 
-    @property
-    def __class__(self) -> builtins.type:  # type: ignore[misc]  # what isinstance asks for
+    @property  # type: ignore[misc]  # isinstance reads it, nothing writes it
+    def __class__(self) -> builtins.type:
         return getattr(sys.modules.get(_OF_MINIGRID), self.type.capitalize(), ObjectView)
 
     def __reduce__(self) -> tuple[Any, ...]:
