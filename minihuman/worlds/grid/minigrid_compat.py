@@ -42,7 +42,9 @@ from minihuman.worlds.grid.core.rules import ACTION_NAMES
 from minihuman.worlds.grid.core.state import (
     CARRYING,
     DIRECTION,
+    FAILED,
     FIRST_OWN_KIND,
+    OBJECTS,
     SEE_THROUGH,
     State,
     X,
@@ -60,7 +62,7 @@ Place = tuple[int, int]  # column, row
 _OF_MINIGRID = "minigrid.core.world_object"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ObjectView:
     """What lies in a cell or in the hand: ``type`` and ``color``, of a door ``is_open`` and ``is_locked``.
 
@@ -79,6 +81,13 @@ class ObjectView:
     @property  # type: ignore[misc]  # isinstance reads it, nothing writes it
     def __class__(self) -> builtins.type:
         return getattr(sys.modules.get(_OF_MINIGRID), self.type.capitalize(), ObjectView)
+
+    def __eq__(self, other: object) -> bool:
+        mine = self.code, self.cur_pos, self.contains
+        return builtins.type(other) is ObjectView and mine == (other.code, other.cur_pos, other.contains)
+
+    def __hash__(self) -> int:
+        return hash((self.code, self.cur_pos))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return ObjectView, tuple(getattr(self, name) for name in ObjectView.__slots__)
@@ -142,7 +151,7 @@ class GridView:
 
         Raises:
             IndexError: if there is no such cell.
-            WorldError: if this is not the world's grid but a copy or a part of it.
+            WorldError: if this is not the world's grid but a copy or a part of it, or too many things were made.
         """
         self._check(i, j)
         if not np.shares_memory(self.codes, self._state.row):
@@ -207,6 +216,11 @@ class GridView:
         if not thing.can_pickup() and kind != DOOR:
             return pack(kind, colour, state, 0)
         code = int(make(row, kind, colour, state))
+        if code == EMPTY:
+            row[FAILED] = 0
+            raise WorldError(
+                f"{row[OBJECTS]} things were made in this episode, one per cell; put those again that grid.get returns"
+            )
         if thing.contains is not None:
             row[contents_index(row, identity_of(code))] = self._code(thing.contains)
         return code
@@ -239,7 +253,7 @@ class MinigridCompat(abc.ABC):
     @agent_pos.setter
     def agent_pos(self, place: Sequence[int]) -> None:
         column, row = place
-        if self.state.row[X] >= 0 and not (0 <= column < self.state.width and 0 <= row < self.state.height):
+        if not (0 <= column < self.state.width and 0 <= row < self.state.height):
             raise WorldError(
                 f"agent_pos is {place!r}; cells are (0, 0) to {self.state.width - 1, self.state.height - 1}"
             )

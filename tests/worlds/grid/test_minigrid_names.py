@@ -221,6 +221,10 @@ def test_what_cannot_be_written_is_refused():
         world.grid.copy().set(1, 1, None)
     with pytest.raises(WorldError, match="not a grid of equal rooms"):
         world.room_from_pos(1, 1)
+    for _ in range(64 - 2):  # beside its own door and key
+        world.put_obj(Key("red"), 1, 1)
+    with pytest.raises(WorldError, match="64 things were made in this episode"):
+        world.put_obj(Key("red"), 1, 1)
 
 
 def test_a_view_of_a_thing_is_of_minigrids_class_and_of_ours():
@@ -229,6 +233,8 @@ def test_a_view_of_a_thing_is_of_minigrids_class_and_of_ours():
     cell = env.unwrapped.grid.get(3, 3)
     assert isinstance(cell, Goal)
     assert isinstance(cell, ObjectView)
+    assert cell != Goal()  # as two things of Minigrid's that look alike
+    assert {cell: 1}[env.unwrapped.grid.get(3, 3)] == 1
     assert pickle.loads(pickle.dumps(cell)) == copy.deepcopy(cell) == cell
     theirs = gymnasium.make("MiniGrid-Empty-5x5-v0")
     theirs.reset(seed=0)
