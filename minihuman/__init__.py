@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from minihuman.workflow import run as run
     from minihuman.workflow import simulate as simulate
     from minihuman.workflow import verify as verify
+    from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
 
 __version__ = "0.1.0"
 
@@ -54,6 +55,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "Study": "minihuman.api",
     "VerificationLine": "minihuman.workflow",
     "export": "minihuman.workflow",
+    "observation_to_text": "minihuman.worlds.grid.layout",
     "open_session": "minihuman.api",
     "open_study": "minihuman.api",
     "report": "minihuman.workflow",

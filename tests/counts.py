@@ -1,9 +1,12 @@
 """How often a long proof runs, and how long a test waits: more under ``MINIHUMAN_LONG=1``."""
 
 import os
+from typing import TypeVar
+
+T = TypeVar("T")  # a number of times, or what is gone through
 
 
-def count(small: int, full: int) -> int:
+def count(small: T, full: T) -> T:
     return full if os.environ.get("MINIHUMAN_LONG") == "1" else small
 
 

@@ -1,8 +1,10 @@
 """Contract test of worlds: equal seeds give equal episodes, saved states are restored, and states are drawn."""
 
 import pickle
-from collections.abc import Callable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium
@@ -15,9 +17,49 @@ from minihuman.worlds.contract import NativeWorld
 
 SIZE_PX = (320, 240)
 MAX_STEPS = 2_000  # that are played to reach an end
+STRIDE = 4  # steps of the same action that the search takes in first person, where one is short
 _CHECKED = "minihuman-testing/world-v0"
 
 Step = tuple[float, bool, bool, int, int]  # reward, terminated, truncated, hashes of observation and state
+
+
+@dataclass(slots=True)
+class WorldSearch:
+    """How far the search for what changes rarely came."""
+
+    steps: int = 0
+    situations: int = 0  # a place and what is seen there
+    rewarded: int = 0  # steps that earned something
+    ended: int = 0  # steps that ended the episode
+    changed: Counter[str] = field(default_factory=Counter)  # the world's own attributes, and how often each changed
+
+
+@dataclass(frozen=True, slots=True)
+class WorldReport:
+    """What a check of a world covered; print it."""
+
+    world: str
+    steps: int  # of the episodes that were played twice
+    search: WorldSearch
+    refuses_after_end: bool  # False: no end was reached
+    planned: str  # what the world offers a simulated participant
+
+    def __str__(self) -> str:
+        search = self.search
+        own = ", ".join(f"{name} ({times} times)" for name, times in sorted(search.changed.items()))
+        after = "a step after the end is refused" if self.refuses_after_end else f"none came within {MAX_STEPS} steps"
+        return "\n".join(
+            [
+                f"{self.world} keeps what a world promises:",
+                f"  seeds: two episodes, {self.steps} steps, the same again and after another episode",
+                f"  save and restore: in mid-episode, and in {search.situations} situations, by {search.steps} steps",
+                f"  own attributes that changed there, all restored: {own or 'none'}",
+                f"  rewards and ends: {search.rewarded} steps there earned something, {search.ended} ended the episode",
+                "  pictures: two views in two palettes, the same again, and drawing changes nothing",
+                f"  after the end: {after}",
+                f"  simulated participants: {self.planned}",
+            ]
+        )
 
 
 def check_world(
@@ -26,8 +68,12 @@ def check_world(
     *,
     seeds: tuple[int, int] = (0, 1),
     steps: int = 30,
-) -> None:
+    search_steps: int = 2_000,
+) -> WorldReport:
     """Play a world, wrappers included, as a session would, and check what a log of it stands on.
+
+    A search of its own, by save and restore, tries every action in every situation that it comes to, nearest first: so
+    it steps on what random actions seldom reach.
 
     Args:
         make: a Gymnasium id, with the module that registers it before a colon where needed; or what makes the world,
@@ -35,6 +81,10 @@ def check_world(
         options: further arguments of its making.
         seeds: of the two episodes that are played.
         steps: of each, at most.
+        search_steps: of the search, at most; a large world may need more.
+
+    Returns:
+        What was checked, and what the world offers simulated participants; print it.
 
     Raises:
         ContractError: if a promise is not kept; it says which.
@@ -46,13 +96,21 @@ def check_world(
         actions = chance.integers(len(world.action_names), size=steps).tolist()
         try:
             _says_what_it_is(world)
-            _plays_alike(world, World(world_id, options), seeds, actions)
+            played = _plays_alike(world, World(world_id, options), seeds, actions)
             _comes_back(world, seeds[0], actions)
+            search = _search(world, seeds[0], search_steps)
             _is_drawn(world, seeds[0], actions)
-            _ends(world, seeds[0])
+            report = WorldReport(
+                world_id if isinstance(make, str) else getattr(make, "__qualname__", str(make)),
+                steps=played,
+                search=search,
+                refuses_after_end=_ends(world, seeds[0]),
+                planned=_describe_plan(world, seeds[0]),
+            )
         finally:
             world.close()
         world.close()  # closing twice is closing once
+        return report
 
 
 def _says_what_it_is(world: World) -> None:
@@ -87,7 +145,8 @@ def _go_on(world: World, actions: list[int]) -> Iterator[Step]:
             return
 
 
-def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: list[int]) -> None:
+def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: list[int]) -> int:
+    """Play two episodes; how many steps they took."""
     first = _play(world, seeds[0], actions)
     hashes = [step[-1] for step in first]
     require(
@@ -95,10 +154,11 @@ def _plays_alike(world: World, other: World, seeds: tuple[int, int], actions: li
         f"{world.id}: two moments of one episode have one state hash; a step counts, and belongs to the state",
     )
     _same(f"{world.id}: reset again with seed {seeds[0]}", first, _play(world, seeds[0], actions))
-    _play(other, seeds[1], actions)
+    between = _play(other, seeds[1], actions)
     later = _play(other, seeds[0], actions)
     _same(f"{world.id}: after another episode (a wrapper or the world keeps something from it)", first, later)
     other.close()
+    return len(first) + len(between) - 2
 
 
 def _comes_back(world: World, seed: int, actions: list[int]) -> None:
@@ -115,15 +175,64 @@ def _comes_back_from(world: World, seed: int, before_it: list[int], after_it: li
     first = list(_go_on(world, after_it))
     world.restore(saved)
     require(world.state_hash() == before, f"{world.id}: restored, it has another state hash")
+    _require_restored(world, own)
+    _same(f"{world.id}: restored", first, list(_go_on(world, after_it)))
+    world.restore(pickle.loads(pickle.dumps(saved)))
+    require(world.state_hash() == before, f"{world.id}: restored from a pickle, it has another state hash")
+
+
+def _require_restored(world: World, own: dict[str, bytes]) -> None:
     changed = [name for name, value in _own_attributes(world).items() if value != own.get(name, value)]
     require(
         not changed,
         f"{world.id}: {', '.join(changed)} changes in an episode and does not come back; "
         "name it in the world's kept = (...), or keep it where save() finds it",
     )
-    _same(f"{world.id}: restored", first, list(_go_on(world, after_it)))
-    world.restore(pickle.loads(pickle.dumps(saved)))
-    require(world.state_hash() == before, f"{world.id}: restored from a pickle, it has another state hash")
+
+
+def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
+    """Try every action in every situation, nearest first; what it changes comes back, and happens again."""
+    search = WorldSearch()
+    if not isinstance(world.unwrapped, NativeWorld):
+        return search
+    first = world.reset(seed)
+    waiting, seen = deque([world.save()]), {_situation(world, first.observation_hash)}
+    while waiting and search.steps < most_steps:
+        saved = waiting.popleft()
+        world.restore(saved)
+        own = _own_attributes(world)
+        for action in range(len(world.action_names)):
+            taken = list(_go_on(world, [action] * (STRIDE if world.drawn else 1)))
+            reward, terminated, truncated, observed, _ = taken[-1]
+            search.steps += len(taken)
+            search.rewarded += reward != 0
+            search.ended += terminated
+            place = _situation(world, observed)
+            if not (terminated or truncated or place in seen):
+                seen.add(place)
+                waiting.append(world.save())
+            changed = [name for name, value in _own_attributes(world).items() if value != own.get(name)]
+            search.changed.update(changed)
+            world.restore(saved)
+            if changed or reward != 0:
+                _require_restored(world, own)
+                again = list(_go_on(world, [action] * len(taken)))
+                _same(f"{world.id}: {world.action_names[action]} after a restore", taken, again)
+                world.restore(saved)
+    search.situations = len(seen)
+    return search
+
+
+def _situation(world: World, observation_hash: int) -> Hashable:
+    """Where the agent is, coarsely, and what is seen there; of what is drawn, where things stand."""
+    pose = world.pose()
+    assert pose is not None
+    place = round(2 * pose.x), round(2 * pose.z), round(4 * pose.yaw_rad / np.pi) % 8
+    if not world.drawn:
+        return place, observation_hash
+    plan = world.map()
+    assert plan is not None
+    return place, tuple((thing.name, round(thing.x), round(thing.z)) for thing in plan.things)
 
 
 def _own_attributes(world: World) -> dict[str, bytes]:
@@ -175,15 +284,15 @@ def _is_drawn(world: World, seed: int, actions: list[int]) -> None:
         shown = shown.env
 
 
-def _ends(world: World, seed: int) -> None:
-    """A step after the end is refused and changes nothing, in worlds of ours."""
+def _ends(world: World, seed: int) -> bool:
+    """A step after the end is refused and changes nothing, in worlds of ours; whether there was an end."""
     if not isinstance(world.unwrapped, NativeWorld):
-        return
+        return False
     chance = np.random.default_rng(seed)
     actions = chance.integers(len(world.action_names), size=MAX_STEPS).tolist()
     said = _play(world, seed, actions)
     if not (said[-1][1] or said[-1][2]):
-        return  # an episode without an end in sight
+        return False  # an episode without an end in sight
     before = world.state_hash()
     try:
         world.step(0)
@@ -191,6 +300,22 @@ def _ends(world: World, seed: int) -> None:
         require(world.state_hash() == before, f"{world.id}: a step after the end is refused, and changes the state")
     else:
         raise ContractError(f"{world.id}: a step after the end is accepted; raise a WorldError that asks for a reset")
+    return True
+
+
+def _describe_plan(world: World, seed: int) -> str:
+    """What the world offers simulated participants, which take the shortest path with their own mistakes."""
+    world.reset(seed)
+    try:
+        path, bounds = world.shortest_path(), world.path_length_bounds()
+    except WorldError as error:
+        return f"shortest_path() says {error}; they play at random where it does"
+    if path is None:
+        return (
+            "only --player random, for the world has no shortest_path(self) -> list of actions; define it, and "
+            "path_length_bounds(self) where a lower bound is known"
+        )
+    return f"shortest_path() has {len(path)} steps, path_length_bounds() {bounds.at_least} to {bounds.feasible}"
 
 
 def _same(when: str, expected: list[Step], found: list[Step]) -> None:

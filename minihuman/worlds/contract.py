@@ -64,6 +64,17 @@ def _deprecated(old: str, new: str, method: Callable[..., Any]) -> Callable[...,
     return call
 
 
+class ReadOnlyName:
+    """A name to read, computed each time; a subclass or an instance may define its own under the same name."""
+
+    def __init__(self, read: Callable[[Any], Any]) -> None:
+        self._read = read
+        self.__doc__ = read.__doc__
+
+    def __get__(self, world: Any, owner: Any = None) -> Any:
+        return self if world is None else self._read(world)
+
+
 class NativeWorld(abc.ABC):
     """A world that knows its pose, its map and its exact state. Mixed into a ``gymnasium.Env``."""
 

@@ -87,6 +87,35 @@ class NeverForgets(Room):
         return 1 / self._visits[place], terminated
 
 
+class CountsSeldom(Room):
+    """Counts how often the agent stands in one corner, which random actions hardly reach."""
+
+    kept = ("visits",)
+
+    def layout(self, grid):
+        super().layout(grid)
+        grid.put_agent(4, 1)
+        self.visits = 0
+
+    def reward_and_done(self, action, reward, terminated):
+        self.visits += self.state.position == (1, 3)
+        return reward, terminated
+
+
+class CountsSeldomBesideTheState(CountsSeldom):
+    kept = ()
+
+
+class RemembersSeldom(Room):
+    _visits = 0
+
+    def reward_and_done(self, action, reward, terminated):
+        if self.state.position != (1, 3):
+            return reward, terminated
+        self._visits += 1
+        return -1 / self._visits, terminated
+
+
 class DrawsFromElsewhere(Room):
     def reward_and_done(self, action, reward, terminated):
         return float(np.random.default_rng().random()), terminated
@@ -125,6 +154,8 @@ def test_a_labs_world_keeps_them(world):
     ("world", "said"),
     [
         (CountsBesideTheState, "turns changes in an episode and does not come back; name it in the world's kept"),
+        (CountsSeldomBesideTheState, "visits changes in an episode and does not come back"),
+        (RemembersSeldom, "(forward|toggle|left) after a restore: step 0 has another reward"),
         (NeverForgets, "reset again with seed 0: step 1 has another reward"),
         (DrawsFromElsewhere, "has another reward"),
         (ChangesWhileDrawn, "drawing it changes its state"),
@@ -134,6 +165,18 @@ def test_a_labs_world_keeps_them(world):
 def test_a_promise_that_is_not_kept_is_named(world, said):
     with pytest.raises(ContractError, match=said):
         check_world(world)
+
+
+def test_a_check_says_what_it_covered():
+    report = check_world(CountsSeldom)
+    assert report.search.changed["visits"] > 0
+    assert report.search.situations == 60  # 15 cells without the goal, four directions
+    said = str(report)
+    assert said.startswith("CountsSeldom keeps what a world promises:\n  seeds: two episodes, ")
+    assert "visits (" in said
+    assert "no shortest_path(self)" in said
+    assert "path_length_bounds(self)" in said
+    assert "shortest_path() has" in str(check_world("minihuman/MiniGrid-Empty-5x5-v0"))
 
 
 def test_what_is_no_world_is_refused_as_anywhere():

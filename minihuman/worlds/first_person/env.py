@@ -15,6 +15,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame
+from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.pictures import COMPILE_PIECES, WorldRenderer
 from minihuman.worlds.first_person.render.drawing import RenderTarget
@@ -48,7 +49,7 @@ EntityT = TypeVar("EntityT", bound=Entity)
 FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 
 
-class FirstPersonEnv(gymnasium.Env[Any, Any], NativeWorld):
+class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     """Base of all first-person worlds.
 
     ``build`` says what stands where, ``reward_and_done`` what a step earned and whether it ended the episode. What

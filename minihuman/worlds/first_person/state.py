@@ -49,6 +49,11 @@ class WorldState:
         self._floor: FloorPlan | None = None
 
     @property
+    def rooms(self) -> tuple[Room, ...]:
+        """The rooms so far, passages included."""
+        return tuple(self._rooms)
+
+    @property
     def varying(self) -> np.random.Generator | None:
         """The stream that parameters are drawn from; None where nothing varies."""
         return self.rng if self.randomised else None

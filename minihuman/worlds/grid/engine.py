@@ -5,9 +5,11 @@ out. Also the map of a state, and the pieces of compilation that processes can s
 """
 
 import abc
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from operator import index
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import gymnasium
@@ -16,13 +18,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.colours import COLOURS, Colour
 from minihuman.worlds.contract import NativeWorld, Palette, PathLengthBounds, View
 from minihuman.worlds.grid.babyai.encoding import clauses_done, instructed_length
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.verifier import act_instructed, hand_over, step_instructed
 from minihuman.worlds.grid.core import state as fields
-from minihuman.worlds.grid.core.cells import EMPTY, LAVA, WALL, colour_of, kind_of
+from minihuman.worlds.grid.core.cells import EMPTY, LAVA, UNSEEN, WALL, colour_of, kind_of
 from minihuman.worlds.grid.core.rewards import DODGE, INSTRUCTED
 from minihuman.worlds.grid.core.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.grid.core.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, act, step
@@ -33,7 +35,7 @@ from minihuman.worlds.grid.minigrid_compat import MinigridCompat
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.object_kinds import ObjectKind, check_kinds, kind_name
 from minihuman.worlds.grid.pictures.drawing import draw_grid
-from minihuman.worlds.grid.pictures.tiles import GRID_PALETTES, GridPalette, hex_colour
+from minihuman.worlds.grid.pictures.tiles import GRID_PALETTES, OBJECT_COLOURS, GridPalette, hex_colour
 from minihuman.worlds.grid.planner import path_length_bounds, shortest_path
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_whole
@@ -130,6 +132,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
     compile_pieces = COMPILE_PIECES
     kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
+
+    # cells (column, row) that pictures tint in a colour, so opaque from 0 to 1; saved and hashed with the state, not
+    # observed by agents, and none at every reset
+    cell_marks: Mapping[tuple[int, int], tuple[Colour, float]] = MappingProxyType({})
 
     def __init__(
         self,
@@ -245,6 +251,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         if seed is not None:
             self._stream_is_held = self._stream_is_ahead = False
         super().reset(seed=seed)
+        self.cell_marks = {}
         clear(self._row)
         self._lay_out()
         if self._row[fields.FAILED]:
@@ -292,7 +299,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
             return WorldError(
                 f"action {action!r} does not exist in {self}; actions are 0 to {self._row[fields.ACTIONS] - 1}"
             )
-        return WorldError(f"{self} is not in an episode; call reset() before step(), and again after an end")
+        instead = "; instead of Minigrid's NoDeath, which steps on, use minihuman.worlds.grid.wrappers.NoDeath"
+        return WorldError(
+            f"{self} is not in an episode; call reset() before step(), and again after an end"
+            f"{instead if 'minigrid.wrappers' in sys.modules else ''}"
+        )
 
     def _in_world(self) -> State:
         """The state, once there is one to look at."""
@@ -326,10 +337,31 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
 
     def frame(self, *, view: View = "full", tile_px: int = 32, lit: bool = True) -> NDArray[np.uint8]:
         """A picture with tiles of this size: of the whole world, or of what the agent sees."""
+        return self._draw(view, tile_px, self.palette, lit=lit)
+
+    def _draw(
+        self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True, by_bytes: bool = False
+    ) -> NDArray[np.uint8]:
         row, size = self._in_world().row, self.image_shape[0]
-        return draw_grid(
-            row, view=view, view_size=size, tile_px=tile_px, palette=self.palette, kinds=self.kinds, lit=lit
-        )
+        looks: dict[str, Any] = {"tile_px": tile_px, "palette": palette, "kinds": self.kinds}
+        picture = draw_grid(row, view=view, view_size=size, lit=lit, by_bytes=by_bytes, **looks)
+        for place, (colour, opacity) in self.cell_marks.items():
+            if colour not in COLOURS or not (0 <= opacity <= 1 and self._has_cell(*place)):
+                raise WorldError(
+                    f"cell_marks has {place}: {(colour, opacity)}; give a cell of the grid, one of "
+                    f"{', '.join(COLOURS)}, and how opaque it is, 0 to 1"
+                )
+            at = place if view == "full" else self.relative_coords(*place)
+            if at is None or (view == "partial" and self.look(size)[at][0] == UNSEEN):
+                continue
+            left, top = at[0] * tile_px, at[1] * tile_px
+            cell = picture[top : top + tile_px, left : left + tile_px]
+            rgb = np.array(OBJECT_COLOURS[palette][COLOURS.index(colour)])
+            cell[:] = (cell + (rgb - cell) * opacity).round()
+        return picture
+
+    def _has_cell(self, x: int, y: int) -> bool:
+        return 0 <= x < self.state.width and 0 <= y < self.state.height
 
     def pose(self) -> Pose:
         """The agent's cell (column, 0, row) and direction."""
@@ -366,6 +398,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
     def save(self) -> GridSnapshot:
         """An exact copy of the state in mid-episode."""
         kept = {name: deepcopy(getattr(self, name)) for name in self.kept} if self.kept else {}
+        if self.cell_marks:
+            kept["cell_marks"] = [[*place, *mark] for place, mark in self.cell_marks.items()]
         return GridSnapshot(self._row.copy(), self._now().copy(), self.mission, kept)
 
     def restore(self, saved: GridSnapshot) -> None:
@@ -380,6 +414,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         self._rng_state[:] = saved.rng_state
         self._stream_is_held = self._stream_is_ahead = True
         self.mission = saved.mission
+        self.cell_marks = {(x, y): (colour, opacity) for x, y, colour, opacity in saved.kept.get("cell_marks", ())}
         for name in self.kept:
             setattr(self, name, deepcopy(saved.kept[name]))
 
@@ -391,15 +426,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
         # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
-        return draw_grid(
-            self._in_world().row,
-            view=view,
-            view_size=size,
-            tile_px=tile_px,
-            palette=self.palette if self.palette == "minigrid" else palette,
-            kinds=self.kinds,
-            by_bytes=True,
-        )
+        return self._draw(view, tile_px, self.palette if self.palette == "minigrid" else palette, by_bytes=True)
 
     def is_kind(self, code: int, kind: ObjectKind) -> bool:
         """Whether a cell's code, or that of what is carried, is of a kind of this world's own."""

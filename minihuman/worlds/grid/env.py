@@ -164,19 +164,19 @@ def memory(*, size: int = 8, random_length: bool = False) -> Recipe:
 
 def unlock() -> Recipe:
     """A locked door to open."""
-    return Recipe(room_grid.unlock, (), 11, 6, 288, MissionSpace("open the door"))
+    return Recipe(room_grid.unlock, (), 11, 6, 288, MissionSpace("open the door"), room_size=room_grid.SIZE)
 
 
 def unlock_pickup() -> Recipe:
     """A box behind a locked door."""
     mission = MissionSpace("pick up the {} box", COLOUR_WORDS)
-    return Recipe(room_grid.unlock_pickup, (0,), 11, 6, 288, mission)
+    return Recipe(room_grid.unlock_pickup, (0,), 11, 6, 288, mission, room_size=room_grid.SIZE)
 
 
 def blocked_unlock_pickup() -> Recipe:
     """A box behind a locked door behind a ball."""
     mission = MissionSpace("pick up the {} {}", COLOUR_WORDS, kind_words(BOX, KEY))
-    return Recipe(room_grid.unlock_pickup, (1,), 11, 6, 576, mission)
+    return Recipe(room_grid.unlock_pickup, (1,), 11, 6, 576, mission, room_size=room_grid.SIZE)
 
 
 def key_corridor(*, num_rows: int = 3, obj_type: Literal["key", "ball", "box"] = "ball", room_size: int = 6) -> Recipe:
@@ -186,13 +186,16 @@ def key_corridor(*, num_rows: int = 3, obj_type: Literal["key", "ball", "box"] =
     check_whole("num_rows", num_rows, 1, min(100, (MAX_CELLS - 1) // (room_size - 1)))
     mission = MissionSpace("pick up the {} {}", COLOUR_WORDS, kind_words(kind))
     width, height = 3 * (room_size - 1) + 1, num_rows * (room_size - 1) + 1
-    return Recipe(room_grid.key_corridor, (num_rows, room_size, kind), width, height, 30 * room_size**2, mission)
+    numbers = num_rows, room_size, kind
+    return Recipe(room_grid.key_corridor, numbers, width, height, 30 * room_size**2, mission, room_size=room_size)
 
 
 def obstructed_pair(*, key_in_box: bool = True, blocked: bool = True) -> Recipe:
     """A blue ball behind one locked door."""
     numbers = (int(check_bool("key_in_box", key_in_box)), int(check_bool("blocked", blocked)))
-    return Recipe(room_grid.obstructed_pair, numbers, 11, 6, 288, MissionSpace("pick up the blue ball"))
+    return Recipe(
+        room_grid.obstructed_pair, numbers, 11, 6, 288, MissionSpace("pick up the blue ball"), room_size=room_grid.SIZE
+    )
 
 
 def obstructed_maze(
@@ -211,7 +214,9 @@ def obstructed_maze(
     boxed, hindered = int(check_bool("key_in_box", key_in_box)), int(check_bool("blocked", blocked))
     numbers = (column + 3 * line, boxed, hindered, num_quarters, int(check_bool("keys_last", keys_last)))
     mission = MissionSpace("pick up the blue ball")
-    return Recipe(room_grid.obstructed_maze, numbers, 16, 16, 144 * num_rooms_visited, mission)
+    return Recipe(
+        room_grid.obstructed_maze, numbers, 16, 16, 144 * num_rooms_visited, mission, room_size=room_grid.SIZE
+    )
 
 
 _FAMILIES: tuple[Callable[..., Recipe], ...] = (

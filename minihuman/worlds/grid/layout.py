@@ -6,11 +6,12 @@ second the colour (r g b p y, and - for grey). `WW` is a grey wall, two spaces a
 shown. A world's own kinds have letters of their own.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.colours import COLOURS
@@ -24,6 +25,7 @@ from minihuman.worlds.grid.core.cells import (
     GREY_WALL,
     KINDS,
     OPEN,
+    UNSEEN,
     colour_of,
     identities_of,
     kind_of,
@@ -50,6 +52,7 @@ class Recipe:
     mission: MissionSpace | InstructionSpace
     see_through_walls: bool = False
     actions: int = 7  # the first so many of the seven
+    room_size: int = 0  # cells on a side of each room of a grid of equal rooms, walls included; 0 for other layouts
 
     def lay_out(self, row: Row, rng_state: RngState) -> None:
         """Lay an episode out into a cleared row."""
@@ -230,6 +233,43 @@ def to_text(state: State, kinds: Sequence[ObjectKind] = ()) -> str:
             cells[state.position[0]] = AGENT[state.direction]
         lines.append("".join(cells))
     return "\n".join(lines)
+
+
+def observation_to_text(
+    observation: Mapping[str, Any] | NDArray[np.integer[Any]], kinds: Sequence[ObjectKind] = ()
+) -> str:
+    """A diagram of what an agent of a grid world observes, in the characters of `to_text`.
+
+    Two dots are a cell that the agent does not see. It stands at the bottom's middle and looks up (``^^``); what it
+    carries is a last line, "carries Ky". An image of the whole grid (`wrappers.FullyObserved`) has the agent in it.
+
+    Args:
+        observation: Of one step: with an "image", or the image, [columns, rows, 3]: kind, colour, state.
+        kinds: The world's own kinds.
+
+    Raises:
+        WorldError: if the image has another shape, or kinds that are not known.
+    """
+    image = np.asarray(observation["image"] if isinstance(observation, Mapping) else observation)
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise WorldError(f"the image is an array {image.shape}; give one of [columns, rows, 3]: kind, colour, state")
+    if (highest := int(image[..., 0].max())) >= fields.FIRST_OWN_KIND + len(kinds):
+        raise WorldError(f"the image has kind {highest}; pass the world's own kinds, kinds=(...)")
+    numbers, colours, states = np.moveaxis(image.astype(np.int64), 2, 0)
+    cells = [
+        [_observed(*cell, kinds) for cell in zip(*line, strict=True)]
+        for line in zip(numbers.T.tolist(), colours.T.tolist(), states.T.tolist(), strict=True)
+    ]
+    if (numbers == KINDS.index("agent")).any():
+        return "\n".join(map("".join, cells))
+    carried, cells[-1][len(cells[-1]) // 2] = cells[-1][len(cells[-1]) // 2], AGENT[3]
+    return "\n".join([*map("".join, cells), *([f"carries {carried}"] if carried.strip() else [])])
+
+
+def _observed(kind: int, colour: int, state: int, kinds: Sequence[ObjectKind]) -> str:
+    if kind == UNSEEN:
+        return ".."
+    return AGENT[state] if KINDS[kind : kind + 1] == ("agent",) else _cell(pack(kind, colour, state, 0), kinds)
 
 
 def from_text(diagram: str, grid: Layout) -> None:

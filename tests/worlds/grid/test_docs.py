@@ -22,6 +22,15 @@ def test_the_tutorials_code_runs(capsys):
     assert "WW>>LrGgWW" in capsys.readouterr().out
 
 
+def test_the_code_for_those_who_come_from_minigrid_runs():
+    (block,) = re.findall(r"```python\n(.*?)```", (DOCS / "from-minigrid.md").read_text(encoding="utf-8"), re.S)
+    names = {}
+    exec(compile(block, "from-minigrid.md", "exec"), names)
+    assert names["pixels"]["image"].shape == (56, 56, 3)
+    assert names["cells"]["image"].shape == (8, 8, 3)
+    assert names["seen"].any()
+
+
 @pytest.mark.program
 @pytest.mark.filterwarnings("ignore:.*out of date")
 def test_the_gallery_is_what_its_script_draws(tmp_path):

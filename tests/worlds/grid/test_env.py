@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import minihuman  # noqa: F401
+import minihuman
 from minihuman.errors import WorldError
 from minihuman.worlds.catalogue import GRID_WORLDS
 from minihuman.worlds.grid.env import GridEnv
@@ -227,3 +227,30 @@ def test_the_map_holds_outlines_of_walls_and_things_by_name():
         ("grey goal", 3.0, 3.0),
         ("lava", 4.0, 3.0),
     }
+
+
+def test_an_observation_is_read_as_text():
+    env = gymnasium.make("minihuman/MiniGrid-DoorKey-8x8-v0")
+    observation, _ = env.reset(seed=1)
+    assert minihuman.observation_to_text(observation).splitlines() == [
+        "....WWWWWWWW..",
+        "....WW  KyLy..",
+        "....WW    WW..",
+        "....WW    WW..",
+        "....WW    WW..",
+        "....WW    WW..",
+        "....WW^^  WW..",
+    ]
+    for action in env.unwrapped.shortest_path():
+        observation, *_ = env.step(action)
+        if env.unwrapped.carrying:
+            break
+    assert minihuman.observation_to_text(observation["image"]).endswith("WW^^      \ncarries Ky")
+    assert minihuman.observation_to_text(env.unwrapped.full_image()) == env.unwrapped.text()
+
+
+def test_what_is_no_observation_is_refused():
+    with pytest.raises(WorldError, match=r"the image is an array \(7, 7\); give one of \[columns, rows, 3\]"):
+        minihuman.observation_to_text(np.zeros((7, 7)))
+    with pytest.raises(WorldError, match="the image has kind 12; pass the world's own kinds"):
+        minihuman.observation_to_text(np.full((3, 3, 3), 12))

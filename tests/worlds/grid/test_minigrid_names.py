@@ -1,13 +1,19 @@
 """Code written for Minigrid's worlds runs with only the id changed; and the wrappers its users miss."""
 
+import copy
+import pickle
+
 import gymnasium
 import minigrid  # noqa: F401
 import numpy as np
 import pytest
+from minigrid.core.grid import Grid
+from minigrid.core.world_object import Box, Door, Goal, Key, Wall
 from minigrid.wrappers import ReseedWrapper
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
+from minihuman.worlds.grid.minigrid_compat import ObjectView
 from minihuman.worlds.grid.wrappers import FixedSeeds, NoDeath, PictureObservation
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")
@@ -88,7 +94,59 @@ def shapes_of_frames(env):
     return [env.unwrapped.get_frame(tile_size=8).shape, env.unwrapped.get_frame(tile_size=8, agent_pov=True).shape]
 
 
+def things(cells):
+    return [None if cell is None else (cell.encode(), cell.can_overlap(), cell.see_behind()) for cell in cells]
+
+
+def what_is_observed_as_a_grid(env):
+    env.reset(seed=8)
+    seen = []
+    for action in (1, 2, 2, 0, 3, 2):
+        env.step(action)
+        for size in (None, 3, 9):
+            grid, mask = env.unwrapped.gen_obs_grid(size)
+            seen.append((things(grid.grid), mask.tolist(), grid.encode(mask).tolist()))
+    return seen
+
+
+def parts_and_turns(env):
+    env.reset(seed=9)
+    grid = env.unwrapped.grid
+    part = grid.slice(-2, 3, 6, 9)
+    turned = part.rotate_left()
+    rest = grid == grid.copy(), part == turned, (part.width, part.height), (turned.width, turned.height)
+    return rest, things(grid.grid), things(part.grid), things(turned.grid)
+
+
+def where_it_looks(env):
+    env.reset(seed=10)
+    world, seen = env.unwrapped, []
+    for _ in range(4):
+        env.step(world.actions.right)
+        exts, coords = world.get_view_exts(5), world.get_view_coords(1, 2)
+        seen.append((*map(int, (*exts, *coords, *world.right_vec)), world.hash(8) == world.hash(8)))
+    return seen, [action.name for action in world.actions], world.see_through_walls
+
+
+def kinds_by_class(env):
+    env.reset(seed=11)
+    cells = env.unwrapped.grid.grid
+    return [[isinstance(cell, kind) for kind in (Wall, Door, Key, Box, Goal)] for cell in cells]
+
+
+def pictures(env):
+    env.reset(seed=12)
+    world = env.unwrapped
+    frames = world.get_frame(tile_size=6), world.get_pov_render(6), world.get_full_render(False, 6)
+    return [frame.tolist() for frame in frames]
+
+
 SNIPPETS = (
+    what_is_observed_as_a_grid,
+    parts_and_turns,
+    where_it_looks,
+    kinds_by_class,
+    pictures,
     where_am_i,
     what_is_there,
     find_the_key,
@@ -116,6 +174,86 @@ def test_views_change_nothing():
         getattr(env, snippet)
     assert env.state_hash() == before
     assert ("blue", "box") in env.grid or "door" in env.grid
+
+
+def test_what_is_written_into_a_world_is_there():
+    """As on Minigrid's: the same edits by hand, then the same observations."""
+    seen = []
+    for name in ("minihuman/MiniGrid-DoorKey-8x8-v0", "MiniGrid-DoorKey-8x8-v0"):
+        env = gymnasium.make(name)
+        env.reset(seed=0)
+        world = env.unwrapped
+        (at,) = find_the_key(env)
+        world.grid.set(*at, None)
+        world.put_obj(Key("red"), 1, 1)
+        world.put_obj(Box("blue", Key("green")), 2, 1)
+        world.agent_pos, world.agent_dir = (1, 2), 3
+        steps = [env.step(action)[0]["image"].tolist() for action in (3, 2, 1, 5, 4, 0)]
+        seen.append((steps, world.carrying is None, world.grid.encode().tolist()))
+    assert seen[0] == seen[1]
+
+
+def test_a_thing_that_is_put_elsewhere_is_the_same_thing():
+    env = gymnasium.make("minihuman/MiniGrid-DoorKey-8x8-v0")
+    (at,) = find_the_key(env)
+    world = env.unwrapped
+    key = world.grid.get(*at)
+    world.put_obj(key, 1, 1)
+    assert world.grid.get(*at) is None
+    assert world.grid.get(1, 1).code == key.code
+    assert key in world.grid
+    world.carrying = key
+    assert world.grid.get(1, 1) is None
+    assert world.carrying.type == "key"
+    world.carrying = None
+    assert key not in world.grid
+
+
+def test_what_cannot_be_written_is_refused():
+    env = gymnasium.make("minihuman/MiniGrid-DoorKey-8x8-v0")
+    env.reset(seed=0)
+    world = env.unwrapped
+    with pytest.raises(WorldError, match=r"agent_pos is \(8, 1\); cells are \(0, 0\) to \(7, 7\)"):
+        world.agent_pos = 8, 1
+    with pytest.raises(WorldError, match="agent_dir is 4"):
+        world.agent_dir = 4
+    with pytest.raises(WorldError, match=r"a copy; set cells of env\.unwrapped\.grid"):
+        world.grid.copy().set(1, 1, None)
+    with pytest.raises(WorldError, match="not a grid of equal rooms"):
+        world.room_from_pos(1, 1)
+    for _ in range(64 - 2):  # beside its own door and key
+        world.put_obj(Key("red"), 1, 1)
+    with pytest.raises(WorldError, match="64 things were made in this episode"):
+        world.put_obj(Key("red"), 1, 1)
+
+
+def test_a_view_of_a_thing_is_of_minigrids_class_and_of_ours():
+    env = gymnasium.make("minihuman/MiniGrid-Empty-5x5-v0")
+    env.reset(seed=0)
+    cell = env.unwrapped.grid.get(3, 3)
+    assert isinstance(cell, Goal)
+    assert isinstance(cell, ObjectView)
+    assert cell != Goal()  # as two things of Minigrid's that look alike
+    assert {cell: 1}[env.unwrapped.grid.get(3, 3)] == 1
+    assert pickle.loads(pickle.dumps(cell)) == copy.deepcopy(cell) == cell
+    theirs = gymnasium.make("MiniGrid-Empty-5x5-v0")
+    theirs.reset(seed=0)
+    assert env.unwrapped.grid == theirs.unwrapped.grid
+    assert Grid.decode(env.unwrapped.gen_obs()["image"])[0] == theirs.unwrapped.gen_obs_grid()[0]
+
+
+@pytest.mark.parametrize("name", ["MiniGrid-ObstructedMaze-Full-v1", "BabyAI-GoTo-v0", "MiniGrid-KeyCorridorS4R3-v0"])
+def test_a_cells_room_is_minigrids(name):
+    ours, theirs = gymnasium.make(f"minihuman/{name}"), gymnasium.make(name)
+    for seed in range(3):
+        ours.reset(seed=seed)
+        theirs.reset(seed=seed)
+        for x in range(ours.unwrapped.width - 1):
+            for y in range(ours.unwrapped.height - 1):
+                room, its = ours.unwrapped.room_from_pos(x, y), theirs.unwrapped.room_from_pos(x, y)
+                assert (room.top, room.size) == (its.top, its.size)
+                doors = [getattr(door, "color", None) for door in its.doors]
+                assert [getattr(door, "color", None) for door in room.doors] == doors
 
 
 def test_render_takes_highlight_and_the_agents_point_of_view():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import minihuman  # noqa: F401
+from minihuman.errors import WorldError
 from minihuman.worlds.colours import COLOURS
 from minihuman.worlds.grid.core.cells import KINDS
 from minihuman.worlds.grid.layout import from_text
@@ -118,3 +119,47 @@ def test_green_and_yellow_differ_under_protanopia_in_both_palettes():
     for colours in (OBJECT_COLOURS[palette] for palette in ("classic", "colour-safe")):  # Minigrid's are what they are
         green, yellow = (lab(np.array(colours[k]) / 255, PROTANOPIA) for k in (1, 4))
         assert np.linalg.norm(green - yellow) > 15
+
+
+def test_a_marked_cell_is_tinted_wherever_it_is_seen():
+    world = gymnasium.make("minihuman/MiniGrid-Empty-5x5-v0").unwrapped
+    world.reset(seed=0)  # the agent looks right from (1, 1)
+    before, view = world.frame(tile_px=8), world.frame(view="partial", tile_px=8)
+    observed = world.observation()["image"]
+    world.cell_marks = {(2, 2): ("yellow", 1.0), (1, 3): ("red", 0.5), (0, 4): ("blue", 0.25)}
+    marked = world.frame(tile_px=8)
+    yellow, red = (np.array(OBJECT_COLOURS["classic"][COLOURS.index(name)]) for name in ("yellow", "red"))
+    assert (marked[16:24, 16:24] == yellow).all()
+    np.testing.assert_allclose(marked[24:32, 8:16], before[24:32, 8:16] / 2 + red / 2, atol=0.51)
+    changed = (marked != before).any(axis=2).reshape(5, 8, 5, 8).any(axis=(1, 3))
+    assert np.argwhere(changed.T).tolist() == [[0, 4], [1, 3], [2, 2]]
+    seen = (world.frame(view="partial", tile_px=8) != view).any(axis=2).reshape(7, 8, 7, 8).any(axis=(1, 3))
+    assert np.argwhere(seen.T).tolist() == [[4, 5], [5, 6]]  # the third is behind it
+    np.testing.assert_array_equal(world.observation()["image"], observed)
+
+
+def test_marks_are_part_of_the_state_and_end_with_the_episode():
+    world = gymnasium.make("minihuman/MiniGrid-Empty-5x5-v0").unwrapped
+    world.reset(seed=0)
+    plain, bare = world.state_hash(), world.save()
+    world.cell_marks = {(2, 2): ("yellow", 0.5)}
+    assert world.state_hash() != plain
+    saved, picture = world.save(), world.picture()
+    world.reset(seed=0)
+    assert not world.cell_marks
+    assert world.state_hash() == plain
+    world.restore(saved)
+    np.testing.assert_array_equal(world.picture(), picture)
+    world.restore(bare)
+    assert world.state_hash() == plain
+
+
+@pytest.mark.parametrize(
+    "marks", [{(5, 0): ("red", 1)}, {(0, -1): ("red", 1)}, {(0, 0): ("pink", 1)}, {(0, 0): ("red", 2)}]
+)
+def test_a_mark_that_there_cannot_be_is_refused(marks):
+    world = gymnasium.make("minihuman/MiniGrid-Empty-5x5-v0").unwrapped
+    world.reset(seed=0)
+    world.cell_marks = marks
+    with pytest.raises(WorldError, match="give a cell of the grid, one of red, green"):
+        world.frame()

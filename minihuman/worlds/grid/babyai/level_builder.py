@@ -487,6 +487,7 @@ class Level:
             height=height,
             max_steps=steps or walk,
             mission=builder.space(any_mission=any_mission or mission is not None),
+            room_size=size,
             program=builder.program(0 if steps else walk, flags=flags),
             given=NO_MISSION,
         )
