@@ -86,6 +86,10 @@ class LogError(MinihumanError, ValueError):
     """A log cannot be written, read or understood."""
 
 
+class NewerLogError(LogError):
+    """A log is of a newer version than this software reads; it is not damaged."""
+
+
 class DataLossError(LogError):
     """Something that was recorded is not in its log."""
 
