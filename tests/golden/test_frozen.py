@@ -24,6 +24,7 @@ from minihuman.experiment.plan.session_plan import PacePolicy
 from minihuman.exporters.exporter import export_study
 from minihuman.log.names import SCHEMA_VERSION
 from minihuman.log.read.session_reader import read_log
+from minihuman.log.record import live_log
 from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import resume_segment
 from minihuman.log.salvage.summary_section import read_summary
@@ -161,13 +162,17 @@ def test_a_frozen_study_has_the_cells_that_it_had(study, tmp_path):
     assert not against, "\n".join([*against[:20], f"{len(against)} in all"])
 
 
-def test_a_frozen_live_file_is_finished_and_the_rest_of_its_session_is_of_todays_version(tmp_path):
-    study_dir = _copy(HERE / "v1" / "cut-off", tmp_path)
-    [part] = study_dir.rglob("*.part")
+def test_a_live_file_of_before_is_finished_and_the_rest_of_its_session_is_of_todays_version(tmp_path, monkeypatch):
+    with monkeypatch.context() as before:
+        before.setattr(live_log, "SCHEMA_VERSION", 1)
+        log = segment(tmp_path, frozen_study("cut-off"), after_steps=8, part=tmp_path / "as-killed")
+    log.unlink()
+    part = log.with_name(f"{log.name}.part")
+    shutil.move(tmp_path / "as-killed", part)
     with pytest.raises(LogError, match="was written by another version of minihuman; run: minihuman recover"):
         resume_segment(part)
     recover_log(part)
-    log = segment(tmp_path, frozen_study("cut-off"))
+    segment(tmp_path, frozen_study("cut-off"))
     assert [facts["schema_version"] for facts in read_summary(log).starts] == ["1", str(SCHEMA_VERSION)]
     assert [good for _, good in verify_session(log)] == [True]
     assert read_log(log).end_reason == "complete"
