@@ -39,6 +39,7 @@ EndReason = Literal[
     "connection_lost",
     "disk_full",
     "world_error",
+    "player_failed",  # the simulated participant crashed, or gave no answer
     "internal_error",
 ]
 
