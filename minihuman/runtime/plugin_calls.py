@@ -1,5 +1,6 @@
 """Limit how long a plug-in's code may take to answer, and name its failures without what must not be in a log."""
 
+import re
 import signal
 import threading
 import traceback
@@ -7,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
+
+from minihuman.errors import MinihumanError
 
 ANSWER_TIMEOUT_S = 60.0
 
@@ -40,3 +43,13 @@ def locate_error(error: BaseException) -> str:
     """Where an error was raised: file name and line, without the folder."""
     frames = traceback.extract_tb(error.__traceback__)
     return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+
+
+_PATHS = re.compile(r"\S*[/\\](.*[/\\])?\S*")
+
+
+def describe_failure(error: BaseException) -> str:
+    """Describe an error for a log: its type and, if it is one of ours, its sentence without whatever may be a path."""
+    if not isinstance(error, MinihumanError):
+        return type(error).__name__
+    return f"{type(error).__name__}: {_PATHS.sub('...', str(error).partition(chr(10))[0])}"
