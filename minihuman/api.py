@@ -115,7 +115,7 @@ class Episode:
 
     @property
     def outcome(self) -> str:
-        """How it ended: goal, timeout, failure, abandoned, or cut_off where the log ends in the middle."""
+        """How it ended: goal, timeout, failure, abandoned, agent_failed, or cut_off where the log stops."""
         return self.recorded.outcome_word
 
     @property

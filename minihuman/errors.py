@@ -82,8 +82,24 @@ class SimulationError(MinihumanError, ValueError):
     """A simulated player does not exist, has no such parameter, or cannot play this world."""
 
 
+class PlayerFailedError(SimulationError):
+    """A simulated participant crashed, or gave no answer.
+
+    Attributes:
+        reason: what of it may stand in a log: the error's type, or what was wrong with the answer.
+    """
+
+    def __init__(self, message: str, reason: str) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
 class LogError(MinihumanError, ValueError):
     """A log cannot be written, read or understood."""
+
+
+class NewerLogError(LogError):
+    """A log is of a newer version than this software reads; it is not damaged."""
 
 
 class DataLossError(LogError):

@@ -96,7 +96,7 @@ def run(
         fullscreen: use the whole screen, not a window.
         lsl: send markers by the Lab Streaming Layer.
         on_progress: is told what is being prepared; "" when the window is about to open.
-        on_start: is told who begins, once the slot is taken.
+        on_start: is told who has a slot and no log, then who begins, once the slot is taken.
 
     Returns:
         The session's log; None if it ended before anything was to be written, which leaves the slot free.
@@ -109,7 +109,7 @@ def run(
     """
     from minihuman.admin.enrolment_entries import AuditNote
     from minihuman.admin.legibility import require_legible
-    from minihuman.admin.next_session import find_interrupted_session, plan_next_session
+    from minihuman.admin.next_session import find_interrupted_session, find_unused_slots, plan_next_session
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.display.windows.blocking_window import open_window
     from minihuman.errors import AllocationError
@@ -137,6 +137,11 @@ def run(
     opened = open_window(window, clock, fullscreen=fullscreen)
     try:  # the window first: a station without a display must not use up a slot
         note = AuditNote(reason, experimenter)
+        if participant is None and (unused := find_unused_slots(data / study.study.name)):
+            on_start(
+                f"{', '.join(unused)}: a slot and no log; if no session of theirs is running: "
+                f"minihuman replace {unused[0]} --study {data / study.study.name}"
+            )
         plan = plan_next_session(
             study, data, participant=participant, group=group, session=session, any_day=any_day, note=note
         )

@@ -25,6 +25,21 @@ class AuditNote(msgspec.Struct, frozen=True):
 NO_NOTE = AuditNote()
 
 
+ENROLMENT_FORMAT = 2  # of the lines; goes up when an older reader would misread a newer enrolment log
+_MESSAGE_TO_OLDER = "a newer minihuman wrote this: update yours"  # they show a line's first 60 bytes
+
+
+class FormatDeclared(msgspec.Struct, frozen=True):
+    """The first line that this version adds to an enrolment log.
+
+    Readers of format 1 pass over kinds of lines that they do not know, but refuse a ``withdrawn`` that is no text, and
+    so the whole file, before they can do anything in the study.
+    """
+
+    withdrawn: tuple[str, ...] = (_MESSAGE_TO_OLDER,)
+    format: int = ENROLMENT_FORMAT
+
+
 class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
     """One line of the register: a place, and the allocation list it was taken from."""
 
@@ -107,7 +122,8 @@ class LogRecovered(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 EnrolmentEntry = (
-    SlotTaken
+    FormatDeclared
+    | SlotTaken
     | GroupDrawn
     | ParticipantWithdrawn
     | ParticipantReplaced
@@ -136,7 +152,7 @@ def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
 
 def open_enrolment_log(study_dir: Path) -> Journal[EnrolmentEntry]:
     """A study's register."""
-    return open_journal(study_dir, ENROLMENT_FILE_NAME, _decode_entry, chained=True)
+    return open_journal(study_dir, ENROLMENT_FILE_NAME, _decode_entry, chained=True, declaration=_DECLARATION)
 
 
 def read_chain_heads(study_dir: Path, log: str) -> dict[str, str]:
@@ -237,19 +253,27 @@ def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
     """Decode a line; those of kinds that other programs add are passed over.
 
     Raises:
-        AllocationError: if a whole line cannot be read.
+        AllocationError: if a whole line cannot be read, or a newer version wrote it.
     """
     try:
         found = msgspec.json.decode(line, type=dict[str, Any]) if line else {}
         kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in found), None)
-        return None if kind is None else msgspec.convert(found, kind)
+        entry = None if kind is None else msgspec.convert(found, kind)
     except (msgspec.DecodeError, UnicodeDecodeError):
         raise AllocationError(
             f"{ENROLMENT_FILE_NAME}:{number}: cannot be read: {line[:60]!r}; restore the file"
         ) from None
+    if isinstance(entry, FormatDeclared) and entry.format > ENROLMENT_FORMAT:
+        raise AllocationError(
+            f"{ENROLMENT_FILE_NAME}:{number}: a newer minihuman wrote this (format {entry.format}; this version reads "
+            f"up to {ENROLMENT_FORMAT}): update minihuman to read it"
+        )
+    return entry
 
 
+_DECLARATION = FormatDeclared()
 _ENTRY_TYPES: dict[str, type[EnrolmentEntry]] = {
+    "format": FormatDeclared,  # before its other field
     "participant": SlotTaken,
     "drawn": GroupDrawn,
     "withdrawn": ParticipantWithdrawn,

@@ -135,6 +135,13 @@ def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
     return None
 
 
+def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
+    """Find who has a slot and no log: before consent, a killed program leaves nothing else of its session."""
+    played = {row.path.name.partition("_")[0] for row in read_session_index(study_dir)} if study_dir.is_dir() else set()
+    replaced = {*list_replaced(read_enrolment_log(study_dir))}
+    return tuple(slot.participant for slot in read_enrolled(study_dir) if slot.participant not in played | replaced)
+
+
 def find_start_date(log: SessionLog) -> date:
     """The calendar day on which a session began, where the participant was; in UTC where the log has no offset."""
     started = datetime.fromisoformat(log.started_at).astimezone(UTC)

@@ -29,6 +29,7 @@ GroupCounts = Mapping[str, int]  # by group
 _LEFT_BEFORE = {
     "declined": "did not agree",
     "screened_out": "screened out before a group was drawn",
+    "player_failed": "simulated participants that failed before anything was recorded",
 }
 _LEFT = "left before anything was recorded"
 
@@ -41,6 +42,7 @@ class SessionFlow:
     complete: GroupCounts
     screened_out: GroupCounts
     unfinished: GroupCounts
+    failed: GroupCounts  # simulated participants that crashed or gave no answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,13 +101,19 @@ def _by_group(groups: Mapping[str, str], codes: Collection[str]) -> GroupCounts:
 def _session_flow(number: int, found: Mapping[tuple[int, str], SessionSummary]) -> SessionFlow:
     here = [one for (session, _), one in found.items() if session == number]
     states = [(one.group, _flow_state(one)) for one in here]
-    of = {state: Counter(group for group, its in states if its == state) for state in ("complete", "out", "unfinished")}
-    return SessionFlow(Counter(one.group for one in here), of["complete"], of["out"], of["unfinished"])
+    of = {
+        state: Counter(group for group, its in states if its == state)
+        for state in ("complete", "out", "unfinished", "failed")
+    }
+    began = Counter(one.group for one in here)
+    return SessionFlow(began, of["complete"], of["out"], of["unfinished"], of["failed"])
 
 
 def _flow_state(one: SessionSummary) -> str:
     if one.end_reason == "screened_out":
         return "out"
+    if one.end_reason == "player_failed":
+        return "failed"
     return "complete" if one.complete else "unfinished"
 
 
@@ -231,6 +239,8 @@ def _line(row: SessionRow) -> str:
 def _progress(summary: SessionSummary) -> str:
     if summary.end_reason == "screened_out":
         return "screened out"
+    if summary.end_reason == "player_failed":
+        return "the simulated participant failed"
     return "complete" if summary.complete else f"unfinished: {summary.end_reason}"
 
 

@@ -95,16 +95,24 @@ def _digest(data: bytes) -> str:
 class LockedJournal(abc.ABC, Generic[Line]):
     """A journal while no other process can write to it."""
 
-    def __init__(self, lines: tuple[Line, ...]) -> None:
+    def __init__(self, lines: tuple[Line, ...], declaration: Line | None = None) -> None:
         self.lines = lines
+        self._declaration = declaration
 
-    @abc.abstractmethod
     def append(self, *lines: Line) -> None:
-        """Add lines; they last when the journal is let go of, at the latest.
+        """Add lines, all or none; they last when the journal is let go of, at the latest.
 
         Raises:
             OSError: if they cannot be written.
         """
+        if self._declaration is not None and self._declaration not in self.lines:
+            lines = (self._declaration, *lines)
+        self._write(lines)
+        self.lines += lines
+
+    @abc.abstractmethod
+    def _write(self, lines: tuple[Line, ...]) -> None:
+        """Write lines behind the others."""
 
 
 class Journal(abc.ABC, Generic[Line]):
@@ -153,10 +161,20 @@ class FileJournal(Journal[Line]):
         decode: reads a line.
         mode: who may read it.
         chained: each line carries a checksum and the head of the chain before it; nothing is ever taken out.
+        declaration: written once, before the first line that is added; None: there is none.
     """
 
-    def __init__(self, path: Path, decode: LineDecoder[Line], *, mode: int = 0o644, chained: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        decode: LineDecoder[Line],
+        *,
+        mode: int = 0o644,
+        chained: bool = False,
+        declaration: Line | None = None,
+    ) -> None:
         self._path, self._decode, self._mode, self._chained = path, decode, mode, chained
+        self._declaration = declaration
         self._guard = threading.Lock()
         self._forget()
 
@@ -191,7 +209,8 @@ class FileJournal(Journal[Line]):
                         fd, self._path
                     ):  # else a participant was removed from it meanwhile, which writes it anew
                         lines = self._read_on(fd)
-                        yield _LockedFile(fd, lines, self._chain.copy() if self._chained else None)
+                        chain = self._chain.copy() if self._chained else None
+                        yield _LockedFile(fd, lines, self._declaration, chain)
                         return
                 finally:
                     os.close(fd)
@@ -260,12 +279,12 @@ _REMEMBERED = 256  # bytes by which a file that was changed is known
 
 
 class _LockedFile(LockedJournal[Line]):
-    def __init__(self, fd: int, lines: tuple[Line, ...], chain: LineChain | None) -> None:
-        super().__init__(lines)
+    def __init__(self, fd: int, lines: tuple[Line, ...], declaration: Line | None, chain: LineChain | None) -> None:
+        super().__init__(lines, declaration)
         self._fd, self._chain = fd, chain
 
-    def append(self, *lines: Line) -> None:
-        """Write them behind the others, all or none; a line that a crash cut off is finished first."""
+    def _write(self, lines: tuple[Line, ...]) -> None:
+        """Write them; a line that a crash cut off is finished first."""
         size = os.fstat(self._fd).st_size
         start = read_at(self._fd, _LONGEST, max(0, size - _LONGEST)).rpartition(b"\n")[2]
         end = b"" if not start else b"\n"
@@ -286,7 +305,6 @@ class _LockedFile(LockedJournal[Line]):
             with suppress(OSError):
                 os.ftruncate(self._fd, size)
             raise
-        self.lines += lines
 
 
 _LONGEST = 1 << 20  # bytes of a line
@@ -298,15 +316,21 @@ ARRIVALS_FILE_NAME = "arrivals.jsonl"  # who came by which link
 
 
 def open_journal(
-    study_dir: Path, name: str, decode: LineDecoder[Line], *, mode: int = 0o644, chained: bool = False
+    study_dir: Path,
+    name: str,
+    decode: LineDecoder[Line],
+    *,
+    mode: int = 0o644,
+    chained: bool = False,
+    declaration: Line | None = None,
 ) -> Journal[Line]:
     """A study's journal of that name; the same object for every caller in this process."""
     study_dir = study_dir.absolute()
     url = find_database_url(study_dir)
     made: Any = (
-        _in_database(url, f"{study_dir.name}/{name}", decode, chained)
+        _in_database(url, f"{study_dir.name}/{name}", decode, chained, declaration)
         if url
-        else _in_file(study_dir / name, decode, mode, chained)
+        else _in_file(study_dir / name, decode, mode, chained, declaration)
     )
     return made  # type: ignore[no-any-return]
 
@@ -321,12 +345,12 @@ def find_database_url(study_dir: Path) -> str:
 
 
 @cache
-def _in_file(path: Path, decode: Callable[..., Any], mode: int, chained: bool) -> Journal[Any]:
-    return FileJournal(path, decode, mode=mode, chained=chained)
+def _in_file(path: Path, decode: Callable[..., Any], mode: int, chained: bool, declaration: Any) -> Journal[Any]:
+    return FileJournal(path, decode, mode=mode, chained=chained, declaration=declaration)
 
 
 @cache
-def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool) -> Journal[Any]:
+def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool, declaration: Any) -> Journal[Any]:
     from minihuman.dataset.journal_postgres import PostgresJournal
 
-    return PostgresJournal(url, name, decode, chained=chained)
+    return PostgresJournal(url, name, decode, chained=chained, declaration=declaration)

@@ -38,10 +38,20 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         name: of the journal.
         decode: reads a line.
         chained: as in ``FileJournal``.
+        declaration: as there.
     """
 
-    def __init__(self, url: str, name: str, decode: LineDecoder[Line], *, chained: bool = False) -> None:
+    def __init__(
+        self,
+        url: str,
+        name: str,
+        decode: LineDecoder[Line],
+        *,
+        chained: bool = False,
+        declaration: Line | None = None,
+    ) -> None:
         self._url, self._name, self._decode, self._chained = url, name, decode, chained
+        self._declaration = declaration
         self._chain = LineChain(name)
         self._guard = threading.RLock()
         self._connection: psycopg.Connection[Any] | None = None
@@ -70,7 +80,8 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         """Keep others out by the lock of a row, which ends with the connection."""
         with self._asking() as cursor:
             lines = self._read_on(cursor, self._locked(cursor))
-            yield _LockedRows(cursor, self._name, self._last, lines, self._chain.copy() if self._chained else None)
+            chain = self._chain.copy() if self._chained else None
+            yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
     def keep(self, wanted: Callable[[bytes], bool]) -> None:
         """Delete the others; readers read everything again."""
@@ -143,13 +154,19 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
 class _LockedRows(LockedJournal[Line]):
     def __init__(
-        self, cursor: "psycopg.Cursor[Any]", name: str, last: int, lines: tuple[Line, ...], chain: LineChain | None
+        self,
+        cursor: "psycopg.Cursor[Any]",
+        name: str,
+        last: int,
+        lines: tuple[Line, ...],
+        declaration: Line | None,
+        chain: LineChain | None,
     ) -> None:
-        super().__init__(lines)
+        super().__init__(lines, declaration)
         self._cursor, self._name, self._last, self._chain = cursor, name, last, chain
 
-    def append(self, *lines: Line) -> None:
-        """Insert them behind the others; they last when the transaction has ended."""
+    def _write(self, lines: tuple[Line, ...]) -> None:
+        """Insert them; they last when the transaction has ended."""
         for line in lines:
             self._last += 1
             encoded = msgspec.json.encode(line)
@@ -157,4 +174,3 @@ class _LockedRows(LockedJournal[Line]):
                 "insert into minihuman_lines (journal, number, line) values (%s, %s, %s)",
                 [self._name, self._last, encoded if self._chain is None else self._chain.seal(encoded)],
             )
-        self.lines += lines

@@ -42,7 +42,7 @@ def matches_version(plan: SessionPlan, asked: str) -> bool:
     return by_hash or asked in (plan.study_version, format_version(plan))
 
 
-UNFINISHED_OUTCOMES = ("abandoned", CUT_OFF)
+UNFINISHED_OUTCOMES = ("abandoned", "agent_failed", CUT_OFF)
 _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
 
 
@@ -246,9 +246,10 @@ def _format_count(count: int, what: str) -> str:
 
 
 EXCLUDE = "exclude"  # a reviewer's tag that leaves an episode out unless it is asked for
-UNFINISHED = "unfinished"  # abandoned, or cut off with the log
+UNFINISHED = "unfinished"  # abandoned, ended by a failed agent, or cut off with the log
 RULES = "rules"  # of the protocol: [[exclusions]]
 NOT_FINISHED = "not played to an end"
+AGENT_FAILED = "the agent failed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -369,7 +370,7 @@ class Selection:
         if unwanted := theirs & (({EXCLUDE} | set(self.without)) - set(self.with_)):
             return f"tagged {' '.join(sorted(unwanted))}"
         if episode.outcome_word in UNFINISHED_OUTCOMES and UNFINISHED not in self.with_:
-            return NOT_FINISHED
+            return AGENT_FAILED if episode.outcome == "agent_failed" else NOT_FINISHED
         return ""
 
 

@@ -340,7 +340,7 @@ CONTROLS = (
     EPISODE_COLUMN,
     TableColumn("step", "integer", "", "The step that it follows, 0 for the reset."),
     TableColumn("who", "text", "", "Who steers from now on: agent or person."),
-    TableColumn("reason", "text", "", "start, key (the person took over), hand_back, or no_policy."),
+    TableColumn("reason", "text", "", "start, key (the person took over), hand_back, no_policy or agent_failed."),
     TableColumn("pressed_ns", "integer", "ns", "When the key for it went down, session time."),
 )
 RATINGS = (
@@ -411,7 +411,7 @@ EPISODES = (
     TableColumn("world", "text", "", "The world's id."),
     TableColumn("seed", "integer", "", "The seed of the layout."),
     TableColumn("t_ns", "integer", "ns", "When the episode was reset: session time, since the first segment began."),
-    TableColumn("outcome", "text", "", "goal, timeout, failure, abandoned or cut_off."),
+    TableColumn("outcome", "text", "", "goal, timeout, failure, abandoned, agent_failed or cut_off."),
     TableColumn("success", "boolean", "", "Whether the outcome is goal."),
     TableColumn("reward", "number", "", "Sum of the episode's rewards."),
     TableColumn("steps", "integer", "", "Steps done."),

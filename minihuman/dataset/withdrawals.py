@@ -15,9 +15,12 @@ _UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
 
 
 class _Line(msgspec.Struct, frozen=True):
-    """Of the register, which has one for each who withdrew: {"withdrawn": "sub-07", "at": ...}."""
+    """Of the register, which has one for each who withdrew: {"withdrawn": "sub-07", "at": ...}.
 
-    withdrawn: str = ""
+    The enrolment log's declaration has a list there.
+    """
+
+    withdrawn: str | list[str] = ""
 
 
 def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
@@ -50,6 +53,7 @@ def find_withdrawn_codes(folders: Iterable[Path]) -> dict[Path, frozenset[str]]:
 def _code(line: bytes, number: int) -> str | None:
     """Who withdrew by a line; None where it says nothing of that."""
     try:
-        return msgspec.json.decode(line, type=_Line).withdrawn or None
+        withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
+        return withdrawn if withdrawn and isinstance(withdrawn, str) else None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise LogError(f"{ENROLMENT_FILE_NAME}:{number}: cannot be read: {line[:60]!r}; restore the file") from error

@@ -63,6 +63,7 @@ _EXTERNAL_STOP_REASONS = (  # only the session host gives these
     "timed_out",
     "connection_lost",
     "disk_full",
+    "player_failed",
     "internal_error",
 )
 _COMMANDS: tuple[Any, ...] = get_args(get_type_hints(ExperimenterCommand)["what"])

@@ -33,9 +33,10 @@ OUTCOME_COLOURS = {
     "timeout": "#e69f00",
     "failure": "#d55e00",
     "abandoned": "#cc79a7",
+    "agent_failed": "#000000",
     CUT_OFF: "#8a8a8a",
 }
-OUTCOME_MARKERS = {"goal": "o", "timeout": "s", "failure": "X", "abandoned": "v", CUT_OFF: "P"}
+OUTCOME_MARKERS = {"goal": "o", "timeout": "s", "failure": "X", "abandoned": "v", "agent_failed": "*", CUT_OFF: "P"}
 TIME_COLOURS = "cividis"
 
 _SETTINGS: dict[Any, Any] = {

@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol, get_args, get_origin, get_type_hints
 import msgspec
 from google.protobuf.message import Message
 
-from minihuman.errors import LogError, ProtocolError
+from minihuman.errors import LogError, NewerLogError, ProtocolError
 from minihuman.experiment.activities.activity import ActivityKind
 from minihuman.experiment.activities.registry import GROUP, find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events
@@ -444,7 +444,7 @@ def event_cause_ns(event: events.Event) -> int:
 # newer log; a field or topic that is only added is a minor change ("1.2"), which readers skip.
 EventDecoder = Callable[[str, bytes], events.Event | None]
 
-DECODERS: dict[int, EventDecoder] = {1: decode_event}
+DECODERS: dict[int, EventDecoder] = {1: decode_event, 2: decode_event}  # 2: not for readers of before
 assert max(DECODERS) == SCHEMA_VERSION, "every version that is written can be read"
 
 
@@ -452,7 +452,7 @@ def select_decoder(facts: Mapping[str, str], path: Path) -> EventDecoder:
     """Select the decoder of a segment's messages by the version in its metadata.
 
     Raises:
-        LogError: if there is no version, or it is newer than this software.
+        LogError: if there is no version; ``NewerLogError`` if it is newer than this software.
     """
     stated = facts.get("schema_version", "none")
     number, _, minor = stated.partition(".")
@@ -460,7 +460,7 @@ def select_decoder(facts: Mapping[str, str], path: Path) -> EventDecoder:
         raise LogError(f"{path} has log schema version {stated}, which is not a valid version; name a session log")
     reader = DECODERS.get(int(number))
     if reader is None:
-        raise LogError(
+        raise NewerLogError(
             f"{path} was written by a newer minihuman "
             f"({facts.get('minihuman', 'unknown')}, log schema version {stated}; this version reads up to "
             f"{max(DECODERS)}): update minihuman to read it"

@@ -3,7 +3,7 @@
 They are format, not vocabulary: they stay as they are when names in the code change.
 """
 
-SCHEMA_VERSION = 1  # of the messages; goes up when an older reader would misread a newer log
+SCHEMA_VERSION = 2  # of the messages; goes up when an older reader would misread a newer log
 PROFILE = "minihuman"
 
 SEGMENT_METADATA = "minihuman.segment"  # at a segment's start

@@ -17,7 +17,7 @@ import pandas as pd
 
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
-from minihuman.errors import ReportError
+from minihuman.errors import PlayerFailedError, ReportError
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
@@ -69,7 +69,10 @@ def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant
     player.begin(plan, pool, world)
     presses, steps, reward, outcome = 0, 0, 0.0, "timeout"
     while outcome == "timeout" and steps < plan.max_steps and presses < _PRESSES_PER_STEP * plan.max_steps:
-        action = plan.key_map.keys.get(player.press(world).key, "")
+        press = player.press(world)
+        if press is None:
+            raise PlayerFailedError(f"the simulated participant gave no answer in {plan.world}", "no answer")
+        action = plan.key_map.keys.get(press.key, "")
         presses += 1
         if action:
             made = world.step(world.action_names.index(action))

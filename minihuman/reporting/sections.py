@@ -429,7 +429,11 @@ def flow_table(
         rows.append(row(f"{session}began", course.began))
         rows += [
             row(f"{session}{what}", counts)
-            for what, counts in (("screened out", course.screened_out), ("not finished", course.unfinished))
+            for what, counts in (
+                ("screened out", course.screened_out),
+                ("simulated participant failed", course.failed),
+                ("not finished", course.unfinished),
+            )
             if counts
         ]
         rows.append(row(f"{session}finished", course.complete))

@@ -40,6 +40,7 @@ from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.paths import SegmentPath
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
+from minihuman.runtime.plugin_calls import describe_failure, limit_answer_time, locate_error
 from minihuman.worlds.adapters.world import World
 
 _ClipStart = tuple[EpisodeLog, int]  # the episode, and the step whose picture is the first
@@ -238,15 +239,17 @@ class AgentHost(RequestHandler):
         try:
             return self._adopted(self._policies.keep(self._files[name]), t_ns)
         except (KeyError, OSError) as error:
-            return NewPolicy(t_ns, want.policy, f"{name} is not there: {error}")
+            LOG.warning("the policy %s is not there: %s", name, error)
+            return NewPolicy(t_ns, want.policy, f"{name} is not there: {describe_failure(error)}")
 
     def _adopted(self, policy: str, t_ns: int) -> NewPolicy:
         """Load a policy before it plays, so that one that cannot be loaded never does."""
         if policy and policy not in self._agents:
             try:
                 self._agents, self._begun = {policy: self._load(policy)}, None
-            except MinihumanError as error:
-                return NewPolicy(t_ns, "", str(error))
+            except Exception as error:  # of a lab's own agent
+                LOG.warning("the policy %s cannot be loaded: %s", policy, error)
+                return NewPolicy(t_ns, "", f"the agent failed: {describe_failure(error)}")
         self._latest = policy or self._latest
         return NewPolicy(t_ns, policy)
 
@@ -274,7 +277,8 @@ class AgentHost(RequestHandler):
         try:
             policy = self._policies.keep(Path(answer.file).read_bytes())
         except OSError as error:
-            return NewPolicy(t_ns, want.policy, f"the policy cannot be kept: {error}")
+            LOG.warning("the policy cannot be kept: %s", error)
+            return NewPolicy(t_ns, want.policy, f"the policy cannot be kept: {describe_failure(error)}")
         return self._adopted(policy, t_ns)
 
     # Pairs
@@ -317,15 +321,16 @@ class AgentHost(RequestHandler):
     def _advice(self, want: AdviceRequest, play: RunningEpisode, t_ns: int) -> ActivityInput | None:
         now = (want.policy, play.plan.episode)
         try:
-            agent = self._agent(want.policy)
-            if self._begun != now:
-                self._begin(agent, play)
-                self._begun = now
-            chances = agent.action_probabilities(play.world)
+            with limit_answer_time():
+                agent = self._agent(want.policy)
+                if self._begun != now:
+                    self._begin(agent, play)
+                    self._begun = now
+                chances = tuple(float(chance) for chance in agent.action_probabilities(play.world))
         except Exception as error:  # of a lab's own agent: the person can still play
-            LOG.warning("the agent gives no advice: %s: %s", type(error).__name__, error)
-            return NewPolicy(t_ns, want.policy, f"no advice: {type(error).__name__}: {error}")
-        return Advice(t_ns, want.step, tuple(float(chance) for chance in chances))
+            LOG.warning("the agent failed: %s at %s: %s", type(error).__name__, locate_error(error), error)
+            return NewPolicy(t_ns, want.policy, f"the agent failed: {describe_failure(error)}")
+        return Advice(t_ns, want.step, chances)
 
     def _agent(self, policy: str) -> BaseAgent:
         """The agent of a policy; loaded again where another was there in between, or another program had it.

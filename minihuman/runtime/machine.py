@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import minihuman
+from minihuman.experiment.activities.agent_blocks import AGENT_RULES
 from minihuman.experiment.activities.questions.number import NUMBER_RULES
 from minihuman.experiment.machine.pending_allocation import is_allocation_pending
 from minihuman.experiment.machine.session import CONSENT_RULES
@@ -60,6 +61,7 @@ def collect_machine_facts() -> dict[str, str]:
         "clauses": str(CLAUSES_VERSION),
         "number_rules": NUMBER_RULES,
         "consent_rules": CONSENT_RULES,
+        "agent_rules": AGENT_RULES,
         "python": platform.python_version(),
         "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),

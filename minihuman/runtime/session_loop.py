@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from minihuman.display.windows.window import Clock, Window
-from minihuman.errors import LogError
+from minihuman.errors import LogError, PlayerFailedError
 from minihuman.experiment.activities.activity import RequestHandler
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Input, KeyDown, ScreenShown, Stop, Tick
@@ -61,6 +61,9 @@ def run_session(
             with _short_switch_interval():
                 try:
                     loop.run()
+                except PlayerFailedError as error:
+                    loop.take(Stop(clock(), "player_failed", error.reason))
+                    raise
                 except Exception as error:
                     loop.take(Stop(clock(), "internal_error", f"{type(error).__name__}: {error}"))
                     raise

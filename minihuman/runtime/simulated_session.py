@@ -6,22 +6,25 @@ The clock is virtual and no picture is drawn, so that a session takes as long as
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
-from minihuman.admin.enrolment_log import free_slot, require_free_slots
+from minihuman.admin.enrolment_entries import ParticipantReplaced
+from minihuman.admin.enrolment_log import free_slot, now_text, record_departure, require_free_slots
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock, Window
-from minihuman.errors import SimulationError
+from minihuman.errors import MinihumanError, PlayerFailedError
 from minihuman.experiment.activities.activity import Activity
 from minihuman.experiment.activities.agent_blocks import AgentPlayActivity, RatingActivity
 from minihuman.experiment.activities.correction import CorrectionActivity, CorrectionPlan
 from minihuman.experiment.activities.preferences import PairAnswer, PreferencesActivity, PreferencesPlan
 from minihuman.experiment.activities.questions.question import Click
 from minihuman.experiment.activities.questions.questionnaire import QuestionsActivity
+from minihuman.experiment.keys import KEY_NAMES
 from minihuman.experiment.machine.inputs import (
     Input,
     KeyDown,
@@ -46,12 +49,20 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import BufferedRecorder, DeferredRecorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
+from minihuman.runtime.plugin_calls import limit_answer_time, locate_error
 from minihuman.runtime.session_loop import run_session
-from minihuman.simulation.participant import SimulatedParticipant, SimulatedTeacher, WatchedStep, make_participant
+from minihuman.simulation.participant import (
+    KeyPress,
+    SimulatedParticipant,
+    SimulatedTeacher,
+    WatchedStep,
+    make_participant,
+)
 from minihuman.worlds.adapters.world import World
 
 NS_PER_MS = 1_000_000
@@ -60,6 +71,7 @@ READING_MS = 1_000.0
 STEPPING_MS = 200.0  # from one picture to the next, through an episode that is looked at
 HOLD_MS = 90.0
 LONGEST_NS = 3_600_000_000_000  # without a key and a new screen
+MOST_USELESS_PRESSES = 1_000  # in a row that lead to no step
 
 
 class SimulatedWindow(Window):
@@ -94,6 +106,8 @@ class SimulatedWindow(Window):
         self._playing: RunningEpisode | None = None
         self._looked: tuple[str, int] | None = None  # who steered and which step it was when the player looked last
         self._answers = 0  # given so far
+        self._steps = 0  # of the running episode, at the last key
+        self._useless_presses = 0  # since then
         self._last_ns = 0  # of the last key, and of the last new screen
         self._compared: tuple[int, int] | None = None  # part and pair that were looked at last
         self._looked_through: tuple[int, int] | None = None  # part and episode
@@ -115,10 +129,7 @@ class SimulatedWindow(Window):
         if not self._coming or (until_ns is not None and until_ns < self._coming[0].t_ns):
             assert until_ns is not None, "neither a key nor a deadline: this would wait for ever"
             if until_ns > self._last_ns + LONGEST_NS:
-                raise SimulationError(
-                    f"no key was pressed for an hour in phase {self._session.phase}; "
-                    "choose another simulated participant with --player"
-                )
+                raise PlayerFailedError(f"no key was pressed for an hour in phase {self._session.phase}", "no key")
             self._clock.advance_to(until_ns)
             return []
         happened = self._coming.pop(0)
@@ -167,7 +178,8 @@ class SimulatedWindow(Window):
         episode, at = part.reviewed_episode
         step = None
         if isinstance(self._player, SimulatedTeacher) and part.review_id != self._looked_through:
-            step = self._player.correct(episode)
+            with _failures_named():
+                step = self._player.correct(episode)
         self._looked_through = part.review_id
         if step is None:
             self._press("enter", READING_MS)
@@ -185,10 +197,12 @@ class SimulatedWindow(Window):
         seen_ms = (part.length + 1) * plan.step_ms
         self._compared = part.pair_id
         if isinstance(self._player, SimulatedTeacher):
-            answer, delay_ms = self._player.prefer(*part.pair)
+            with _failures_named():
+                answer, delay_ms = self._player.prefer(*part.pair)
+                key = str(getattr(plan, answer))
         else:
-            answer, delay_ms = get_args(PairAnswer)[self._any(2)], READING_MS
-        self._press(getattr(plan, answer), seen_ms + delay_ms)
+            key, delay_ms = str(getattr(plan, get_args(PairAnswer)[self._any(2)])), READING_MS
+        self._press(key, seen_ms + delay_ms)
 
     def _answer(self, questions: QuestionsActivity) -> None:
         """Answer as the question's kind says; nothing is known of what these people think, but most attend."""
@@ -221,13 +235,31 @@ class SimulatedWindow(Window):
 
     def _play(self, play: RunningEpisode) -> tuple[str, float]:
         self._begin(play)
-        press = self._player.press(play.world)
+        self._useless_presses = 0 if play.steps != self._steps else self._useless_presses + 1
+        self._steps = play.steps
+        if self._useless_presses > MOST_USELESS_PRESSES:
+            message = f"{MOST_USELESS_PRESSES} keys in a row led to no step of {play.plan.world}"
+            raise PlayerFailedError(message, "no key that steps")
+        press = self._ask(play)
         return press.key, press.delay_ms
+
+    def _ask(self, play: RunningEpisode) -> KeyPress:
+        """The player's next key.
+
+        Raises:
+            PlayerFailedError: if there is none.
+        """
+        with _failures_named():
+            press = self._player.press(play.world)
+        if press is None:
+            raise PlayerFailedError("it gave no answer", "no answer")
+        return _checked(press)
 
     def _begin(self, play: RunningEpisode) -> None:
         if play is not self._playing:
             self._playing, self._looked = play, None
-            self._player.begin(play.plan, self._session.plan.key_pool, play.world)
+            with _failures_named():
+                self._player.begin(play.plan, self._session.plan.key_pool, play.world)
 
     def _watch(self, part: AgentPlayActivity, play: RunningEpisode) -> None:
         """Look once at each state; only a teacher intervenes, others play where no agent does."""
@@ -237,9 +269,11 @@ class SimulatedWindow(Window):
             return
         self._looked = now
         if isinstance(self._player, SimulatedTeacher):
-            press = self._player.watch(play.world, build_watched_input(part, play, self._clock()))
+            with _failures_named():
+                press = self._player.watch(play.world, build_watched_input(part, play, self._clock()))
+            press = None if press is None else _checked(press)
         else:
-            press = self._player.press(play.world) if part.who == "person" else None
+            press = self._ask(play) if part.who == "person" else None
         if press is not None:
             self._press(press.key, press.delay_ms)
 
@@ -247,6 +281,28 @@ class SimulatedWindow(Window):
         down_ns = self._clock() + round(delay_ms * NS_PER_MS)
         self._coming += [KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)]
         self._coming.sort(key=lambda happened: happened.t_ns)
+
+
+@contextmanager
+def _failures_named() -> Iterator[None]:
+    """Name whatever a player raises, and a player that takes too long."""
+    try:
+        with limit_answer_time():
+            yield
+    except MinihumanError as error:  # it says what is the matter
+        raise PlayerFailedError(str(error), type(error).__name__) from error
+    except Exception as error:  # of a lab's own player: its session has an end of its own
+        kind = type(error).__name__
+        raise PlayerFailedError(f"{kind} at {locate_error(error)}: {error}", kind) from error
+
+
+def _checked(press: object) -> KeyPress:
+    if not isinstance(press, KeyPress):
+        answered = f"a {type(press).__name__}, not a KeyPress"
+        raise PlayerFailedError(f"it answered with {answered}", f"answered with {answered}")
+    if press.key not in KEY_NAMES or not 0 <= press.delay_ms * NS_PER_MS <= LONGEST_NS:
+        raise PlayerFailedError(f"it answered with {press!r}, which no keyboard can do", "an impossible key press")
+    return press
 
 
 def build_watched_input(part: AgentPlayActivity, play: RunningEpisode, t_ns: int) -> WatchedStep:
@@ -264,10 +320,13 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
     not come back.
     Each has a random stream of its own, from ``seed``, its slot, and how many left that slot before.
 
+    A player that crashes or gives no answer ends its session as ``player_failed``, its slot is free again, and no
+    further session begins.
+
     Raises:
         AllocationError: if there are too few free slots, before any session; or another program took them since.
         LogError: if a log cannot be written.
-        SimulationError: if there is no such player, or it cannot play a block's world.
+        SimulationError: if there is no such player; ``PlayerFailedError`` if it fails, or cannot play a block's world.
     """
     facts = {"player": player, "player_seed": str(seed), **collect_machine_facts()}
     make_participant(player, np.random.default_rng(seed))  # an unknown name must not cost a slot
@@ -309,9 +368,25 @@ def _play(
     log = DeferredRecorder(plan, lambda: McapRecorder(data, session.plan, started_ns=time.time_ns()))
     recorder = BufferedRecorder(log)
     window = SimulatedWindow(player, session, clock, before=before, at_rest=recorder.flush)
-    path = run_session(session, window, recorder, clock, agent=make_agent_host(protocol, plan, data, patient=True))
+    try:
+        path = run_session(session, window, recorder, clock, agent=make_agent_host(protocol, plan, data, patient=True))
+    except PlayerFailedError as error:
+        raise PlayerFailedError(f"{facts['player']}: {error}; {_free(data, plan, error)}", error.reason) from error
     if path is not None:
         record_log_end(path)
     if session.failure is not None:
         raise session.failure
     return path, session.end_reason
+
+
+def _free(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
+    """Give the slot of a player that failed to the next one, and say where its log is."""
+    study_dir, code, why = data / plan.study, plan.participant.id, f"player_failed: {error.reason}"
+    log = SegmentPath.of_plan(data, plan).log
+    if not log.exists():
+        if plan.session == 1:
+            free_slot(study_dir, code, "player_failed")
+        return "nothing was recorded, and the slot is free again"
+    record_log_end(log)
+    record_departure(study_dir, ParticipantReplaced(code, now_text(), reason=why))
+    return f"{log} has the session up to there, and the slot is free again"

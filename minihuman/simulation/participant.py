@@ -33,8 +33,11 @@ class SimulatedParticipant(abc.ABC):
         """Start an episode; ``pool`` holds every key that may have an action."""
 
     @abc.abstractmethod
-    def press(self, world: World) -> KeyPress:
-        """Choose the next key from the present state of the world."""
+    def press(self, world: World) -> KeyPress | None:
+        """Choose the next key from the present state of the world; None: no answer, which ends the session.
+
+        The session then ends as ``player_failed``, as it does after an exception or a minute without an answer.
+        """
 
 
 @dataclass(frozen=True, slots=True)

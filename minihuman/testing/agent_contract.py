@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.agents.agent import BaseAgent, make_agent
+from minihuman.errors import MinihumanError
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.testing.checks import build_short_study, require
@@ -17,6 +18,7 @@ from minihuman.worlds.adapters.world import World
 
 WORLD = "minihuman/MiniGrid-Empty-5x5-v0"
 TOLERANCE = 1e-3  # of a sum of probabilities
+_CONSEQUENCE = "in a study the person would have to play on, or the episode would end as agent_failed"
 
 
 def check_agent(
@@ -79,7 +81,12 @@ def _play(agent: BaseAgent, plan: EpisodePlan, world: World) -> NDArray[np.float
 
 def _read_probabilities(agent: BaseAgent, world: World) -> NDArray[np.float32]:
     before, n = world.state_hash(), len(world.action_names)
-    found = agent.action_probabilities(world)
+    try:
+        found = agent.action_probabilities(world)
+    except MinihumanError:
+        raise
+    except Exception as error:
+        require(False, f"action_probabilities() raised {type(error).__name__}: {error}; {_CONSEQUENCE}")
     require(world.state_hash() == before, "action_probabilities() changed the world; an agent only looks at it")
     is_row = isinstance(found, np.ndarray) and found.shape == (n,) and found.dtype == np.float32
     what = f"{found.dtype}{list(found.shape)}" if isinstance(found, np.ndarray) else type(found).__name__

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from minihuman.errors import LearnError
+from minihuman.errors import LearnError, MinihumanError
 from minihuman.testing.checks import require
 from minihuman.worlds.adapters.world import World
 
@@ -144,6 +144,12 @@ def _learn(
         np.random.seed(noise)
         try:
             result = learner.learn(LearningRequest(dataset, np.random.default_rng(1), policy, budget_s))
+        except MinihumanError:
+            raise
+        except Exception as error:
+            require(
+                False, f"learn() raised {type(error).__name__}: {error}; in a study its policy before would play on"
+            )
         finally:
             np.random.set_state(state)
     require(isinstance(result, LearningResult), f"learn() gave a {type(result).__name__}, not a LearningResult")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from minihuman.display.windows.window import VirtualClock
+from minihuman.errors import PlayerFailedError, SimulationError
 from minihuman.experiment.keys import KEY_NAMES
 from minihuman.experiment.machine.events import KeyPressed, SessionEnded
 from minihuman.experiment.machine.session import SessionMachine
@@ -18,7 +19,7 @@ from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.simulated_session import SimulatedWindow
 from minihuman.simulation.participant import KeyPress, SimulatedParticipant, make_participant
-from minihuman.testing.checks import build_short_study, require
+from minihuman.testing.checks import ContractError, build_short_study, require
 from minihuman.worlds.adapters.world import World
 
 WORLD = "minihuman/MiniGrid-Empty-5x5-v0"
@@ -71,7 +72,12 @@ def _record_keys(
     protocol = build_short_study(world, options, episodes=episodes, max_steps=max_steps)
     clock, recorder = VirtualClock(), MemoryRecorder()
     session = SessionMachine(expand_protocol(protocol, enrol_participant(protocol, 0)), World, {}, picture_px=None)
-    run_session(session, SimulatedWindow(_WatchedParticipant(player), session, clock), recorder, clock)
+    try:
+        run_session(session, SimulatedWindow(_WatchedParticipant(player), session, clock), recorder, clock)
+    except PlayerFailedError as error:
+        if isinstance(error.__cause__, ContractError | SimulationError):
+            raise error.__cause__ from None
+        require(False, f"the player failed ({error}); in a study its session would end as player_failed")
     if session.failure is not None:
         raise session.failure
     ends = [event for event in recorder.events if isinstance(event, SessionEnded)]
@@ -95,7 +101,9 @@ class _WatchedParticipant(SimulatedParticipant):
         """Let it press, and look at the key."""
         before = world.state_hash()
         press = self._player.press(world)
-        require(isinstance(press, KeyPress), f"press() gave a {type(press).__name__}, not a Press")
+        require(press is not None, "press() gave no answer; in a study its session would end as player_failed")
+        require(isinstance(press, KeyPress), f"press() gave a {type(press).__name__}, not a KeyPress")
+        assert press is not None
         require(world.state_hash() == before, "press() changed the world; a player only looks at it")
         require(press.key in KEY_NAMES, f"press() gave the key {press.key!r}, which no keyboard has")
         in_time = isinstance(press.delay_ms, int | float) and math.isfinite(press.delay_ms)

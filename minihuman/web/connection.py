@@ -51,6 +51,7 @@ _RULES = (
     "clauses",
     "number_rules",
     "consent_rules",
+    "agent_rules",
 )  # facts that say by what a session was played
 _OF_A_WORLD = "world_sha256_"
 

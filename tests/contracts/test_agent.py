@@ -84,6 +84,11 @@ class Negative(Even):
         return row
 
 
+class Crashes(Even):
+    def action_probabilities(self, world):
+        return {}["weights"]
+
+
 class FewerActions(Even):
     def action_probabilities(self, world):
         return np.array([0.5, 0.5], np.float32)
@@ -108,6 +113,7 @@ def test_a_labs_agent_keeps_them():
         (Unscaled, "sum to 2, not to 1"),
         (Negative, "below 0"),
         (FewerActions, r"gave float32\[2\]; it gives float32\[7\]"),
+        (Crashes, r"action_probabilities\(\) raised KeyError: 'weights'; .* agent_failed"),
         (AnAction, "gave int; it gives float32"),
         (lambda argument: object(), r"object is not a minihuman\.ext\.BaseAgent"),
     ],

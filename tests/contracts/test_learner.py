@@ -127,6 +127,11 @@ class GivesThePolicyAlone(Plain):
         return super().learn(request).policy
 
 
+class Crashes(Plain):
+    def learn(self, request):
+        return {}["weights"]
+
+
 def test_a_labs_learner_keeps_them():
     check_learner(Plain)
 
@@ -143,6 +148,7 @@ def test_a_labs_learner_keeps_them():
         (NotesAnArray, "notes cannot be written into the policy's file"),
         (AnotherNetwork, "cannot play the dataset's world"),
         (Overflows, "not finite"),
+        (Crashes, r"learn\(\) raised KeyError: 'weights'"),
         (GivesThePolicyAlone, "gave a Policy, not a LearningResult"),
         (lambda argument: object(), r"object is not a minihuman\.ext\.Learner"),
     ],

@@ -50,6 +50,16 @@ class Backwards(Sleepy):
         return KeyPress("1", -5.0)
 
 
+class HasNoAnswer(Sleepy):
+    def press(self, world):
+        return None
+
+
+class Crashes(Sleepy):
+    def press(self, world):
+        return {}["key"]
+
+
 def test_a_labs_player_keeps_them():
     check_participant(Sleepy)
 
@@ -61,6 +71,8 @@ def test_a_labs_player_keeps_them():
         (DrawsFromElsewhere, "other keys"),
         (NoSuchKey, "'banana', which no keyboard has"),
         (Backwards, "waits -5.0 ms"),
+        (HasNoAnswer, "gave no answer; in a study its session would end as player_failed"),
+        (Crashes, r"the player failed \(KeyError at test_player\.py:\d+: 'key'\)"),
         (lambda rng: object(), r"object is not a minihuman\.simulation\.participant\.SimulatedParticipant"),
     ],
 )

@@ -15,12 +15,14 @@ from types import MappingProxyType
 
 import numpy as np
 
+from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.display.windows.window import VirtualClock
 from minihuman.experiment.activities.activity import RequestHandler
+from minihuman.experiment.activities.questions.number import NUMBER_RULES
 from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, Stop
-from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.session import CONSENT_RULES, SessionMachine
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.log.read.session_reader import read_log
@@ -98,6 +100,24 @@ agent = { step_ms = 400 }
 name = "compare"
 kind = "preferences"
 plan = { source = "takeover", pairs = 2, steps = 3 }
+"""
+_SEEN = """
+[[questions]]
+name = "about"
+[[questions.items]]
+name = "age"
+kind = "number"
+ask = "How old are you?"
+[[blocks]]
+name = "seen"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+actions = ["left", "right", "forward"]
+max_steps = 20
+episodes = 2
+pace = "real_time"
+step_period_ms = 400.0
+noop_action = "done"
+stimulus_onset = "reset"
 """
 BLOCKS = {
     "plain": _GRID,
@@ -187,6 +207,20 @@ def study(name: str) -> Protocol:
     return decode_protocol(toml.encode())
 
 
+def everything_new(name: str) -> Protocol:
+    """A study whose log holds what the first version's earlier logs lack, under the name of its version."""
+    toml = _STUDY.replace("{name}", name).replace("blocks = {blocks}", 'parts = ["about", "seen"]') + _SEEN
+    return decode_protocol(toml.encode())
+
+
+def make_everything_new(data: Path, name: str) -> None:
+    """Play it, with an enrolment log and annotations as they are written now."""
+    facts = {"number_rules": NUMBER_RULES, "consent_rules": CONSENT_RULES, "utc_offset_min": "60"}
+    log = segment(data, everything_new(name), facts=facts)
+    record_log_end(log)
+    add_annotation(read_log(log), Annotation("doubt", "2026-11-23T09:00:00Z", episode=2, note="looked away"))
+
+
 def segment(
     data: Path,
     protocol: Protocol,
@@ -254,3 +288,4 @@ def make(data: Path) -> None:
 
 if __name__ == "__main__":
     make(Path(sys.argv[1]))
+    make_everything_new(Path(sys.argv[1]), "last-of-v1")

@@ -13,7 +13,7 @@ from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.annotations import read_annotations
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
-from minihuman.errors import WorldError
+from minihuman.errors import LogError, WorldError
 from minihuman.experiment.activities.agent_blocks import ControlChanged, ControlReason, LearnerAsked, Rated
 from minihuman.experiment.activities.correction import CorrectionEnded
 from minihuman.experiment.activities.preferences import Preferred
@@ -22,12 +22,19 @@ from minihuman.experiment.activities.registry import find_kind, list_built_in_ki
 from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.plan.session_plan import PacePolicy
 from minihuman.exporters.exporter import export_study
+from minihuman.log.names import SCHEMA_VERSION
 from minihuman.log.read.session_reader import read_log
+from minihuman.log.record import live_log
+from minihuman.log.record.finalization import recover_log
+from minihuman.log.record.mcap_recorder import resume_segment
+from minihuman.log.salvage.summary_section import read_summary
 from minihuman.plugins import list_plugin_names
 from minihuman.reporting.build import build_report
 from minihuman.worlds.catalogue import WORLDS
 from tests.golden import renamed
 from tests.golden.cells import cells_of, differences, frozen_cells
+from tests.golden.make import segment
+from tests.golden.make import study as frozen_study
 
 HERE = Path(__file__).parent
 LOGS = sorted([*HERE.glob("v*/*/sub-*/ses-*/*.mcap"), *HERE.glob("v*/*/sub-*/ses-*/*.mcap.part")])
@@ -153,6 +160,22 @@ def test_a_frozen_study_makes_tables(study, tmp_path):
 def test_a_frozen_study_has_the_cells_that_it_had(study, tmp_path):
     against = list(differences(frozen_cells(study.name), cells_of(_copy(study, tmp_path), tmp_path / "out")))
     assert not against, "\n".join([*against[:20], f"{len(against)} in all"])
+
+
+def test_a_live_file_of_before_is_finished_and_the_rest_of_its_session_is_of_todays_version(tmp_path, monkeypatch):
+    with monkeypatch.context() as before:
+        before.setattr(live_log, "SCHEMA_VERSION", 1)
+        log = segment(tmp_path, frozen_study("cut-off"), after_steps=8, part=tmp_path / "as-killed")
+    log.unlink()
+    part = log.with_name(f"{log.name}.part")
+    shutil.move(tmp_path / "as-killed", part)
+    with pytest.raises(LogError, match="was written by another version of minihuman; run: minihuman recover"):
+        resume_segment(part)
+    recover_log(part)
+    segment(tmp_path, frozen_study("cut-off"))
+    assert [facts["schema_version"] for facts in read_summary(log).starts] == ["1", str(SCHEMA_VERSION)]
+    assert [good for _, good in verify_session(log)] == [True]
+    assert read_log(log).end_reason == "complete"
 
 
 def test_what_became_of_frozen_cells_is_said(monkeypatch):

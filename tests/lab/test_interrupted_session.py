@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from minihuman.admin.enrolment_entries import read_enrolled
-from minihuman.admin.next_session import find_interrupted_session, plan_next_session
+from minihuman.admin.next_session import find_interrupted_session, find_unused_slots, plan_next_session
 from minihuman.admin.withdrawal import replace_participant
 from minihuman.cli.command_line import make_command_line
 from minihuman.errors import AllocationError
@@ -70,3 +70,13 @@ def test_a_finished_a_closed_and_a_running_session_are_none(tmp_path: Path) -> N
     recorder = McapRecorder(tmp_path, plan, started_ns=1)
     assert find_interrupted_session(tmp_path / "corridor") is None
     recorder.close()
+
+
+def test_who_has_a_slot_and_no_log_is_named_until_replaced(tmp_path: Path) -> None:
+    study = tmp_path / "corridor"
+    assert find_unused_slots(study) == ()
+    plan_next_session(PROTOCOL, tmp_path)  # and killed before consent
+    play(plan_next_session(PROTOCOL, tmp_path), tmp_path, episodes=1)
+    assert find_unused_slots(study) == ("sub-01",)
+    replace_participant(study, "sub-01")
+    assert find_unused_slots(study) == ()

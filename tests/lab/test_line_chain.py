@@ -5,12 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.admin.enrolment_entries import open_enrolment_log, read_enrolled, read_enrolment_log
+from minihuman.admin.enrolment_entries import (
+    FormatDeclared,
+    SlotTaken,
+    open_enrolment_log,
+    read_enrolled,
+    read_enrolment_log,
+)
 from minihuman.admin.enrolment_log import take_slot
 from minihuman.dataset.annotations import Annotation, add_annotation, annotations_path, read_annotations
 from minihuman.dataset.journal import ENROLMENT_FILE_NAME, _in_file
 from minihuman.dataset.withdrawals import read_withdrawn_codes
-from minihuman.errors import LogError, MinihumanError
+from minihuman.errors import AllocationError, LogError, MinihumanError
 from tests.builders import session
 from tests.counts import count
 from tests.lab.test_register import PROTOCOL
@@ -72,14 +78,29 @@ def test_a_line_that_was_taken_out_is_noticed(tmp_path: Path, change) -> None:
 
 def test_lines_of_before_are_unchained_and_covered_by_the_next(tmp_path: Path) -> None:
     path = enrolment_log(tmp_path, 2)
-    old = [line.partition(b',"previous"')[0] + b"}\n" for line in path.read_bytes().splitlines()]
+    _, *lines = path.read_bytes().splitlines()  # earlier versions declared no format
+    old = [line.partition(b',"previous"')[0] + b"}\n" for line in lines]
     path.write_bytes(b"".join(old))
     take_slot(PROTOCOL, tmp_path)
     register = open_enrolment_log(tmp_path)
     assert [line.participant for line in read_enrolled(tmp_path)] == ["sub-01", "sub-02", "sub-03"]
     assert register.unchained == 2
+    assert [type(line) for line in read_enrolment_log(tmp_path)] == [SlotTaken, SlotTaken, FormatDeclared, SlotTaken]
     path.write_bytes(path.read_bytes().replace(b"sub-01", b"sub-09"))
     with pytest.raises(LogError, match=r"register\.jsonl:3: "):
+        read_enrolled(tmp_path)
+
+
+def test_the_first_line_keeps_older_programs_out_and_is_written_once(tmp_path: Path) -> None:
+    first, *others = enrolment_log(tmp_path, 2).read_bytes().splitlines()
+    assert first[:60] == b'{"withdrawn":["a newer minihuman wrote this: update yours"],'  # what they show of it
+    assert not any(b'"format"' in line for line in others)
+    assert read_withdrawn_codes(tmp_path) == frozenset()
+
+
+def test_an_enrolment_log_of_a_newer_format_is_refused(tmp_path: Path) -> None:
+    (tmp_path / ENROLMENT_FILE_NAME).write_bytes(b'{"withdrawn":["update"],"format":3}\n')
+    with pytest.raises(AllocationError, match=r"register\.jsonl:1: a newer minihuman wrote this \(format 3; .* to 2\)"):
         read_enrolled(tmp_path)
 
 

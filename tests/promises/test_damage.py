@@ -11,9 +11,10 @@ from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.log_files import list_readable_logs
 from minihuman.errors import DataLossError, LogError
 from minihuman.experiment.machine.events import Event
-from minihuman.log import names
+from minihuman.log import codec, names
 from minihuman.log.paths import MAGIC
 from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record import live_log
 from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.finalization import repair_log
 from minihuman.log.record.mcap_recorder import McapRecorder
@@ -31,6 +32,21 @@ FLIPS = count(60, 2000)
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """600 steps of 12 episodes."""
     return play(tmp_path_factory.mktemp("data"), study(episodes=12, steps=50), sync=lambda _fd: None)
+
+
+def test_a_log_of_a_newer_version_is_not_taken_for_a_damaged_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as newer:
+        newer.setattr(live_log, "SCHEMA_VERSION", names.SCHEMA_VERSION + 1)
+        newer.setitem(codec.DECODERS, names.SCHEMA_VERSION + 1, codec.decode_event)
+        log = play(tmp_path, study(episodes=1), sync=lambda _fd: None)
+    data = log.read_bytes()
+    with pytest.raises(LogError, match="was written by a newer minihuman"):
+        repair_log(log)
+    assert {path.name: path.read_bytes() for path in log.parent.iterdir()} == {log.name: data}
+    log.write_bytes(data[:-20])
+    assert "cut off" in repair_log(log).describe()
 
 
 @pytest.mark.long

@@ -1,5 +1,7 @@
 """Small sessions for tests: a protocol in a few lines, and inputs by name."""
 
+from types import MappingProxyType
+
 from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed
 from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, ScreenShown, Tick
 from minihuman.experiment.machine.session import SessionMachine
@@ -95,9 +97,11 @@ def key_of(plan: SessionPlan, action: str, episode: int = 0) -> str:
 class Desk:
     """A session with a hand on its keyboard: each call is an input one millisecond after the last."""
 
+    facts = MappingProxyType({"machine": "desk"})
+
     def __init__(self, plan: SessionPlan) -> None:
         self.plan = plan
-        self.session = SessionMachine(plan, World, {"machine": "desk"})
+        self.session = SessionMachine(plan, World, self.facts)
         self.recorder = MemoryRecorder()
         self.inputs: list[Input] = []
         self.now_ns = 0

@@ -1,13 +1,13 @@
 """Rating: two keys say good and bad of an agent that plays; the log holds when, and what was seen when."""
 
-from minihuman.experiment.activities.agent_blocks import Rated
-from minihuman.experiment.machine.events import FrameShown, Stepped, find_violations
+from minihuman.experiment.activities.agent_blocks import NewPolicy, Rated
+from minihuman.experiment.machine.events import EpisodeEnded, FrameShown, Stepped, find_violations
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.worlds.adapters.world import World
-from tests.study.sessions import MS, key_of
-from tests.study.test_takeover import playing
+from tests.study.sessions import MS, corridor_plan, key_of
+from tests.study.test_takeover import Beside, BesideBefore, playing
 
 AGENT = """
 kind = "rating"
@@ -70,4 +70,57 @@ def test_nothing_is_joined_a_press_and_the_pictures_stand_beside_each_other():
     assert [event.step for event in desk.of(Rated)] == [0, 1, 2]
     assert {event.step for event in desk.of(FrameShown)} == {0, 1, 2}
     assert find_violations(desk.events) == []
+    assert list(compare_replay(desk.events, World)) == []
+
+
+def fail(desk):
+    desk.give(NewPolicy(desk.now_ns, "somebody", "the agent failed: KeyError"))
+
+
+def test_an_agent_that_fails_ends_its_episode_and_plays_the_next():
+    desk = playing(AGENT, episodes=2)
+    desk.wait_ms(500)
+    fail(desk)
+    desk.wait_ms(1_000)
+    desk.press("enter")
+    desk.answer()
+    [ended] = desk.of(EpisodeEnded)
+    assert (ended.outcome, ended.cause, ended.steps) == ("agent_failed", "agent_failed", 1)
+    desk.wait_ms(500)
+    assert [step.episode for step in desk.of(Stepped)] == [0, 1]
+    assert find_violations(desk.events) == []
+    assert list(compare_replay(desk.events, World)) == []
+
+
+def test_an_agent_that_gives_no_probabilities_ends_its_episode():
+    desk = playing(AGENT)
+    desk.advice = (float("nan"),) * 5
+    desk.wait_ms(500)
+    desk.answer()
+    assert [(ended.outcome, ended.steps) for ended in desk.of(EpisodeEnded)] == [("agent_failed", 1)]
+
+
+class NoPolicy(Beside):
+    policy, failure = "", "the agent failed: KeyError"
+
+
+def test_an_agent_that_cannot_be_loaded_is_not_replaced_by_a_random_one():
+    desk = NoPolicy(corridor_plan(more=AGENT))
+    desk.answer()
+    desk.press("enter")
+    desk.answer()
+    desk.wait_ms(2_000)
+    assert [(ended.outcome, ended.steps) for ended in desk.of(EpisodeEnded)][:1] == [("agent_failed", 0)]
+    assert desk.of(Stepped) == []
+    assert find_violations(desk.events) == []
+    assert list(compare_replay(desk.events, World)) == []
+
+
+def test_by_the_first_rules_a_random_agent_went_on():
+    desk = playing(AGENT, desk_type=BesideBefore)
+    fail(desk)
+    desk.answer()
+    desk.wait_ms(500)
+    assert len(desk.of(Stepped)) == 1
+    assert desk.of(EpisodeEnded) == []
     assert list(compare_replay(desk.events, World)) == []

@@ -1,6 +1,11 @@
 """Takeover: who steers, from which key on, and what the log says of it."""
 
+from types import MappingProxyType
+
+import pytest
+
 from minihuman.experiment.activities.agent_blocks import (
+    AGENT_RULES,
     Advice,
     AdviceRequest,
     Advised,
@@ -32,7 +37,9 @@ FORWARD = (0.0, 1.0, 0.0, 0.0, 0.0)  # of the corridor's back, forward, ...
 class Beside(Desk):
     """A desk with an agent beside it, which always wants to go forward."""
 
+    facts = MappingProxyType({"agent_rules": AGENT_RULES})
     policy = "somebody"
+    failure = ""  # why there is none
     advice = FORWARD
 
     def answer(self):
@@ -41,7 +48,7 @@ class Beside(Desk):
         while (want := self.session.request) is not None:
             match want:
                 case PolicyRequest():
-                    self.give(NewPolicy(self.now_ns, self.policy))
+                    self.give(NewPolicy(self.now_ns, self.policy, self.failure))
                 case AdviceRequest(step=step):
                     chances = tuple(self.advice[: len(self.session.play.world.action_names)])
                     self.give(Advice(self.now_ns, step, chances))
@@ -51,8 +58,14 @@ class Beside(Desk):
         self.answer()
 
 
-def playing(more=AGENT, **options) -> Beside:
-    desk = Beside(corridor_plan(more=more, **options))
+class BesideBefore(Beside):
+    """By the first rules."""
+
+    facts = MappingProxyType({"machine": "desk"})
+
+
+def playing(more=AGENT, *, desk_type=Beside, **options) -> Beside:
+    desk = desk_type(corridor_plan(more=more, **options))
     desk.answer()
     desk.press("enter")
     desk.answer()
@@ -137,6 +150,16 @@ def test_without_a_policy_the_person_plays_from_the_start():
     assert who(desk) == [("person", "no_policy", 0)]
     desk.wait_ms(5_000)
     assert desk.of(Stepped) == []
+
+
+@pytest.mark.parametrize(("desk_type", "reason"), [(Beside, "agent_failed"), (BesideBefore, "no_policy")])
+def test_an_agent_that_fails_while_it_steers_leaves_the_person_to_steer(desk_type, reason):
+    desk = playing(desk_type=desk_type)
+    desk.give(NewPolicy(desk.now_ns, "somebody", "the agent failed: KeyError"))
+    assert who(desk) == [("agent", "start", 0), ("person", reason, 0)]
+    desk.act("back")
+    assert len(desk.of(Stepped)) == 1
+    assert list(compare_replay(desk.events, World)) == []
 
 
 def test_an_agent_that_breaks_leaves_the_person_to_steer():

@@ -1,7 +1,6 @@
 """People at a server: consent first, ends and codes, who does not come back, the experimenter's wishes, privacy."""
 
 import asyncio
-import json
 import os
 import random
 import signal
@@ -226,4 +225,4 @@ def test_a_full_disk_ends_the_session_and_says_so_and_what_was_written_is_kept(t
     logs = [read_log(path) for path in (*parts, *data(server).rglob("*.mcap"))]
     assert logs
     assert sum(len(episode.actions) for log in logs for episode in log.episodes) > 0
-    assert json.loads((data(server) / "register.jsonl").read_text().splitlines()[0])["participant"] == "sub-01"
+    assert [line.participant for line in read_enrolled(data(server))] == ["sub-01"]

@@ -80,8 +80,8 @@ def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
             yield f"{where}: logged, but the episode now ends at step {index} with {play.outcome!r}"
         again = play.step(0, int(action), key=episode.step_keys[index], key_t_ns=0)
         yield from _at_step(episode, index, again, where)
-    if episode.end_cause and episode.outcome == "timeout" and play.outcome is None:
-        return  # a time limit ended it: the replay of the session's inputs compares when
+    if episode.end_cause and episode.outcome in ("timeout", "agent_failed") and play.outcome is None:
+        return  # a time limit or a failure ended it: the replay of the session's inputs compares when
     if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
         yield f"{episode.name}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
 

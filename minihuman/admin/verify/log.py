@@ -340,7 +340,7 @@ def _metadata(segment: _LogSegment, number: int) -> Iterator[str]:
         yield "its plan is missing"
         return
     expected = build_segment_metadata(started.plan, int(segment.facts["started_unix_ns"]))
-    for name in sorted({*expected, *segment.facts} - {"minihuman"}):  # which version wrote it
+    for name in sorted({*expected, *segment.facts} - {"minihuman", "schema_version"}):  # of what wrote it
         if expected.get(name) != segment.facts.get(name):
             yield (
                 f"metadata {log_names.SEGMENT_METADATA}: {name} {segment.facts.get(name)!r}, "

@@ -23,7 +23,8 @@ from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import PlannedPart
 
 Controller = Literal["agent", "person"]
-ControlReason = Literal["start", "key", "hand_back", "no_policy"]
+ControlReason = Literal["start", "key", "hand_back", "no_policy", "agent_failed"]
+AGENT_RULES = "2"  # the fact "agent_rules": an agent that fails is named so; before, the random agent rated on
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +126,7 @@ class AgentPlayActivity(PlayActivity):
         self.policy = ""  # in force
         self.advised: Advised | None = None  # of the present state
         self._given = False  # the first policy, or that there is none
+        self._failed = False  # no policy could be had, and why was said
         self._next_policy = ""
         self._learning = False
         self._asked_at = 0  # the first episode that the learner cannot know of
@@ -144,6 +146,10 @@ class AgentPlayActivity(PlayActivity):
     def rating_keys(self) -> tuple[str, str]:
         """The keys that say good and bad; "" where steps are not rated."""
         return "", ""
+
+    @property
+    def _names_failures(self) -> bool:
+        return self.context.facts.get("agent_rules", "1") == AGENT_RULES
 
     # From outside
 
@@ -189,12 +195,15 @@ class AgentPlayActivity(PlayActivity):
             self.policy = ""
         else:
             self._given, self._learning = True, False
+            self._failed = bool(new.failure) and not self._next_policy
         now_ns, episode = self.context.now_ns, self.context.next_episode
         self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, new.failure))
         if self.phase is Phase.LEARNING:
             self._move(TransitionCause.DONE)
+        elif self.playing and self.alone and self._names_failures:
+            self._episode_ended("agent_failed")
         elif self.playing and self.who == "agent" and not self.alone:
-            self._steer("person", "no_policy")
+            self._steer("person", "agent_failed" if self._names_failures else "no_policy")
 
     def _take_advice(self, advice: Advice) -> None:
         play, now_ns = self._current, self.context.now_ns
@@ -363,7 +372,7 @@ REPEAT_INTERVAL_NS = 100_000_000  # a held key counts once in so long
 
 
 class RatingActivity(AgentPlayActivity):
-    """Only the agent acts. Without a policy all actions are equally likely."""
+    """Only the agent acts. If it fails, its episode ends; where there is none, all actions are equally likely."""
 
     alone = True
 
@@ -407,7 +416,11 @@ class RatingActivity(AgentPlayActivity):
 
     def _shown(self, shown: ScreenShown) -> None:
         super()._shown(shown)
-        if self.playing and not self.policy and self.advised is None:
+        if not self.playing or self.policy or self.advised is not None:
+            return
+        if self._failed and self._names_failures:
+            self._episode_ended("agent_failed")
+        else:
             playable, count = self._playable, len(self._current.world.action_names)
             share = float(np.float32(1 / len(playable)))
             chances = tuple(share if action in playable else 0.0 for action in range(count))

@@ -32,8 +32,8 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     per_reward: float = 0.0
 
     def compute(self, outcome: str, steps: int, reward: float) -> float:
-        """The points of an episode; none for an abandoned one."""
-        if outcome == "abandoned":
+        """The points of an episode; none for one that was abandoned or whose agent failed."""
+        if outcome in ("abandoned", "agent_failed"):
             return 0.0
         by_outcome = {"goal": self.goal, "timeout": self.timeout, "failure": self.failure}[outcome]
         return by_outcome + self.per_step * steps + self.per_reward * reward

@@ -12,7 +12,7 @@ from minihuman.experiment.plan.session_plan import EpisodePlan, KeyMap, SessionP
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
 
-Outcome = Literal["goal", "timeout", "failure", "abandoned"]
+Outcome = Literal["goal", "timeout", "failure", "abandoned", "agent_failed"]
 KeyVerdict = Literal[
     "accepted",  # it stepped the world, or moved the session on
     "unmapped",  # no meaning here
@@ -23,7 +23,7 @@ KeyVerdict = Literal[
     "release",  # a key came up
     "typing",  # it types into a text; what it typed is TextTyped
 ]
-EndCause = Literal["", "max_s", "block_max_s"]  # what else than a step ended an episode
+EndCause = Literal["", "max_s", "block_max_s", "agent_failed"]  # what else than a step ended an episode
 SkipReason = Literal["criterion", "time", "given_up"]
 PartEnd = Literal["done", "failed", "again", "over"]
 PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question", "experimenter"]
@@ -39,6 +39,7 @@ EndReason = Literal[
     "connection_lost",
     "disk_full",
     "world_error",
+    "player_failed",  # the simulated participant crashed, or gave no answer
     "internal_error",
 ]
 
@@ -159,7 +160,7 @@ class EpisodeEnded(TimedEvent):
     steps: int
     return_: float
     state_hash: int
-    cause: EndCause = ""  # a time limit, where no step ended it
+    cause: EndCause = ""  # a time limit or a failed agent, where no step ended it
 
 
 @dataclass(frozen=True, slots=True)
@@ -483,6 +484,8 @@ class _StreamChecker:
         expected = "abandoned"
         if last is not None and last.terminated:
             expected = "goal" if last.reward > 0 else "failure"
+        elif event.cause == "agent_failed":
+            expected = "agent_failed"
         elif (last is not None and last.truncated) or event.cause:
             expected = "timeout"
         self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")

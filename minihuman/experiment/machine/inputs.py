@@ -96,7 +96,14 @@ class Stop(TimedInput):
     """The session must end now: the window was closed, a signal came, the disk is full, the world broke."""
 
     reason: Literal[
-        "window_closed", "signal", "timed_out", "connection_lost", "disk_full", "world_error", "internal_error"
+        "window_closed",
+        "signal",
+        "timed_out",
+        "connection_lost",
+        "disk_full",
+        "world_error",
+        "player_failed",
+        "internal_error",
     ]
     detail: str = ""
 

@@ -209,8 +209,9 @@ class RunningEpisode:
         return [ObservationStored(t_ns, self.plan.episode, self.steps, observation)]
 
     def end(self, t_ns: int, cause: EndCause = "") -> EpisodeEnded:
-        """End the episode: by its last step, by a time limit, or abandoned if neither ended it."""
-        self.outcome = self.outcome or ("timeout" if cause else "abandoned")
+        """End the episode: by its last step, a failed agent, a time limit, or abandoned if none of them ended it."""
+        by_cause: Outcome = "agent_failed" if cause == "agent_failed" else "timeout" if cause else "abandoned"
+        self.outcome = self.outcome or by_cause
         return EpisodeEnded(t_ns, self.plan.episode, self.outcome, self.steps, self.return_, self._state_hash, cause)
 
     @property

@@ -33,7 +33,7 @@ ABORT_REASONS = (
     "wrong participant or protocol",
     "another reason",
 )
-_MARKS: dict[Outcome, OutcomeMark] = {"goal": "good", "timeout": "neutral", "failure": "bad", "abandoned": ""}
+_MARKS: dict[Outcome, OutcomeMark] = {"goal": "good", "timeout": "neutral", "failure": "bad"}  # of others none
 _SIGNED = re.compile(r"(?<!\w)[-+\u2212](?=\d)")
 _FAILURES = ("disk_full", "world_error", "internal_error")
 
@@ -218,7 +218,7 @@ def build_overlay_screen(
 
 def outcome_mark(outcome: Outcome | None) -> OutcomeMark:
     """The mark on a last picture."""
-    return _MARKS[outcome] if outcome else ""
+    return _MARKS.get(outcome, "") if outcome else ""
 
 
 def format_score(words: InterfaceWords, points: float) -> str:

@@ -90,7 +90,7 @@ EVENT_COLUMNS = {
         "s",
         "Key press minus stimulus onset, as response_ms in the tables: in real time n/a where no onset is named.",
     ),
-    "outcome": ("", "How the episode ended: goal, timeout, failure, abandoned or cut_off."),
+    "outcome": ("", "How the episode ended: goal, timeout, failure, abandoned, agent_failed or cut_off."),
     "counts": ("", "Whether the episode counts: it was finished, not tagged and passes the protocol's exclusions."),
     "detail": ("", "Of an episode the world; of a pause its reason."),
 }

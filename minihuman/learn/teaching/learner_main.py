@@ -7,12 +7,14 @@ own, so that no frame waits for it.
 import json
 import os
 import sys
+import traceback
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from minihuman.experiment.activities.preferences import EpisodeClip
 from minihuman.operating_system import limit_memory, lower_process_priority
+from minihuman.runtime.plugin_calls import describe_failure
 
 SHARE = 0.5  # of the machine's memory that it may have
 
@@ -32,7 +34,8 @@ def main() -> None:
                 found = _disputed(asked) if asked["pairs"] else _learnt(asked, Path(folder) / "policy.pt")
                 said = {"file": str(found), "failure": ""}
             except Exception as error:  # whatever a learner raises, memory that is not there included, is an answer
-                said = {"file": "", "failure": f"{type(error).__name__}: {error}"}
+                traceback.print_exc()
+                said = {"file": "", "failure": describe_failure(error)}
             answers.write(json.dumps(said) + "\n")
             answers.flush()
 

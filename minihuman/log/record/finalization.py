@@ -17,7 +17,7 @@ from google.protobuf.message import Message as Protobuf
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from minihuman.errors import LogError
+from minihuman.errors import LogError, NewerLogError
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
 from minihuman.log import integrity, names, topics
 from minihuman.log.codec import RECORD_TOPICS, decode_event
@@ -337,17 +337,28 @@ def repair_log(log: Path) -> FinalizedLog:
     """Rewrite a damaged finished log with all that is whole in it; the damaged file is kept beside it.
 
     Raises:
-        LogError: if it cannot be opened, is no session log, holds no plan, is whole, or the disk is full; it stays.
+        LogError: if it cannot be opened, is no session log, of a newer version, holds no plan, is whole, or the disk is
+            full; it stays.
     """
     try:
         with raise_as_log_error(log):
             read_segment_starts(log)
+    except NewerLogError:
+        if _is_whole(log):  # else the version, too, may be damaged
+            raise
     except LogError:
         pass
     else:
         raise LogError(f"{log} is intact; there is nothing to recover")
     with raise_as_log_error(log, "recovered"):
         return _repaired(log)
+
+
+def _is_whole(log: Path) -> bool:
+    scan = LogScanner(log)
+    for _ in scan.records():
+        pass
+    return not scan.unfinished_reason
 
 
 def _repaired(log: Path) -> FinalizedLog:

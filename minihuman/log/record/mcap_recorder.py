@@ -18,7 +18,7 @@ from minihuman.errors import DataLossError, LogError
 from minihuman.experiment.machine.events import Event, SessionEnded, SessionStarted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.codec import select_decoder
-from minihuman.log.names import SEGMENT_METADATA, STEP
+from minihuman.log.names import SCHEMA_VERSION, SEGMENT_METADATA, STEP
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.disk import FileWriter, LiveFile, RecorderSettings
 from minihuman.log.record.file_lock import create_live_file, open_leftover
@@ -99,7 +99,8 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
         raise LogError(f"{part} cannot be resumed: its session has ended; run: minihuman recover {part}")
     assert isinstance(events[0], SessionStarted)
     numbered = LiveLogEncoder.resume(events[0].plan, started_ns=0, messages=0, steps=0).channels
-    if numbered != {channel.topic: number for number, channel in scan.channels.items()}:
+    same = numbered == {channel.topic: number for number, channel in scan.channels.items()}
+    if start["schema_version"] != str(SCHEMA_VERSION) or not same:
         raise LogError(f"{part} was written by another version of minihuman; run: minihuman recover {part}")
     return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc)
 
