@@ -322,7 +322,7 @@ POLICIES = (
         "episode", "integer", "", "The first episode that a learner does not know of, or that the policy plays."
     ),
     TableColumn("policy", "text", "", "The SHA-256 of its file, or an agent's name; empty where there is none yet."),
-    TableColumn("failure", "text", "", "Why a learner gave none."),
+    TableColumn("failure", "text", "", "Why there is none: how the learner or the agent failed."),
 )
 ADVICE = (
     *SESSION_COLUMNS,
