@@ -190,7 +190,9 @@ def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -
     there = ~np.isnan(early)
     if there.sum() < 2:
         return math.nan
-    return float(np.polyfit(np.flatnonzero(there), early[there], 1)[0])
+    centred, values_there = np.flatnonzero(there) - np.flatnonzero(there).mean(), early[there]
+    rises = values_there - values_there[0]  # all 0 for equal values: a spread of rounding errors is no spread
+    return float((centred * rises).sum() / (centred**2).sum())
 
 
 _TAKEN = ("accepted", "queued")  # verdicts of presses that were answered by a step

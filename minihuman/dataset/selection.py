@@ -207,7 +207,7 @@ class SelectionSummary:
         """Take a session into the account."""
         self.episodes += len(counted.places)
         self.sessions += counted.counts
-        if any(counted.asked) or counted.counts:
+        if counted.wanted:
             self.versions[counted.log.plan.study, format_version(counted.log.plan)] += 1
         for one in counted.left_out:
             if one.level == "participant":

@@ -23,7 +23,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.elements import ReportFigure
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, is_published_study
-from minihuman.reporting.results import MEASURES, Results, compute_results, list_exclusions
+from minihuman.reporting.results import MEASURES, Results, compute_results, exclude_practice_alone, list_exclusions
 from minihuman.reporting.sections import count_clauses, flow_section
 from minihuman.reporting.teaching_section import read_taught_logs, teaching_figures, teaching_section
 
@@ -66,6 +66,7 @@ def build_report(sessions: StudySessions, out: Path, templates: Path | None = No
         blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
         answers, starts, done = (store.tables.table(name).to_pandas() for name in ("answers", "starts", "clauses"))
         controls = store.tables.table("controls").to_pandas()
+    participants = exclude_practice_alone(participants)
     protocols = read_protocols(store.kept)
     practice = find_practice(protocols, participants["group"].unique())
     practised = episodes[_is_practice(episodes, practice) & episodes["exclusion_reason"].isna()]
@@ -93,8 +94,8 @@ def build_report(sessions: StudySessions, out: Path, templates: Path | None = No
         windows=dict(participants["window"].fillna("a window that did not say").value_counts()),
         simulated=simulated,
         flow=flow_section(sessions.source, participants),
-        methods=build_methods(outlines, qualities, simulated, practice=practice),
-        known_keys=find_known_keys(outlines),
+        methods=build_methods(outlines, qualities, simulated, protocols=protocols),
+        known_keys=find_known_keys(outlines, protocols),
         figures=figures,
         tables=tables,
         qualities=qualities,

@@ -1,16 +1,18 @@
 """The methods paragraphs: what was played by whom with what, in words to copy, with versions and hashes."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.reporting.results import FORMULAS, MEASURES
 
 _STATISTICS = ("pandas", "scipy")
 _TO_FIND = "the actions of the keys had to be discovered"
 _SHOWN = "the keys and their actions were shown on the screen"
+_DRAWN_ANEW = ("new", "shown")
 _LABELS: dict[str, Callable[[PlanOutline], str]] = {
     "group": lambda plan: f"group {plan.group}",
     "session": lambda plan: f"in session {plan.session}",
@@ -24,33 +26,46 @@ _DIVISIONS = (  # the fewest that tell how a block was had are named
 Cell = tuple[str, int, str]  # group, session, and the block before (of an earlier session too; "" for none)
 
 
+class BlockSpecs:
+    """The blocks of the sessions' protocols, as each group has them."""
+
+    def __init__(self, protocols: Sequence[Protocol]) -> None:
+        self._protocols = {protocol.sha256: protocol for protocol in protocols}
+
+    def find(self, plan: PlanOutline, block: str) -> BlockSpec | None:
+        """A block as a session's group has it; None if its protocol is not known."""
+        protocol = self._protocols.get(plan.protocol_sha256)
+        return None if protocol is None else protocol.block_for(block, plan.group)
+
+
 def build_methods(
     plans: Sequence[PlanOutline],
     qualities: Sequence[RecordingQuality],
     simulated: int = 0,
     *,
-    practice: Collection[tuple[str, str]] = (),
+    protocols: Sequence[Protocol] = (),
 ) -> list[str]:
     """The paragraphs; ``plans`` and ``qualities`` are the sessions', ``simulated`` of which no person played.
 
-    ``practice`` is group and block of what is not analysed.
+    ``protocols`` are those the sessions were played by; without them what no plan says is not told.
     """
+    specs = BlockSpecs(protocols)
     return [
-        _people(plans, simulated),
-        *_blocks(plans, practice),
-        _measures(),
+        _people(plans, simulated, specs),
+        *_blocks(plans, specs),
+        _measures(plans),
         _software(plans, qualities),
         _statistics(),
     ]
 
 
-def find_known_keys(plans: Sequence[PlanOutline]) -> dict[str, list[str]]:
-    """By block, the groups who came to it with the keys of the one before, which they knew by then.
+def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> dict[str, list[str]]:
+    """By block, the groups who came to it with the keys of an earlier one, which they knew by then.
 
     All participants of a group did, the first time that they played it.
     """
     known_keys: dict[str, dict[str, bool]] = {}
-    for block, cells in _find_known_cells(plans).items():
+    for block, cells in _find_known_cells(plans, BlockSpecs(protocols)).items():
         of_group = known_keys.setdefault(block, {})
         first = {group: min(session for its, session, _ in cells if its == group) for group, _, _ in cells}
         for (group, session, _), known in cells.items():
@@ -60,17 +75,23 @@ def find_known_keys(plans: Sequence[PlanOutline]) -> dict[str, list[str]]:
     return {block: groups for block, groups in found.items() if groups}
 
 
-def _find_known_cells(plans: Sequence[PlanOutline]) -> dict[str, dict[Cell, bool]]:
-    """By block and cell, whether all participants had the keys of the block before: of a few alone it is chance."""
+def _find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[str, dict[Cell, bool]]:
+    """By block and cell, whether all participants had the keys of an earlier block: of a few alone it is chance.
+
+    Keys that the protocol draws anew are never an earlier block's, whatever was drawn.
+    """
     found: dict[str, dict[Cell, bool]] = {}
-    last: dict[str, EpisodePlan] = {}
+    history: dict[str, list[EpisodePlan]] = {}
     for plan in sorted(plans, key=lambda plan: plan.session):
+        earlier = history.setdefault(plan.participant, [])
         for one in plan.blocks:
-            before = last.get(plan.participant)
             cells = found.setdefault(one.block_name, {})
-            cell = plan.group, plan.session, before.block_name if before else ""
-            cells[cell] = cells.get(cell, True) and before is not None and _does(one) == _does(before)
-            last[plan.participant] = one
+            cell = plan.group, plan.session, earlier[-1].block_name if earlier else ""
+            spec = specs.find(plan, one.block_name)
+            may_know = spec is None or spec.key_map not in _DRAWN_ANEW
+            known = may_know and any(_does(one) == _does(before) for before in earlier)
+            cells[cell] = cells.get(cell, True) and known
+            earlier.append(one)
     return found
 
 
@@ -79,7 +100,7 @@ def _does(one: EpisodePlan) -> dict[str, int]:
     return {key: one.actions.index(action) for key, action in one.key_map.keys.items() if action in one.actions}
 
 
-def _people(plans: Sequence[PlanOutline], simulated: int) -> str:
+def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs) -> str:
     groups = Counter({plan.participant: plan.group for plan in plans}.values())
     parts = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
     by_session = Counter(plan.session for plan in plans)
@@ -90,17 +111,34 @@ def _people(plans: Sequence[PlanOutline], simulated: int) -> str:
     chosen = f"; in {by_hand} sessions the participant or group was chosen by hand" if by_hand else ""
     return (
         f"{sum(groups.values())} participants took part{days} ({parts}{_nobody(plans, simulated)}). "
-        f"{'Groups and keys' if _are_keys_drawn(plans) else 'Groups'} came from an allocation list "
-        f"drawn before the first session from the study's seed, {plans[0].seed}{chosen}.{_strata(plans)}"
+        f"{'Groups and keys' if _are_keys_drawn(plans, specs) else 'Groups'} came from an allocation list "
+        f"drawn before the first session from the study's seed, {plans[0].seed}{_later_keys(plans, specs)}{chosen}."
+        f"{_strata(plans)}"
     )
 
 
-def _are_keys_drawn(plans: Sequence[PlanOutline]) -> bool:
-    """Whether participants had different keys; one alone had drawn ones, as far as the plan says."""
+def _later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
+    """Where the keys of later sessions came from, if any were drawn anew: the list has the first session's."""
+    policies = {
+        spec.key_map
+        for plan in plans
+        if plan.session > 1
+        for one in plan.blocks
+        if (spec := specs.find(plan, one.block_name)) is not None
+    }
+    return "; keys that later sessions drew anew came from that seed alone" if policies & {*_DRAWN_ANEW} else ""
+
+
+def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
+    """Whether keys were drawn; as far as only the plans tell, whether participants had different ones."""
     keys: dict[tuple[str, str], list[dict[str, str]]] = {}
     for plan in plans:
-        for one in plan.blocks:
-            keys.setdefault((plan.group, one.block_name), []).append(one.key_map.keys)
+        for number, one in enumerate(plan.blocks):
+            spec = specs.find(plan, one.block_name)
+            if spec is None:
+                keys.setdefault((plan.group, one.block_name), []).append(one.key_map.keys)
+            elif spec.key_map in (*_DRAWN_ANEW, "constant") or (spec.key_map == "carry_over" and not number):
+                return True
     return any(len(each) == 1 or each.count(each[0]) < len(each) for each in keys.values())
 
 
@@ -125,14 +163,13 @@ def _nobody(plans: Sequence[PlanOutline], simulated: int) -> str:
     return "; all simulated" if simulated == len(plans) else f"; {simulated} of the sessions simulated"
 
 
-def _blocks(plans: Sequence[PlanOutline], practice: Collection[tuple[str, str]]) -> list[str]:
+def _blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[str]:
     """A paragraph per block; where groups, sessions or versions had it otherwise, a sentence for each."""
-    known = _find_known_cells(plans)
+    known = _find_known_cells(plans, specs)
     descriptions: dict[str, list[tuple[PlanOutline, str]]] = {}
     for plan in sorted(plans, key=lambda plan: -len(plan.blocks)):  # in the order of those who played most
         for one in plan.blocks:
-            is_practice = (plan.group, one.block_name) in practice
-            description = f"practice, not analysed: {_describe(one)}" if is_practice else _describe(one)
+            description = _describe(one, specs.find(plan, one.block_name))
             descriptions.setdefault(one.block_name, []).append((plan, description))
     return [_block(name, described, known[name]) for name, described in descriptions.items()]
 
@@ -179,31 +216,51 @@ def _carried(known: Mapping[Cell, bool]) -> str:
                     if is_known
                 ]
     return (
-        f" (except by {', '.join(groups_with_keys)}, who kept the keys of the previous block)"
-        if groups_with_keys
-        else ""
+        f" (except by {', '.join(groups_with_keys)}, who kept the keys of an earlier block)" if groups_with_keys else ""
     )
 
 
-def _describe(one: EpisodePlan) -> str:
+def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
     """A block as one participant had it."""
     options = "".join(f", {option} = {value!r}" for option, value in sorted(one.options.items()))
-    pace = (
-        f"one step every {one.step_period_ms:g} ms, reaction times from "
-        f"{'the first picture' if one.onset_at_reset else 'the onsets that the world names'}"
-        if one.pace == "real_time"
-        else "each press of a key made one step"
-    )
+    offered = sum(action in one.actions for action in one.key_map.keys.values())
+    pool = len(one.key_map.keys) + len(one.key_map.spare_keys)
+    others = sorted({action for action in one.key_map.keys.values() if action not in one.actions})
+    distractors = f", {', '.join(others)} on the other {len(one.key_map.keys) - offered}" if others else ""
     return (
-        f"{one.episodes_in_block} episodes in {one.world}{options}, {one.view} view, at most "
-        f"{one.max_steps} steps each; {pace}; actions {', '.join(one.actions)} on {len(one.key_map.keys)} keys of "
-        f"{len(one.key_map.keys) + len(one.key_map.spare_keys)}; {_SHOWN if one.show_keys else _TO_FIND}"
+        f"{'' if spec is None or spec.analysed else 'practice, not analysed: '}{_episodes(one, spec)} in {one.world}"
+        f"{options}, {one.view} view, at most {one.max_steps} steps"
+        f"{f' or {spec.max_episode_s:g} s' if spec is not None and spec.max_episode_s else ''} each; {_pace(one)}; "
+        f"actions {', '.join(one.actions)} on {offered} keys of {pool}{distractors}; "
+        f"{_SHOWN if one.show_keys else _TO_FIND}"
     )
 
 
-def _measures() -> str:
+def _episodes(one: EpisodePlan, spec: BlockSpec | None) -> str:
+    """How many episodes there were, and what ended the block before."""
+    ends = []
+    if spec is not None and spec.stop_criterion is not None:
+        ends.append(f"until {spec.stop_criterion.successes} of the last {spec.stop_criterion.of} reached the goal")
+    if spec is not None and spec.max_block_s:
+        ends.append(f"for at most {spec.max_block_s:g} s in all")
+    return (
+        f"up to {one.episodes_in_block} episodes ({', '.join(ends)})" if ends else f"{one.episodes_in_block} episodes"
+    )
+
+
+def _pace(one: EpisodePlan) -> str:
+    """What made a step."""
+    if one.pace == "on_key":
+        return "each press of a key made one step" + (", a held key more of them" if one.auto_repeat else "")
+    without = "none without a key" if one.noop is None else f"{one.noop} without a key"
+    onset = "the first picture" if one.onset_at_reset else "the onsets that the world names"
+    return f"one step every {one.step_period_ms:g} ms, {without}, reaction times from {onset}"
+
+
+def _measures(plans: Sequence[PlanOutline]) -> str:
     parts = "; ".join(f"{MEASURES[name]} \N{EN DASH} {formula}" for name, formula in FORMULAS.items())
-    return f"Unless stated otherwise, a participant's value is the mean over the included episodes. {parts}."
+    several = "; of several sessions it is the mean of theirs" if len({plan.session for plan in plans}) > 1 else ""
+    return f"Unless stated otherwise, a participant's value is the mean over the included episodes{several}. {parts}."
 
 
 def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:

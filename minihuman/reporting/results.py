@@ -347,10 +347,25 @@ def summarise_group_rewards(each: pd.DataFrame) -> pd.DataFrame:
     return grouped.agg(participants="count", reward_mean="mean", reward_sd="std").reset_index()
 
 
+PRACTICE_ALONE = "only practice was played"
+
+
+def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
+    """Exclude the participants of whom nothing but practice is included; who had nothing to play stays."""
+    counts = participants["exclusion_reason"].isna()
+    played = (participants["episodes"] > 0) | participants["completed_share"].isna()
+    alone = counts & ~participants["participant"].isin(participants.loc[counts & played, "participant"])
+    return participants.assign(exclusion_reason=participants["exclusion_reason"].mask(alone, PRACTICE_ALONE))
+
+
 def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
-    """List every row that is excluded, with its reason: participants first, then episodes of the others."""
+    """List every row that is excluded, with its reason: participants first, then episodes of the others.
+
+    The level of a session is "participant" if no other one of the participant is included, else "session".
+    """
     people = participants.loc[participants["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session"]]
-    people = people.assign(level="participant")
+    included = participants.loc[participants["exclusion_reason"].isna(), "participant"]
+    people = people.assign(level=np.where(people["participant"].isin(included), "session", "participant"))
     whole = set(zip(people["exclusion_reason"], people["participant"], people["session"], strict=True))
     theirs = zip(episodes["exclusion_reason"], episodes["participant"], episodes["session"], strict=True)
     alone = np.array([pd.notna(key[0]) and key not in whole for key in theirs], bool)

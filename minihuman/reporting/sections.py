@@ -291,7 +291,7 @@ def exclusions_section(rows: pd.DataFrame) -> ExclusionsSection | None:
     """What is excluded; None where nothing is."""
     if rows.empty:
         return None
-    single = rows[(rows["level"] == "episode") | ~rows.duplicated(["exclusion_reason", "level", "participant"])]
+    single = rows[(rows["level"] != "participant") | ~rows.duplicated(["exclusion_reason", "level", "participant"])]
     counts = single.groupby(["exclusion_reason", "level"]).size().reset_index(name="count")
     totals = [(row["exclusion_reason"], row["level"], str(row["count"])) for row in to_records(counts)]
     each = [

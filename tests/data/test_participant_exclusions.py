@@ -12,7 +12,7 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.results import list_exclusions
+from minihuman.reporting.results import PRACTICE_ALONE, exclude_practice_alone, list_exclusions
 from minihuman.reporting.sections import exclusions_section, flow_section
 from minihuman.runtime.simulated_session import simulate
 from tests.study.studies import two_days
@@ -77,3 +77,31 @@ def test_the_rows_of_the_flow_and_of_what_was_left_out_add_up(study: Path) -> No
     excluded = exclusions_section(rows)
     assert excluded is not None
     assert ("too few", "participant", "1") in excluded.totals.rows
+
+
+def test_a_session_without_an_episode_that_counts_takes_no_participant_out() -> None:
+    nothing = "no episode counts"
+    people = pd.DataFrame(
+        {
+            "participant": ["sub-01", "sub-01", "sub-02", "sub-03", "sub-03"],
+            "session": [1, 2, 1, 1, 2],
+            "exclusion_reason": [None, nothing, None, nothing, nothing],
+        }
+    )
+    columns = ["exclusion_reason", "participant", "session", "episode", "attempt"]
+    excluded = exclusions_section(list_exclusions(pd.DataFrame([], columns=columns), people))
+    assert excluded is not None
+    assert list(excluded.totals.rows) == [(nothing, "participant", "1"), (nothing, "session", "1")]
+
+
+def test_who_played_practice_alone_is_not_included() -> None:
+    people = pd.DataFrame(
+        {
+            "participant": ["practised", "came twice", "came twice", "had nothing to play", "broke a rule"],
+            "episodes": [0, 0, 3, 0, 0],
+            "completed_share": [0.1, 1.0, 1.0, None, 0.5],
+            "exclusion_reason": [None, None, None, None, "idle"],
+        }
+    )
+    reasons = exclude_practice_alone(people)["exclusion_reason"]
+    assert reasons.fillna("").tolist() == [PRACTICE_ALONE, "", "", "", "idle"]

@@ -139,6 +139,12 @@ def test_adaptation_is_the_slope_of_the_first_episodes():
     assert math.isnan(slope_per_episode([0.5]))
 
 
+@pytest.mark.parametrize("values", [[0.0] * 4, [0.1] * 5, [0.7] * 3, [0.3, math.nan, 0.3, math.nan, 0.3]])
+def test_equal_values_have_no_slope_at_all(values):
+    """Rounding errors of a fit would be a spread between people: a g of 2.1 where nobody learnt anything."""
+    assert slope_per_episode(values) == 0.0
+
+
 def test_a_world_without_poses_has_no_path_but_its_times():
     blind = made(plan(), [(math.nan,) * 4] * 3, [2, 2], None)
     assert math.isnan(measure_paths([blind])[0].length)

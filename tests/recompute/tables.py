@@ -1,29 +1,31 @@
-"""A study's numbers recomputed from its MCAP logs, annotations and protocol, without importing minihuman.
+"""A study's logs read, and the rows of its tables recomputed from them, without importing minihuman.
 
 Messages are decoded by the schemas that each log itself holds. The definitions are those of the data dictionary,
-written down a second time: rows of the tables steps, presses, keys, episodes, blocks and participants, all but the
-columns that only a world can tell. ``python -m tests.recompute STUDY TABLES`` compares the CSV tables of a report or an
-export.
+written down a second time: rows of the tables steps, presses, keys, episodes, blocks, participants and answers. The
+fewest steps of a grid are found on the floor plan in the log; those of a first-person world only the world can tell.
 """
 
 import csv
 import json
 import math
 import statistics
-import sys
+import struct
 import tomllib
-from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections import Counter, defaultdict, deque
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from mcap.reader import make_reader
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
 
 Row = dict[str, Any]
-TABLES = ("steps", "presses", "keys", "episodes", "blocks", "participants")
+TABLES = ("steps", "presses", "keys", "episodes", "blocks", "participants", "answers")
 NOISE = 1e-9
 FIRST_EPISODES = 5
 
@@ -38,6 +40,7 @@ class Episode:
     attempt: int = 1
     steps: list[Any] = field(default_factory=list)
     keys: list[Any] = field(default_factory=list)
+    frames: list[Any] = field(default_factory=list)
     outcome: str = "cut_off"
     pauses: list[tuple[int, int]] = field(default_factory=list)
 
@@ -80,6 +83,11 @@ class Session:
     end_reason: str
     skipped: int
     tags: dict[int | None, set[str]]
+    answers: list[tuple[int, int, Any]]  # segment, its begin in session time, the message
+    keys: list[tuple[int, Any]]  # all of the session's, with their segment
+    notes: list[Any]
+    pauses: list[tuple[int, int]]
+    offsets: list[int]  # where each segment begins in session time, ns
 
     @property
     def who(self) -> Row:
@@ -96,39 +104,68 @@ class Session:
     def facts(self, name: str) -> list[dict[str, str]]:
         return [values for key, values in self.metadata if key == f"minihuman.{name}"]
 
+    def block(self, name: str) -> Row:
+        """A block of the protocol as this participant's group has it."""
+        block = next(one for one in self.protocol["blocks"] if one["name"] == name)
+        changes = block.get("group_overrides", block.get("for_group", {}))
+        return dict(block | changes.get(self.plan.participant.group, {}))
+
     def practice(self) -> set[str]:
-        found = set()
-        for block in self.protocol.get("blocks", []):
-            changes = block.get("group_overrides", block.get("for_group", {})).get(self.plan.participant.group, {})
-            if not (block | changes).get("analysed", True):
-                found.add(block["name"])
-        return found
+        names = [block["name"] for block in self.protocol.get("blocks", [])]
+        return {name for name in names if not self.block(name).get("analysed", True)}
 
 
-def read_messages(path: Path) -> tuple[list[tuple[str, Any]], list[tuple[str, dict[str, str]]], bytes]:
-    """Every message of a log in file order, decoded by the log's own schemas; its metadata; and the protocol."""
-    types: dict[int, Any] = {}
-    messages = []
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            assert schema is not None
-            if schema.id not in types:
-                pool = descriptor_pool.DescriptorPool()
-                files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
-                for one in files.file:
-                    pool.Add(one)
-                types[schema.id] = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
-            messages.append((channel.topic, types[schema.id].FromString(message.data)))
-    with path.open("rb") as file:
-        metadata = [(one.name, dict(one.metadata)) for one in make_reader(file).iter_metadata()]
-    with path.open("rb") as file:
-        protocols = [one.data for one in make_reader(file).iter_attachments() if one.name == "protocol.toml"]
-    return messages, metadata, protocols[0]
+def read_messages(
+    paths: Sequence[Path],
+) -> tuple[list[tuple[str, Any]], list[tuple[str, dict[str, str]]], bytes]:
+    """Every message of a session's files in order, decoded by their own schemas; their metadata; and the protocol."""
+    messages: list[tuple[str, Any]] = []
+    metadata: list[tuple[str, dict[str, str]]] = []
+    protocols: list[bytes] = []
+    for path in paths:
+        types: dict[int, Any] = {}
+        channels: dict[int, Channel] = {}
+        with path.open("rb") as file:
+            for record in records(file):
+                match record:
+                    case Schema():
+                        pool = descriptor_pool.DescriptorPool()
+                        for one in descriptor_pb2.FileDescriptorSet.FromString(record.data).file:
+                            pool.Add(one)
+                        types[record.id] = message_factory.GetMessageClass(pool.FindMessageTypeByName(record.name))
+                    case Channel():
+                        channels[record.id] = record
+                    case Message():
+                        channel = channels[record.channel_id]
+                        messages.append((channel.topic, types[channel.schema_id].FromString(record.data)))
+                    case Metadata():
+                        metadata.append((record.name, dict(record.metadata)))
+                    case Attachment() if record.name == "protocol.toml":
+                        protocols.append(record.data)
+    plan = next((message for topic, message in messages if topic == "/session/plan"), None)
+    return messages, metadata, protocols[0] if protocols else plan.protocol_toml
 
 
-def read_session(path: Path) -> Session:
-    messages, metadata, protocol = read_messages(path)
+def records(file: Any) -> Iterator[Any]:
+    """The records of a log; of one that was cut off, those that are whole."""
+    try:
+        yield from StreamReader(file).records
+    except (McapError, EOFError, struct.error):
+        return
+
+
+def read_sessions(study: Path) -> list["Session"]:
+    """Every session, in order of path: its finished log, and behind it the segments that were cut off."""
+    files: dict[tuple[Path, str], list[Path]] = defaultdict(list)
+    for path in sorted(study.rglob("*.mcap*")):
+        if path.name.endswith((".mcap", ".mcap.part")):
+            files[path.parent, path.name.partition(".")[0].partition("_seg-")[0]].append(path)
+    return [read_session(sorted(paths, key=lambda path: "_seg-" in path.name)) for _, paths in sorted(files.items())]
+
+
+def read_session(paths: Sequence[Path]) -> "Session":
+    path = paths[0]
+    messages, metadata, protocol = read_messages(paths)
     starts = [values for name, values in metadata if name == "minihuman.segment"]
     plan = next(message for topic, message in messages if topic == "/session/plan")
     episodes: list[Episode] = []
@@ -137,6 +174,10 @@ def read_session(path: Path) -> Session:
     paused: int | None = None
     pauses: dict[int, list[tuple[int, int]]] = defaultdict(list)
     attempts: Counter[int] = Counter()
+    answers: list[tuple[int, int, Any]] = []
+    keys: list[tuple[int, Any]] = []
+    notes: list[Any] = []
+    offsets: list[int] = []
     for topic, message in messages:
         if topic == "/session/plan":
             if paused is not None:
@@ -146,6 +187,7 @@ def read_session(path: Path) -> Session:
             offset_ns = max(int(starts[segment]["started_unix_ns"]) - zero, after_ns)
             segment, current, paused, end_reason = segment + 1, None, None, "cut_off"
             last_ns = offset_ns
+            offsets.append(offset_ns)
         if hasattr(message, "t_ns"):
             last_ns = max(last_ns, message.t_ns + offset_ns)
         match topic:
@@ -155,12 +197,20 @@ def read_session(path: Path) -> Session:
                 episodes.append(current)
             case "/step" if current is not None:
                 current.steps.append(message)
-            case "/input/key" if current is not None:
-                current.keys.append(message)
+            case "/input/key":
+                keys.append((segment, message))
+                if current is not None:
+                    current.keys.append(message)
+            case "/frame":  # the last picture may come to the display after the end
+                episodes[-1].frames.append(message)
             case "/episode/end" if current is not None:
                 current.outcome, current = message.outcome, None
             case "/episode/skip":
                 skipped += message.count
+            case "/session/note":
+                notes.append(message)
+            case "/answer":
+                answers.append((segment, offset_ns, message))
             case "/session/pause":
                 if message.paused and paused is None:
                     paused = message.t_ns + offset_ns
@@ -173,18 +223,131 @@ def read_session(path: Path) -> Session:
         pauses[segment].append((paused, max(paused, last_ns)))
     for episode in episodes:
         episode.pauses = pauses[episode.segment]
-    text = protocol.decode()
-    return Session(path, plan, tomllib.loads(text), metadata, episodes, segment, end_reason, skipped, read_tags(path))
+    return Session(
+        path, plan, tomllib.loads(protocol.decode()), metadata, episodes, segment, end_reason, skipped,
+        read_tags(path), answers, keys, notes, [pause for each in pauses.values() for pause in each], offsets,
+    )  # fmt: skip
 
 
 def read_tags(log: Path) -> dict[int | None, set[str]]:
     tags: dict[int | None, set[str]] = defaultdict(set)
-    path = log.with_name(log.name.removesuffix(".mcap") + ".marks.jsonl")
+    path = log.with_name(log.name.partition(".")[0].partition("_seg-")[0] + ".marks.jsonl")
     for line in path.read_text().splitlines() if path.exists() else ():
         mark = json.loads(line)
         its = tags[mark.get("episode")]
         (its.discard if mark.get("taken_back") else its.add)(mark["tag"])
     return tags
+
+
+def responses(episode: Episode) -> list[float | None]:
+    """Of each step the press minus the stimulus onset, ms; in real time of the first press after each named onset."""
+    if episode.start.plan.pace != "real_time":
+        return [step.rt_ms if step.HasField("rt_ms") else None for step in episode.steps]
+    onsets = {0} if episode.start.onset else set()
+    onsets |= {step.step for step in episode.steps if step.onset}
+    flips: dict[int, int] = {}
+    for frame in episode.frames:
+        if frame.step in onsets:
+            flips.setdefault(frame.step, frame.flip_ns)
+    found: list[float | None] = []
+    answered = set()
+    for step in episode.steps:
+        before = [flip_ns for flip_ns in flips.values() if flip_ns <= step.key_t_ns]
+        value = None
+        if step.key and (not before or max(before) not in answered):
+            onset = max(before, default=None)
+            answered.add(onset)
+            span = (0 if onset is None else onset + episode.offset_ns, step.key_t_ns + episode.offset_ns)
+            if onset is not None and not any(span[0] < end and begin < span[1] for begin, end in episode.pauses):
+                value = (step.key_t_ns - onset) / 1e6
+        found.append(value)
+    return found
+
+
+@cache
+def fewest_steps(cells: frozenset[tuple[int, int]], goal: tuple[int, int], start: tuple[int, int, int]) -> int | None:
+    """Turns and moves from a cell and heading to the goal over free cells."""
+    ahead = ((1, 0), (0, -1), (-1, 0), (0, 1))  # counter-clockwise seen from above, rows down the page
+    waiting, seen = deque([(start, 0)]), {start}
+    while waiting:
+        (x, z, heading), steps = waiting.popleft()
+        if (x, z) == goal:
+            return steps
+        there = x + ahead[heading][0], z + ahead[heading][1]
+        for state in (
+            (x, z, (heading + 1) % 4),
+            (x, z, (heading - 1) % 4),
+            *([(*there, heading)] if there in cells else []),
+        ):
+            if state not in seen:
+                seen.add(state)
+                waiting.append((state, steps + 1))
+    return None
+
+
+def feasible_steps(episode: Episode) -> int | None:
+    """The fewest steps to the goal on a grid's floor plan; None of other worlds, which the log does not tell."""
+    floor = episode.start.map
+    goal = next((thing for thing in floor.things if thing.name == "green goal"), None)
+    if floor.unit != "cell" or goal is None:
+        return None
+    start = episode.start.pose
+    walls = set()  # by the middle of a cell's side, in half cells
+    for w in floor.walls:
+        length = round(abs(w.x1 - w.x0) + abs(w.z1 - w.z0))
+        for at in range(length):
+            share = (at + 0.5) / length
+            walls.add((round(2 * (w.x0 + share * (w.x1 - w.x0))), round(2 * (w.z0 + share * (w.z1 - w.z0)))))
+    lava = {(round(thing.x), round(thing.z)) for thing in floor.things if thing.name == "lava"}
+    cells, waiting = {(round(start.x), round(start.z))}, deque([(round(start.x), round(start.z))])
+    while waiting:  # what can be walked to
+        x, z = waiting.popleft()
+        for dx, dz in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            there = x + dx, z + dz
+            if there not in cells | lava and (2 * x + dx, 2 * z + dz) not in walls:
+                cells.add(there)
+                waiting.append(there)
+    heading = round(start.yaw_rad / (math.pi / 2)) % 4
+    return fewest_steps(frozenset(cells), (round(goal.x), round(goal.z)), (round(start.x), round(start.z), heading))
+
+
+def path_rows(episode: Episode, feasible: int | None) -> Row:
+    """The measures that stand the steps beside the fewest."""
+    steps, limit, outcome = len(episode.steps), episode.start.plan.max_steps, episode.outcome
+    if feasible is None or outcome not in ("goal", "timeout", "failure"):
+        return {"excess_steps": None, "log_excess_steps": None, "log_steps_ratio": None, "spl": None}
+    taken = steps if outcome == "goal" else limit
+    return {
+        "excess_steps": float(steps - feasible) if outcome == "goal" else None,
+        "log_excess_steps": math.log1p(max(taken - feasible, 0)),
+        "log_steps_ratio": math.log(max(taken, feasible) / feasible) if feasible else None,
+        "spl": feasible / max(steps, feasible) if outcome == "goal" and steps else 0.0,
+    }
+
+
+def answer_rows(session: Session) -> Iterator[Row]:
+    for segment, offset_ns, one in session.answers:
+        value = json.loads(one.value)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        told = value if isinstance(value, str) or value is None else json.dumps(value, ensure_ascii=False)
+        yield {
+            **session.who,
+            "segment": segment,
+            "part": one.part + 1,
+            "questions": one.part_name,
+            "item": one.item,
+            "kind": one.kind,
+            "attempt": one.attempt,
+            "t_ns": one.t_ns + offset_ns,
+            "answer": told,
+            "number": float(value) if is_number else None,
+            "said": one.words or None,
+            "right": one.right if one.HasField("right") else None,
+            "shown_ns": one.shown_ns + offset_ns if one.shown_ns else None,
+            "first_ms": (one.first_ns - one.shown_ns) / 1e6 if one.first_ns and one.shown_ns else None,
+            "answer_ms": (one.t_ns - one.shown_ns) / 1e6 if one.shown_ns else None,
+            "changes": one.changes,
+        }
 
 
 def key_name(key: str) -> str | None:
@@ -202,7 +365,7 @@ def place(episode: Episode) -> Row:
 
 def step_rows(session: Session, episode: Episode) -> Iterator[Row]:
     names = episode.start.action_names
-    for step, shows in zip(episode.steps, episode.visible(), strict=True):
+    for step, shows, response in zip(episode.steps, episode.visible(), responses(episode), strict=True):
         t_ns = step.t_ns + episode.offset_ns
         pose = step.pose if step.HasField("pose") else None
         yield {
@@ -215,6 +378,7 @@ def step_rows(session: Session, episode: Episode) -> Iterator[Row]:
             "key": key_name(step.key),
             "reward": step.reward,
             "reaction_ms": step.rt_ms if step.HasField("rt_ms") else None,
+            "response_ms": response,
             "visible_effect": shows,
             "x": pose and pose.x,
             "z": pose and pose.z,
@@ -322,8 +486,10 @@ def path_row(episode: Episode) -> Row:
     return {"path_length": length, "path_efficiency": efficiency, "turns_in_place": turns}
 
 
-def episode_row(episode: Episode) -> Row:
+def episode_row(episode: Episode, told: int | None = None) -> Row:
     plan, times = episode.start.plan, [step.rt_ms for step in episode.steps if step.HasField("rt_ms")]
+    answered = [one for one in responses(episode) if one is not None]
+    feasible = feasible_steps(episode) if told is None else told
     return {
         **place(episode),
         "episode_in_block": plan.episode_in_block + 1,
@@ -332,12 +498,16 @@ def episode_row(episode: Episode) -> Row:
         "t_ns": episode.start_ns,
         "outcome": episode.outcome,
         "success": episode.outcome == "goal",
-        "reward": sum(step.reward for step in episode.steps),
+        "reward": sum((step.reward for step in episode.steps), 0.0),
         "steps": len(episode.steps),
         "max_steps": plan.max_steps,
         "playing_s": episode.played_ns() / 1e9,
         "reaction_mean_ms": statistics.fmean(times) if times else None,
         "reaction_median_ms": statistics.median(times) if times else None,
+        "response_mean_ms": statistics.fmean(answered) if answered else None,
+        "response_median_ms": statistics.median(answered) if answered else None,
+        "feasible_steps": feasible,
+        **path_rows(episode, feasible),
         **path_row(episode),
         "ineffective_steps": episode.visible().count(False),
         "refused": len(refused(episode)),
@@ -363,6 +533,7 @@ def over(session: Session, rows: Sequence[Row], episodes: Sequence[Episode]) -> 
     """What some episodes amount to; keys are found in all that were begun in their blocks."""
     rewards = [row["reward"] for row in rows]
     times = [step.rt_ms for episode in episodes for step in episode.steps if step.HasField("rt_ms")]
+    answered = [one for episode in episodes for one in responses(episode) if one is not None]
     blocks = {row["block"] for row in rows}
     runs = by_key_map([episode for episode in session.episodes if episode.block in blocks])
     to_find = [discoveries(run).get(one.key) for run in runs for one in run[0].start.plan.key_map.keys]
@@ -379,6 +550,11 @@ def over(session: Session, rows: Sequence[Row], episodes: Sequence[Episode]) -> 
         "steps_at_limit_mean": mean([row["steps"] if row["success"] else row["max_steps"] for row in rows]),
         "playing_s_mean": mean([row["playing_s"] for row in rows]),
         "reaction_median_ms": statistics.median(times) if times else None,
+        "response_median_ms": statistics.median(answered) if answered else None,
+        **{
+            f"{name}_mean": mean([row[name] for row in rows])
+            for name in ("excess_steps", "log_excess_steps", "log_steps_ratio", "spl")
+        },
         "path_efficiency_mean": mean([row["path_efficiency"] for row in rows]),
         "ineffective_share": sum(row["ineffective_steps"] for row in rows) / steps if steps else None,
         "refused": sum(row["refused"] for row in rows),
@@ -432,12 +608,27 @@ def included(session: Session, rows: Sequence[Row], why: Sequence[str | None], *
     return [at for at, row in enumerate(rows) if why[at] is None and row["block"] not in practice]
 
 
-def recompute(study: Path) -> dict[str, list[Row]]:
-    """The rows of each table, of all sessions in order of path."""
-    sessions = [read_session(path) for path in sorted(study.rglob("*.mcap"))]
+Place = tuple[str, int, int, int]  # participant, session, episode, attempt
+
+
+def recompute(sessions: Sequence[Session], told: Mapping[Place, int] | None = None) -> dict[str, list[Row]]:
+    """The rows of each table, of all sessions in order of path.
+
+    Args:
+        sessions: as they were read.
+        told: the fewest steps of episodes whose world alone tells them.
+    """
+    told = told or {}
     against: dict[str, list[tuple[int, str]]] = defaultdict(list)
+    measured = {
+        id(session): [
+            episode_row(one, told.get((session.who["participant"], session.plan.session, one.number, one.attempt)))
+            for one in session.episodes
+        ]
+        for session in sessions
+    }
     for session in sessions:
-        rows = [episode_row(episode) for episode in session.episodes]
+        rows = measured[id(session)]
         its = included(session, rows, reasons(session, rows), analysed=True)
         row = over(session, [rows[at] for at in its], [session.episodes[at] for at in its]) | session_row(session)
         if why := broken_rule(session, "participant", row):
@@ -446,7 +637,7 @@ def recompute(study: Path) -> dict[str, list[Row]]:
     for session in sessions:
         who = session.who
         of_person = min(against[who["participant"]], default=(0, None))[1]
-        rows = [episode_row(episode) for episode in session.episodes]
+        rows = measured[id(session)]
         why = reasons(session, rows)
         for episode, row, reason in zip(session.episodes, rows, why, strict=True):
             tables["steps"] += step_rows(session, episode)
@@ -454,6 +645,7 @@ def recompute(study: Path) -> dict[str, list[Row]]:
             tags = " ".join(sorted(session.tags[episode.number] | session.tags[None])) or None
             tables["episodes"].append(who | row | {"tags": tags, "exclusion_reason": of_person or reason})
         tables["keys"] += key_rows(session)
+        tables["answers"] += answer_rows(session)
         for block in dict.fromkeys(row["block"] for row in rows):
             its = [at for at in included(session, rows, why, analysed=False) if rows[at]["block"] == block]
             row = over(session, [rows[at] for at in its], [session.episodes[at] for at in its])
@@ -467,34 +659,58 @@ def recompute(study: Path) -> dict[str, list[Row]]:
     return tables
 
 
-def equal(cell: str, value: Any) -> bool:
-    """Whether a CSV cell holds a value: texts and counts exactly, other numbers to the last digits of a double."""
+def equal(cell: Any, value: Any) -> bool:
+    """Whether a cell, of a CSV or typed, holds a value: texts and counts exactly, others to a double's last digits."""
     if value is None:
-        return cell == ""
+        return cell is None or cell == "" or cell != cell
+    if cell is None or cell != cell:
+        return False
     if isinstance(value, bool):
-        return cell == str(value).upper()
+        return str(cell).upper() == str(value).upper() or cell == value
     if isinstance(value, float):
         return cell != "" and math.isclose(float(cell), value, rel_tol=1e-12, abs_tol=1e-12)
-    return cell == str(value)
+    return str(cell) == str(value)
 
 
-def differences(study: Path, folder: Path) -> Iterator[str]:
-    """Each cell of the CSV tables in a folder that is not what the logs say."""
-    for name, rows in recompute(study).items():
-        with (folder / f"{name}.csv").open(newline="") as file:
-            found = list(csv.DictReader(file))
-        if len(found) != len(rows):
-            yield f"{name}: {len(found)} rows; by the logs {len(rows)}"
-        for number, (cells, row) in enumerate(zip(found, rows, strict=False), 1):
-            if missing := row.keys() - cells.keys():
-                yield f"{name}: no columns {sorted(missing)}"
-                break
+@dataclass
+class Tally:
+    """How many numbers and words of an output were compared, and each that is not what the logs say."""
+
+    compared: int = 0
+    wrong: list[str] = field(default_factory=list)
+
+    def same(self, where: str, found: Any, expected: Any) -> None:
+        self.compared += 1
+        if not equal(found, expected):
+            self.wrong.append(f"{where}: {found!r}; by the logs {expected!r}")
+
+    def rows(self, where: str, found: Sequence[Row], expected: Sequence[Row], *, without: Collection[str] = ()) -> None:
+        """Compare the rows of a table, column by column."""
+        self.same(f"{where}, rows", len(found), len(expected))
+        for number, (cells, row) in enumerate(zip(found, expected, strict=False), 1):
+            if missing := row.keys() - cells.keys() - set(without):
+                self.wrong.append(f"{where} has no columns {sorted(missing)}")
+                return
             for column, value in row.items():
-                if not equal(cells[column], value):
-                    yield f"{name} row {number} {column}: {cells[column]!r}; by the log {value!r}"
+                if column not in without:
+                    self.same(f"{where} row {number} {column}", cells[column], value)
 
 
-if __name__ == "__main__":
-    lines = list(differences(Path(sys.argv[1]), Path(sys.argv[2])))
-    print("\n".join(lines) or "every cell is what the logs say")
-    sys.exit(bool(lines))
+NEEDING_WORLD = frozenset(
+    {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "log_steps_ratio", "spl"}
+    | {"excess_steps_mean", "log_excess_steps_mean", "log_steps_ratio_mean", "spl_mean"}
+)
+
+
+def read_csv(path: Path) -> list[Row]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def read_told(episodes: Sequence[Row]) -> dict[Place, int]:
+    """The fewest steps of first-person worlds, which no log tells, as a table of episodes has them."""
+    return {
+        (row["participant"], int(row["session"]), int(row["episode"]), int(row["attempt"])): int(row["feasible_steps"])
+        for row in episodes
+        if "MiniWorld" in row["world"] and row["feasible_steps"] not in (None, "")
+    }

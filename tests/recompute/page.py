@@ -1,0 +1,1114 @@
+"""A report's page compared with what its logs say: every heading, sentence and table in order, to the last digit.
+
+Statistics are SciPy's and statsmodels': intervals and exact p are compared as printed, permutation p within Monte Carlo
+error, Holm's correction with the printed p. An element of the page that nothing here expects is wrong.
+"""
+
+import json
+import math
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import statsmodels.api as sm
+from scipy import special, stats
+from statsmodels.stats.multitest import multipletests
+from statsmodels.stats.power import TTestIndPower
+from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
+
+from tests.recompute.tables import Row, Session, Tally
+
+MEASURES = {
+    "log_excess_steps_mean": "log of the excess steps over the shortest path (without the goal: at the limit)",
+    "spl_mean": "SPL: success weighted by path length",
+    "success": "success (share of episodes)",
+    "reward_mean": "reward",
+    "steps_at_limit_mean": "steps (without the goal: at the limit)",
+    "reward_first": "reward of the first episode",
+    "reward_slope": "learning: change of reward from one episode to the next, over the first five",
+    "excess_steps_mean": "excess steps over the shortest path (successes only)",
+    "playing_s_mean": "playing time per episode (s)",
+    "response_median_ms": "reaction time, median (ms)",
+    "path_efficiency_mean": "path efficiency (straight distance over ground covered)",
+    "ineffective_share": "share of ineffective steps",
+    "all_keys_discovered_s": "time until all keys were discovered (s)",
+    "log_steps_ratio_mean": "log of steps / shortest path (without the goal: at the limit)",
+    "reaction_median_ms": "key press after the latest picture, median (ms)",
+}
+UNASKED = {"log_steps_ratio_mean", "reaction_median_ms"}
+FACTORS = {"log_excess_steps_mean": "the excess steps, plus one", "log_steps_ratio_mean": "the steps"}
+RESAMPLES = 9_999
+NOTHING = "\N{EN DASH}"
+MINUS = "\N{MINUS SIGN}"
+SPACES = re.compile(r"\s+")
+NUMBER = re.compile(r"[+\N{MINUS SIGN}-]?\d[\d,]*(?:\.\d+)?")
+PRACTICE_ALONE = "only practice was played"
+
+
+@dataclass(frozen=True)
+class Near:
+    """A number that is right within some error, beside what rounding took."""
+
+    value: float
+    error: float
+
+    def holds(self, text: str) -> bool:
+        if text == "n/a" or math.isnan(self.value):
+            return text == "n/a" and math.isnan(self.value)
+        if text.startswith("<"):
+            return self.value - self.error < float(text[1:])
+        found = float(text.replace(MINUS, "-"))
+        rounding = 0.5 * 10.0 ** -len(text.partition(".")[2])
+        return abs(found - self.value) <= self.error + rounding * (1 + 1e-9)
+
+
+Expected = str | tuple[str | Near, ...]  # a text; or one with numbers in it that are right within some error
+Item = tuple[str, str, list[list[str]]]  # tag, text, and of a table its rows, the heads first
+
+
+class PageReader(HTMLParser):
+    """The elements of a page in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.items: list[Item] = []
+        self._text: list[str] | None = None
+        self._rows: list[list[str]] = []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        if tag == "table":
+            self._rows = []
+        elif tag == "tr":
+            self._rows.append([])
+        elif tag in ("h1", "h2", "h3", "p", "td", "th", "figcaption", "summary"):
+            self._text = []
+
+    def handle_data(self, data: str) -> None:
+        if self._text is not None:
+            self._text.append(data)
+
+    def handle_endtag(self, tag: str) -> None:
+        text = SPACES.sub(" ", "".join(self._text or ())).strip()
+        if tag == "table":
+            self.items.append(("table", "", self._rows))
+        elif tag in ("td", "th"):
+            self._rows[-1].append(text)
+        elif tag in ("h1", "h2", "h3", "p", "figcaption", "summary"):
+            self.items.append((tag, text, []))
+        else:
+            return
+        self._text = None
+
+
+def read_page(path: Path) -> list[Item]:
+    reader = PageReader()
+    reader.feed(path.read_text(encoding="utf-8"))
+    return reader.items
+
+
+def number(value: float | None, digits: int = 3, *, sign: str = "-") -> str:
+    """Three significant decimals, one fewer for each digit before the point.
+
+    Where the last bit of a double decides the last digit, both: "{0.862|0.863}".
+    """
+    if value is None or math.isnan(value):
+        return "n/a"
+    slack = 1e-11 * max(abs(value), 1.0)
+    found = {}
+    for one in (value, value - slack, value + slack):
+        before = len(f"{abs(one):.0f}") if abs(one) >= 1 else 0
+        found[f"{one:{sign}.{max(digits - before, 0)}f}".replace("-", MINUS)] = None
+    return next(iter(found)) if len(found) == 1 else "{" + "|".join(found) + "}"
+
+
+def mean_sd(values: Sequence[float]) -> str:
+    if not len(values):
+        return "n/a"
+    mean = float(np.mean(values))
+    return number(mean) if len(values) < 2 else f"{number(mean)} ({number(float(np.std(values, ddof=1)))})"
+
+
+def interval(bounds: Sequence[float], digits: int = 3, *, sign: str = "-") -> str:
+    return "n/a" if math.isnan(bounds[0]) else " to ".join(number(float(one), digits, sign=sign) for one in bounds)
+
+
+def with_interval(value: float, bounds: Sequence[float], digits: int = 3, *, sign: str = "-") -> str:
+    inside = "" if math.isnan(bounds[0]) else f" ({interval(bounds, digits, sign=sign)})"
+    return number(value, digits, sign=sign) + inside
+
+
+def p_value(value: float) -> str:
+    if not math.isnan(value) and f"{value - 1e-9:.3f}" != f"{value + 1e-9:.3f}":
+        return "{" + f"{value - 1e-9:.3f}|{value + 1e-9:.3f}" + "}"
+    return "n/a" if math.isnan(value) else "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+NONE = (math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Two groups on a measure, by SciPy."""
+
+    measure: str
+    groups: tuple[str, str]
+    n: tuple[int, int]
+    means: tuple[float, float]
+    interval: tuple[float, float]
+    p: Near
+    smallest_p: float
+    g: float
+    g_interval: tuple[float, float]
+    reason: str
+
+    @property
+    def difference(self) -> float:
+        return self.means[0] - self.means[1]
+
+
+def welch(a: Any, b: Any, axis: int = -1) -> Any:
+    apart = np.abs(a.mean(axis=axis) - b.mean(axis=axis))
+    error = np.sqrt(a.var(axis=axis, ddof=1) / a.shape[axis] + b.var(axis=axis, ddof=1) / b.shape[axis])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(apart < 1e-12, 0.0, np.minimum(apart / error, 1e9))
+
+
+def permutation_p(a: Any, b: Any) -> Near:
+    ways = special.comb(len(a) + len(b), len(a), exact=True)
+    drawn = RESAMPLES if ways > RESAMPLES else math.inf
+    found = stats.permutation_test(
+        (a, b), welch, vectorized=True, n_resamples=drawn, alternative="greater", axis=0, batch=2_000, rng=1,
+    )  # fmt: skip
+    return near_p(float(found.pvalue), exact=ways <= RESAMPLES)
+
+
+def near_p(p: float, *, exact: bool = False) -> Near:
+    """Two estimates from 9,999 resamples differ by less than five standard errors."""
+    return Near(p, 1e-9 if exact else 5 * math.sqrt(2 * max(p * (1 - p), 1e-4) / (RESAMPLES + 1)))
+
+
+def smallest_p(n: int, m: int) -> float:
+    ways = special.comb(n + m, n, exact=True)
+    return 1 / (RESAMPLES + 1) if ways > RESAMPLES else (2 if n == m else 1) / ways
+
+
+def welch_interval(a: Any, b: Any, level: float = 0.95) -> tuple[float, float]:
+    if not max(np.ptp(a), np.ptp(b)):
+        return NONE
+    found = stats.ttest_ind(a, b, equal_var=False).confidence_interval(level)
+    return float(found.low), float(found.high)
+
+
+def compare(measure: str, groups: tuple[str, str], a: Any, b: Any) -> Compared:
+    n = len(a), len(b)
+    means = tuple(float(np.mean(one)) if len(one) else math.nan for one in (a, b))
+    plain = (measure, groups, n, means)
+    if min(n) < 2:
+        few = groups[0] if n[0] <= n[1] else groups[1]
+        reason = f"{min(n)} in {few}: two a group are the least"
+        return Compared(*plain, NONE, Near(math.nan, 0), math.nan, math.nan, NONE, reason)
+    p, least, spreads = permutation_p(a, b), smallest_p(*n), (float(np.std(a, ddof=1)), float(np.std(b, ddof=1)))
+    if max(spreads) == 0:
+        reason = "nobody in either group differs from the others"
+        return Compared(*plain, NONE, p, least, math.nan, NONE, reason)
+    bounds = welch_interval(a, b)
+    if min(spreads) == 0:
+        at = 0 if spreads[0] == 0 else 1
+        reason = f"everybody in {groups[at]} is at {means[at]:g}: no standardised difference"
+        return Compared(*plain, bounds, p, least, math.nan, NONE, reason)
+    pooled = math.sqrt(((n[0] - 1) * np.var(a, ddof=1) + (n[1] - 1) * np.var(b, ddof=1)) / (sum(n) - 2))
+    g = (means[0] - means[1]) / pooled * (1 - 3 / (4 * sum(n) - 9))
+    half = stats.norm.ppf(0.975) * math.sqrt(sum(n) / (n[0] * n[1]) + 0.5 * g**2 / (sum(n) - 3.94))
+    if abs(g) > 10:
+        reason = "spreads are next to nothing: no standardised difference"
+        return Compared(*plain, bounds, p, least, math.nan, NONE, reason)
+    return Compared(*plain, bounds, p, least, g, (g - half, g + half), "")
+
+
+class Study:
+    """What the logs, the enrolment log and the annotations of a study say, as a report shows it."""
+
+    def __init__(self, folder: Path, sessions: Sequence[Session], tables: Mapping[str, list[Row]]) -> None:
+        self.folder, self.sessions, self.tables = folder, sessions, tables
+        self.protocol = sessions[0].protocol
+        self.practice = {(session.who["group"], block) for session in sessions for block in session.practice()}
+        self.participants = exclude_practice_alone(tables["participants"])
+        self.all_blocks = [row for row in tables["blocks"] if (row["group"], row["block"]) not in self.practice]
+        self.episodes = [row for row in tables["episodes"] if (row["group"], row["block"]) not in self.practice]
+        groups: dict[str, set[str]] = defaultdict(set)
+        for row in self.all_blocks:
+            groups[row["group"]].add(row["block"])
+        self.order = sorted(groups, key=lambda group: (-len(groups[group]), group))
+        self.blocks = [row for row in self.all_blocks if row["exclusion_reason"] is None]
+        self.known = known_keys(sessions)
+
+    @property
+    def analysis(self) -> Row:
+        return dict(self.protocol.get("analysis", {}))
+
+    def target(self) -> str:
+        if self.analysis.get("block"):
+            return str(self.analysis["block"])
+        played: dict[str, dict[str, None]] = defaultdict(dict)
+        for row in self.blocks:
+            played[row["group"]][row["block"]] = None
+        if not played:
+            return ""
+        common = [block for block in played[min(played)] if all(block in theirs for theirs in played.values())]
+        return common[-1] if common else ""
+
+    def in_order_of_play(self) -> list[str]:
+        places: dict[str, list[int]] = defaultdict(list)
+        counts: Counter[tuple[str, int]] = Counter()
+        for row in self.blocks:
+            session = row["participant"], row["session"]
+            places[row["block"]].append(counts[session])
+            counts[session] += 1
+        return sorted(places, key=lambda block: float(np.mean(places[block])))
+
+
+def exclude_practice_alone(rows: Sequence[Row]) -> list[Row]:
+    """The participants' rows; who played nothing but practice, of all that counts, is excluded for that."""
+    played: Counter[str] = Counter()
+    for row in rows:
+        if row["exclusion_reason"] is None:
+            played[row["participant"]] += row["episodes"] or row["completed_share"] is None
+    return [
+        row | {"exclusion_reason": PRACTICE_ALONE}
+        if row["exclusion_reason"] is None and not played[row["participant"]]
+        else row
+        for row in rows
+    ]
+
+
+def known_keys(sessions: Sequence[Session]) -> dict[str, list[str]]:
+    """By block, the groups all of whom came to it, the first time, with keys of an earlier block."""
+    history: dict[str, list[dict[str, int]]] = defaultdict(list)
+    first: dict[tuple[str, str], int] = {}
+    found: dict[tuple[str, str], bool] = {}
+    for session in sorted(sessions, key=lambda one: one.plan.session):
+        person = session.plan.participant
+        begun: dict[str, Any] = {}
+        for episode in session.plan.episodes:
+            begun.setdefault(episode.block_name, episode)
+        for block, episode in begun.items():
+            actions = list(episode.actions)
+            keys = {one.key: actions.index(one.action) for one in episode.key_map.keys if one.action in actions}
+            policy = session.block(block).get("key_map", "new")
+            known = policy not in ("new", "shown") and keys in history[person.id]
+            history[person.id].append(keys)
+            place = person.group, block
+            if first.setdefault(place, session.plan.session) == session.plan.session:
+                found[place] = found.get(place, True) and known
+    by_block: dict[str, list[str]] = defaultdict(list)
+    for (group, block), known in sorted(found.items()):
+        if known:
+            by_block[block].append(group)
+    return by_block
+
+
+def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
+    """Every element of the page but captions and methods: tag and text, of a table its rows with their heads."""
+    sessions, people = study.sessions, study.participants
+    included = {row["participant"] for row in people if row["exclusion_reason"] is None}
+    count = sum(row["exclusion_reason"] is None for row in study.episodes)
+    players = sorted({row["player"] for row in people})
+    asked = list(people)
+    versions = Counter(row["version"] for row in asked)
+    version = f"Protocol version {next(iter(versions))} in {len(asked)} sessions"
+    windows = Counter(row["window"] for row in people)
+    yield "h1", sessions[0].plan.study
+    at = ", ".join(f"{window} in {many} sessions" for window, many in windows.most_common())
+    yield (
+        "p",
+        (
+            f"{version}; {len(sessions)} sessions read, 0 skipped; {len(included)} participants and {count} episodes "
+            f"are included. Played by: {', '.join(players)}. At: {at}."
+        ),
+    )
+    practised = Counter(
+        row["block"] for row in study.tables["episodes"]
+        if (row["group"], row["block"]) in study.practice and row["exclusion_reason"] is None
+    )  # fmt: skip
+    if practised:
+        told = ", ".join(f"block {block} ({many} episodes)" for block, many in practised.items())
+        yield "p", f"Practice, excluded from all results below: {told}."
+    others = [player for player in players if player != "human"]
+    yield (
+        "p",
+        (
+            f"Simulated data: all sessions were played by {', '.join(others)}. They show how the analysis behaves, and "
+            "say nothing about people."
+        ),
+    )
+    yield from expected_flow(study)
+    for block in study.in_order_of_play():
+        yield from expected_block(study, block)
+    yield from expected_answers(study)
+    yield "h2", "Paths"
+    yield from expected_quality(study)
+    yield from expected_exclusions(study)
+    yield "h2", "Logs skipped"
+    yield "p", "None."
+    yield "h2", "Methods"
+
+
+FINAL = ("complete", "screened_out", "declined")
+
+
+def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
+    lines = [json.loads(line) for line in (study.folder / "register.jsonl").read_text().splitlines()]
+    taken: dict[str, str] = {}
+    replaced: dict[str, None] = {}
+    for line in lines:
+        if "participant" in line:
+            taken[line["participant"]] = line["group"]
+        elif "drawn" in line:
+            taken[line["drawn"]] = line["group"]
+        elif "freed" in line:
+            taken.pop(line["freed"], None)
+        elif "replaced" in line:
+            replaced[line["replaced"]] = None
+    gone = {line["withdrawn"] for line in lines if "withdrawn" in line}
+    left = Counter(
+        {"declined": "did not agree", "screened_out": "screened out before a group was drawn"}.get(
+            line.get("why", ""), "left before anything was recorded"
+        )
+        for line in lines
+        if "freed" in line
+    )
+    there = {session.who["participant"] for session in study.sessions}
+    counting = {row["participant"]: row["group"] for row in study.participants if row["exclusion_reason"] is None}
+    groups = sorted({*filter(None, taken.values())})
+
+    def row(what: str, codes: Any) -> list[str]:
+        counts = Counter(taken[code] for code in codes)
+        return [what, str(sum(counts.values())), *(str(counts[group]) for group in groups)]
+
+    table = [["participants", "all", *groups]]
+    table.append(["came", str(sum("participant" in line for line in lines)), *(NOTHING for _ in groups)])
+    for what in ("did not agree", "screened out before a group was drawn", "left before anything was recorded"):
+        if left[what]:
+            table.append([what, str(left[what]), *(NOTHING for _ in groups)])
+    table.append(row("allocated to a group", taken))
+    for what, codes in (
+        ("withdrew afterwards", gone),
+        ("did not return, slot reallocated", replaced.keys() - gone),
+        ("no data recorded so far", taken.keys() - gone - there),
+    ):
+        if codes:
+            table.append(row(what, codes))
+    numbers = sorted({session.plan.session for session in study.sessions})
+    for session in numbers:
+        ends = {one.who["participant"]: one for one in study.sessions if one.plan.session == session}
+        label = f"session {session}: " if len(numbers) > 1 else ""
+        table.append(row(f"{label}began", ends))
+        out = [code for code, one in ends.items() if one.end_reason == "screened_out"]
+        finished = [code for code, one in ends.items() if is_finished(one)]
+        unfinished = [code for code in ends if code not in {*out, *finished}]
+        if out:
+            table.append(row(f"{label}screened out", out))
+        if unfinished:
+            table.append(row(f"{label}not finished", unfinished))
+        table.append(row(f"{label}finished", finished))
+    against: dict[str, str] = {}
+    for one in study.participants:
+        if one["participant"] not in counting:
+            against.setdefault(one["participant"], one["exclusion_reason"])
+    for reason in sorted(set(against.values())):
+        table.append(row(f"excluded: {reason}", [code for code, why in against.items() if why == reason]))
+    table.append(row("included in this report", counting))
+    yield "h2", "Participant flow"
+    yield (
+        "p",
+        (
+            "Numbers of participants, from the enrolment log and the sessions. A participant who left before anything "
+            "was recorded and came again is counted each time, since nothing recorded could identify them."
+        ),
+    )
+    yield "table", table
+    notes = [json.loads(line) for path in study.folder.rglob("*.marks.jsonl") for line in path.read_text().splitlines()]
+    by_hand = [line for line in lines if line.keys() & {"withdrawn", "replaced", "recovered", "any_day"}]
+    by_hand += [line for line in lines if line.get("overridden")]
+    without = sum(not line.get("reason") for line in by_hand) + sum(not note.get("note") for note in notes)
+    kinds = (("withdrawn", "withdrawn"), ("replaced", "replaced"), ("recovered", "logs recovered"))
+    kinds += (("any_day", "run on another day"), ("overridden", "chosen by hand"))
+    counts = [(sum(bool(line.get(kind)) for line in by_hand), what) for kind, what in kinds]
+    counts += [(len(notes), "annotations"), (without, "without a reason")]
+    told = ", ".join(f"{many} {what}" for many, what in counts if many)
+    if told:
+        yield "p", f"Audit trail: {told}."
+
+
+def is_finished(session: Session) -> bool:
+    return session.end_reason in ("complete", "declined")
+
+
+def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
+    rows = pd.DataFrame([row for row in study.blocks if row["block"] == block])
+    begun = [row for row in study.episodes if row["block"] == block]
+    episodes = [row for row in begun if row["exclusion_reason"] is None]
+    order = [group for group in study.order if (rows["group"] == group).any()]
+    analysis = study.analysis if block == study.target() else {}
+    primary, secondary = analysis.get("primary_measure", ""), list(analysis.get("secondary_measures", []))
+    named = [primary, *secondary]
+    late = sum(not row["success"] for row in episodes)
+    never = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
+    aside = {}
+    if late and rows["excess_steps_mean"].notna().any():
+        aside["excess_steps_mean"] = f"omits {late} episodes without success"
+    if never and rows["all_keys_discovered_s"].notna().any():
+        why = f"omits {never} who never discovered them all; compared below with these censored"
+        aside["all_keys_discovered_s"] = why
+    aside = {name: why for name, why in aside.items() if name not in named}
+    measures = [
+        name
+        for name in MEASURES
+        if rows[name].notna().any() and name not in aside and (name not in UNASKED or name in named)
+    ]
+    columns = rows[["group", "participant", "session", *MEASURES]].astype(dict.fromkeys(MEASURES, float))
+    people = columns.drop(columns="session").groupby(["group", "participant"]).mean().reset_index()
+    roles = dict.fromkeys(measures, "exploratory")
+    roles |= {name: "secondary" for name in secondary if name in roles}
+    roles |= {primary: "primary"} if primary in roles else {}
+    comparisons = compare_all(people, roles, order)
+    alone = len(order) == 1 and len(study.order) > 1
+    worlds = ", ".join(dict.fromkeys(row["world"] for row in episodes))
+    end = f"; played by {order[0]} alone, so nothing is compared" if alone else ""
+    end = end or ("; the block that all groups are compared on" if block == study.target() and len(order) > 1 else "")
+    yield "h2", f"Block {block}"
+    yield "p", f"{worlds}{': ' if worlds else ''}{len(episodes)} episodes included{end}."
+    chosen = primary if primary in roles else next(iter(sorted(roles, key=list(MEASURES).index)), "")
+    headline = [one for one in comparisons if one.measure == chosen]
+    for one in headline:
+        yield "p", difference(one, block)
+    if comparisons and primary not in roles:
+        yield (
+            "p",
+            (
+                "The protocol names no primary measure for this block: all its comparisons are exploratory, and the p "
+                "above is not corrected."
+            ),
+        )
+    table = [["measure", "group", "n", "mean"]]
+    for name in measures:
+        for group in order:
+            values = people.loc[people["group"] == group, name].dropna()
+            table.append([MEASURES[name], group, str(len(values)), mean_sd(values)])
+    yield "table", table
+    yield from expected_subjects(rows, people, order)
+    if comparisons:
+        yield "table", comparison_table(comparisons, roles)
+    missing = [one for one in comparisons if one.reason]
+    if missing:
+        told = "; ".join(f"{MEASURES[one.measure]}, {pair(one.groups)}: {one.reason}" for one in missing)
+        yield "p", f"Not compared, or only in part: {told}."
+    if comparisons and study.known.get(block):
+        yield (
+            "p",
+            (
+                f"{', '.join(study.known[block])} kept the keys of an earlier block: their time until all keys were "
+                "discovered is the time until they had used each."
+            ),
+        )
+    if aside:
+        told = "; ".join(f"{MEASURES[name]} ({why})" for name, why in aside.items())
+        yield "p", f"Not compared, because a group that fails more would look better: {told}."
+    if "equivalence_margin" in analysis:
+        yield from equivalences(people, order, primary, float(analysis["equivalence_margin"]))
+    if rows["session"].nunique() > 1:
+        yield from expected_sessions(columns, measures, roles, order)
+    missed = Counter(row["group"] for row in episodes if row["steps"] and not row["success"])
+    played = Counter(row["group"] for row in episodes if row["steps"])
+    if missed:
+        told = ", ".join(f"{group} {missed[group]} of {played[group]}" for group in order if played[group])
+        yield (
+            "p",
+            (
+                f"Episodes that did not reach the goal: {told}. A mean reward mixes how often the goal was reached "
+                "with in how many steps."
+            ),
+        )
+    yield from expected_survival(rows, begun, order)
+    yield from expected_parts(episodes, order)
+    yield from expected_growth(episodes, order)
+    for one in headline:
+        yield "p", power(one.n)
+
+
+def pair(groups: tuple[str, str]) -> str:
+    return f"{groups[0]} {MINUS} {groups[1]}"
+
+
+def compare_all(people: pd.DataFrame, roles: Mapping[str, str], order: Sequence[str]) -> list[Compared]:
+    found = []
+    for role in ("primary", "secondary", "exploratory"):
+        for name in (name for name in roles if roles[name] == role):
+            values = {group: people.loc[people["group"] == group, name].dropna().to_numpy(float) for group in order}
+            found += [compare(name, (a, b), values[a], values[b]) for a, b in combinations(order, 2)]
+    return found
+
+
+def difference(one: Compared, block: str) -> Expected:
+    said = f"{capital(MEASURES[one.measure])}, block {block}: {one.groups[0]} minus {one.groups[1]} "
+    if one.reason and math.isnan(one.p.value):
+        return f"{said}was not compared ({one.reason})."
+    few = " With so few participants the effect size is uninformative." if min(one.n) < 5 else ""
+    never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
+    factor = ""
+    if one.measure in FACTORS and not math.isnan(one.interval[0]):
+        bounds = [math.exp(bound) for bound in one.interval]
+        factor = (
+            f"; as a factor of {FACTORS[one.measure]}: {number(math.exp(one.difference), 2)}, {interval(bounds, 2)}"
+        )
+    return (
+        (
+            f"{said}is {number(one.difference, sign='+')} (95 % interval {interval(one.interval, sign='+')}{factor}; "
+            "permutation p "
+        ),
+        one.p,
+        (
+            f"; Hedges' g {number(one.g, 2)}, interval {interval(one.g_interval, 2)}; {one.n[0]} and {one.n[1]} "
+            f"participants).{few}{never}"
+        ),
+    )
+
+
+class Holm:
+    """Stands for the corrected p of a row: it is told from the printed p of its family."""
+
+    def __init__(self, family: str) -> None:
+        self.family = family
+
+
+def comparison_table(comparisons: Sequence[Compared], roles: Mapping[str, str]) -> list[list[Any]]:
+    pairs = list(dict.fromkeys(one.groups for one in comparisons))
+    several, named = len(pairs) > 1, set(roles.values()) != {"exploratory"}
+    heads = ["measure", *(["named before"] if named else []), *(["groups"] if several else []), "n"]
+    heads += ["means"] if several else [f"mean, {group}" for group in pairs[0]]
+    table: list[list[Any]] = [[*heads, "difference", "p", "p (Holm)", "smallest p", "g"]]
+    for one in comparisons:
+        means = [number(mean) for mean in one.means]
+        table.append(
+            [
+                MEASURES[one.measure], *([roles[one.measure]] if named else []),
+                *([pair(one.groups)] if several else []), f"{one.n[0]}, {one.n[1]}",
+                *([", ".join(means)] if several else means), with_interval(one.difference, one.interval), one.p,
+                Holm(roles[one.measure]), p_value(one.smallest_p), with_interval(one.g, one.g_interval, 2),
+            ]
+        )  # fmt: skip
+    return table
+
+
+def expected_subjects(rows: pd.DataFrame, people: pd.DataFrame, order: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    several = rows["session"].nunique() > 1
+    heads = ["group", "subject", *(["session"] if several else []), "n", "reward"]
+    table, means = [], []
+    for group in order:
+        its = rows[rows["group"] == group].sort_values(["participant", "session"])
+        for row in its.to_dict("records"):
+            sd = row["reward_sd"]
+            told = number(row["reward_mean"]) + ("" if sd is None or math.isnan(sd) else f" ({number(sd)})")
+            session = [str(row["session"])] if several else []
+            table.append([group, row["participant"], *session, str(row["episodes"]), told])
+        values = people.loc[people["group"] == group, "reward_mean"].dropna()
+        means.append([group, "all", *(["all"] if several else []), str(len(values)), mean_sd(values)])
+    if len(table) > 60:
+        yield "table", [heads, *means]
+        yield "summary", f"{len(table)} rows: {', '.join(heads)}"
+        yield "table", [heads, *table]
+    else:
+        yield "table", [heads, *table, *means]
+
+
+def equivalences(people: pd.DataFrame, order: Sequence[str], primary: str, margin: float) -> Iterator[tuple[str, Any]]:
+    for a, b in combinations(order, 2):
+        first, second = (people.loc[people["group"] == group, primary].dropna().to_numpy(float) for group in (a, b))
+        if min(len(first), len(second)) < 2 or not max(np.ptp(first), np.ptp(second)):
+            continue
+        means = CompareMeans(DescrStatsW(first), DescrStatsW(second))
+        p = float(means.ttost_ind(-margin, margin, usevar="unequal")[0])
+        alike = "are equivalent" if p < 0.05 else "are not shown to be equivalent"
+        bounds = welch_interval(first, second, 0.9)
+        yield (
+            "p",
+            (
+                f"{capital(MEASURES[primary])}: {a} and {b} {alike} within {margin:g}, the protocol's margin (two one-"
+                f"sided tests, p {p_value(p)}; 90 % interval of the difference {interval(bounds, sign='+')})."
+            ),
+        )
+
+
+def mean_interval(values: Any) -> tuple[float, tuple[float, float], float]:
+    """A mean, its t interval, and the p of its being 0."""
+    mean = float(np.mean(values))
+    if not np.ptp(values):
+        return mean, NONE, math.nan
+    found = stats.ttest_1samp(values, 0.0)
+    bounds = found.confidence_interval(0.95)
+    return mean, (float(bounds.low), float(bounds.high)), float(found.pvalue)
+
+
+def expected_sessions(
+    columns: pd.DataFrame, measures: Sequence[str], roles: Mapping[str, str], order: Sequence[str]
+) -> Iterator[tuple[str, Any]]:
+    sessions = sorted(columns["session"].unique())
+    of = {session: columns[columns["session"] == session].set_index(["group", "participant"]) for session in sessions}
+    later = sessions[1:]
+    changes = {session: (of[session][measures] - of[sessions[0]][measures]).reset_index() for session in later}
+    several = len(later) > 1
+    heads = ["measure", "group", *(f"session {session}" for session in sessions)]
+    for session in later:
+        heads += [f"{head}, {sessions[0]} to {session}" if several else head for head in ("n", "change", "p")]
+    table: list[list[Any]] = [heads]
+    for name in measures:
+        for group in order:
+            cells = []
+            for session in sessions:
+                its = of[session].reset_index()
+                values = its.loc[its["group"] == group, name].dropna()
+                cells.append(mean_sd(values) if len(values) else NOTHING)
+            for session in later:
+                values = changes[session].loc[changes[session]["group"] == group, name].dropna().to_numpy(float)
+                if not len(values):
+                    cells += ["0", NOTHING, NOTHING]
+                    continue
+                mean, bounds, p = mean_interval(values)
+                cells += [str(len(values)), with_interval(mean, bounds, sign="+"), p_value(p)]
+            table.append([MEASURES[name], group, *cells])
+    yield "h3", "Sessions"
+    yield "table", table
+    told = {session: change for session, change in changes.items() if change[measures].notna().any(axis=None)}
+    rows: list[list[Any]] = []
+    for session, change in told.items():
+        for one in compare_all(change, roles, order):
+            label = MEASURES[one.measure] + (f", session {sessions[0]} to {session}" if len(told) > 1 else "")
+            rows.append(
+                [
+                    label, pair(one.groups), f"{one.n[0]}, {one.n[1]}",
+                    with_interval(one.difference, one.interval, sign="+"), one.p,
+                    Holm(f"{session} {roles[one.measure]}"),
+                ]
+            )  # fmt: skip
+    if rows:
+        yield "table", [["measure", "groups", "n", "difference of changes", "p", "p (Holm)"], *rows]
+
+
+def restricted_mean(times: Any, observed: Any, until: float) -> float:
+    curve = stats.ecdf(stats.CensoredData.right_censored(times, ~observed)).sf
+    inside = curve.quantiles < until
+    edges = np.concatenate([[0.0], curve.quantiles[inside], [until]])
+    heights = np.concatenate([[1.0], curve.probabilities[inside]])
+    return float(np.sum(np.diff(edges) * heights))
+
+
+def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    watched: Counter[tuple[str, int]] = Counter()
+    for row in begun:
+        watched[row["participant"], row["session"]] += row["playing_s"]
+    waited = {}
+    for group in order:
+        its = rows[(rows["group"] == group) & (rows["keys_total"] > 0)].sort_values("session")
+        its = its.drop_duplicates("participant")
+        if len(its):
+            found = its["all_keys_discovered_s"].to_numpy(float)
+            whole = np.array([watched[row["participant"], row["session"]] for row in its.to_dict("records")], float)
+            waited[group] = np.where(np.isnan(found), whole, found), ~np.isnan(found)
+    table = [["groups", "n", "never", "observed (s)", "restricted means (s)", "difference (95 %)", "p"]]
+    for a, b in combinations(waited, 2):
+        groups = waited[a], waited[b]
+        n = [len(times) for times, _ in groups]
+        if min(n) < 2:
+            continue
+        lasts = [float(times.max()) for times, _ in groups]
+        known = [
+            math.inf if seen[times == last].all() else last for (times, seen), last in zip(groups, lasts, strict=True)
+        ]
+        until = min(*known, max(lasts))
+        means = [restricted_mean(*one, until) for one in groups]
+        pseudo = []
+        for (times, seen), mean in zip(groups, means, strict=True):
+            many, places = len(times), np.arange(len(times))
+            without = [restricted_mean(times[places != at], seen[places != at], until) for at in places]
+            pseudo.append(many * mean - (many - 1) * np.array(without))
+        bounds = welch_interval(*pseudo)
+        censored = [stats.CensoredData.right_censored(times, ~seen) for times, seen in groups]
+        p = math.nan
+        if any(seen.any() for _, seen in groups):
+            with np.errstate(all="ignore"):
+                p = float(stats.logrank(*censored).pvalue)
+        never = [int((~seen).sum()) for _, seen in groups]
+        table.append(
+            [
+                pair((a, b)), f"{n[0]}, {n[1]}", f"{never[0]}, {never[1]}", number(until),
+                f"{number(means[0])}, {number(means[1])}", with_interval(means[0] - means[1], bounds, sign="+"),
+                p_value(p),
+            ]
+        )  # fmt: skip
+    if len(table) > 1:
+        yield "table", table
+
+
+def gee(people: Sequence[Any], *, odds: bool) -> tuple[float, float]:
+    """A group's marginal mean, or its log odds, and its bias-reduced error, by statsmodels.
+
+    A correlation below what so many episodes can have is held at the least that ours may come to.
+    """
+    least = -0.9 / max(map(len, people))
+    found, structure = fit_gee(people, odds=odds)
+    if not least <= structure.dep_params <= 0.99:
+        found, _ = fit_gee(people, odds=odds, held=min(max(float(structure.dep_params), least), 0.99))
+    return float(found.params[0]), float(found.bse[0])
+
+
+def fit_gee(people: Sequence[Any], *, odds: bool, held: float | None = None) -> tuple[Any, Any]:
+    who = np.repeat(np.arange(len(people)), [len(one) for one in people])
+    values, structure = np.concatenate(people), sm.cov_struct.Exchangeable()
+    if held is not None:
+        structure.dep_params = held
+    family = sm.families.Binomial() if odds else sm.families.Gaussian()
+    model = sm.GEE(
+        values, np.ones((len(values), 1)), who, family=family, cov_struct=structure, update_dep=held is None
+    )  # fmt: skip
+    return model.fit(cov_type="bias_reduced", maxiter=300), structure
+
+
+def compare_marginals(a: Sequence[Any], b: Sequence[Any], *, odds: bool) -> tuple[Expected, Expected, str]:
+    (first, error_a), (second, error_b) = gee(a, odds=odds), gee(b, odds=odds)
+    parts = error_a**2, error_b**2
+    if not sum(parts) > 1e-20:
+        return "n/a", "n/a", "nobody differs from the others of the group"
+    freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
+    half = stats.t.ppf(0.975, freedom) * math.sqrt(sum(parts))
+    ends = (first - second, first - second - half, first - second + half)
+    told = [math.exp(min(end, 700.0)) for end in ends] if odds else list(ends)
+    cells = [Near(value, 1e-4 + 5e-3 * abs(value)) for value in told]
+    p = float(2 * stats.t.sf(abs(first - second) / math.sqrt(sum(parts)), freedom))
+    return (cells[0], " (", cells[1], " to ", cells[2], ")"), (Near(p, 3e-3),), ""
+
+
+def expected_parts(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    rewards = [row["reward"] for row in episodes]
+    if not (any(reward == 0 for reward in rewards) and any(reward > 0 for reward in rewards) and min(rewards) >= 0):
+        return
+    told: dict[str, list[Any]] = {}
+    for group in order:
+        theirs: dict[str, list[float]] = defaultdict(list)
+        for row in episodes:
+            if row["group"] == group:
+                theirs[row["participant"]].append(row["reward"])
+        told[group] = [np.array(theirs[code]) for code in sorted(theirs)]
+    table: list[list[Any]] = [["groups", "n", "earned", "odds ratio", "p", "difference where earned", "p", "p of both"]]
+    missing = []
+    for a, b in combinations(order, 2):
+        n = len(told[a]), len(told[b])
+        above = {group: [one[one > 0] for one in told[group] if (one > 0).any()] for group in (a, b)}
+        shares = {
+            group: float((np.concatenate(told[group]) > 0).mean()) if told[group] else math.nan for group in (a, b)
+        }
+        few = next((f"fewer than 3 people in {group}" for group in (a, b) if len(told[group]) < 3), "")
+        stuck = next((f"no episode of {group} is at 0" for group in (a, b) if shares[group] == 1), "")
+        stuck = stuck or next((f"every episode of {group} is at 0" for group in (a, b) if shares[group] == 0), "")
+        thin = next((f"fewer than 3 people of {group} are above 0" for group in (a, b) if len(above[group]) < 3), "")
+        cells: list[Any] = []
+        for what, why, people, odds in (
+            ("odds", few or stuck, {g: [(one > 0).astype(float) for one in told[g]] for g in (a, b)}, True),
+            ("difference", few or thin, above, False),
+        ):
+            found: tuple[Any, Any, str] = ("n/a", "n/a", why)
+            if not why:
+                found = compare_marginals(people[a], people[b], odds=odds)
+            if found[2]:
+                missing.append(f"{what}, {pair((a, b))}: {found[2]}")
+            cells += found[:2]
+        both: Any = "n/a" if few else two_parts_p(told[a], told[b])
+        earned = f"{shares[a]:.1%}, {shares[b]:.1%}"
+        table.append([pair((a, b)), f"{n[0]}, {n[1]}", earned, *cells, both])
+    if len(table) == 1:
+        return
+    yield "table", table
+    if missing:
+        yield "p", f"Not estimated: {'; '.join(missing)}."
+
+
+def two_parts_p(a: Sequence[Any], b: Sequence[Any]) -> Near:
+    summary = [
+        np.array([((one > 0).mean(), one[one > 0].mean() if (one > 0).any() else math.nan) for one in group])
+        for group in (a, b)
+    ]
+
+    def squared(first: Any, second: Any) -> Any:
+        """Welch's t squared of both parts, added up; over the axis of people."""
+        total = 0.0
+        for part in (0, 1):
+            moments = []
+            for values in (first[..., part], second[..., part]):
+                n = (~np.isnan(values)).sum(axis=-1)
+                with np.errstate(all="ignore"):
+                    mean = np.nansum(values, axis=-1) / n
+                    error = np.nansum((values - mean[..., None]) ** 2, axis=-1) / (n - 1) / n
+                moments.append((np.where(n > 1, mean, np.nan), np.where(n > 1, error, np.nan)))
+            apart, error = moments[0][0] - moments[1][0], moments[0][1] + moments[1][1]
+            found = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
+            total = total + np.where(np.isnan(found), 0.0, found)
+        return total
+
+    whole, n = np.concatenate(summary), len(a)
+    ways = special.comb(len(whole), n, exact=True)
+    observed = squared(summary[0][None], summary[1][None])[0]
+    if ways <= RESAMPLES:
+        chosen = [[*one, *sorted({*range(len(whole))} - {*one})] for one in combinations(range(len(whole)), n)]
+        places = whole[np.array(chosen)]
+        return near_p(float((squared(places[:, :n], places[:, n:]) >= observed - 1e-9).mean()), exact=True)
+    rng = np.random.default_rng(3)
+    places = whole[rng.permuted(np.tile(np.arange(len(whole)), (RESAMPLES, 1)), axis=1)]
+    return near_p((1 + int((squared(places[:, :n], places[:, n:]) >= observed - 1e-9).sum())) / (RESAMPLES + 1))
+
+
+def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    excess = any(row["log_excess_steps"] is not None for row in episodes)
+    column, measure = (
+        ("log_excess_steps", "log of the excess steps over the shortest path") if excess else ("reward",) * 2
+    )
+    told = [row for row in episodes if row[column] is not None]
+    middle = float(np.mean([row["episode_in_block"] for row in told])) if told else math.nan
+    points: dict[str, dict[str, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
+    for row in told:
+        points[row["group"]][row["participant"]].append((row["episode_in_block"] - middle, row[column]))
+    lines: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    for group, people in points.items():
+        for code in sorted(people):
+            x, y = zip(*people[code], strict=True)
+            if len(set(x)) >= 3:
+                found = stats.linregress(x, y)
+                lines[group].append((float(found.intercept), float(found.slope)))
+    groups = [group for group in order if len(lines[group]) >= 2]
+    if not groups:
+        yield (
+            "p",
+            "Change over the episodes: not estimated; it needs two participants of a group with 3 or more episodes.",
+        )
+        return
+    *others, reference = groups
+    table: list[list[Any]] = [["term", "participants", "estimate", "95 % interval", "p"]]
+    for at, name in enumerate((f"{measure} in the middle of the block", "change an episode")):
+        base = np.array(lines[reference])[:, at]
+        mean, bounds, p = mean_interval(base)
+        p = p if at else math.nan
+        table.append([f"{reference}: {name}", str(len(base)), *near_cells(mean, bounds, p)])
+        for group in others:
+            values = np.array(lines[group])[:, at]
+            bounds = welch_interval(values, base)
+            p = math.nan if math.isnan(bounds[0]) else float(stats.ttest_ind(values, base, equal_var=False).pvalue)
+            apart = float(values.mean() - base.mean())
+            many = str(len(values) + len(base))
+            table.append([f"{group} minus {reference}: {name}", many, *near_cells(apart, bounds, p)])
+    yield "table", table
+
+
+def near_cells(value: float, bounds: tuple[float, float], p: float) -> list[Any]:
+    """Of a least-squares line: two solvers agree to the printed digit but where it turns on the last bit."""
+    error = 1e-9 * max(1.0, *(abs(one) for one in (value, *bounds) if not math.isnan(one)))
+    if math.isnan(bounds[0]):
+        return [(Near(value, error),), "n/a", p_value(p)]
+    return [(Near(value, error),), (Near(bounds[0], error), " to ", Near(bounds[1], error)), (Near(p, 1e-9),)]
+
+
+def power(n: tuple[int, int]) -> str:
+    solver = TTestIndPower()
+    if min(n) < 2:
+        return f"Power: with {n[0]} and {n[1]} participants no difference between groups can be tested."
+    large = solver.power(0.8, nobs1=n[0], ratio=n[1] / n[0], alpha=0.05)
+    detectable = solver.solve_power(None, nobs1=n[0], ratio=n[1] / n[0], alpha=0.05, power=0.8)
+    needed = math.ceil(solver.solve_power(0.8, alpha=0.05, power=0.8))
+    return (
+        f"Power: with {n[0]} and {n[1]} participants a two-sided t test at 5 %, before any correction, detects a "
+        f"difference of 0.8 standard deviations with a power of {100 * large:.0f} %; a power of 80 % needs one of "
+        f"{float(np.squeeze(detectable)):.2f} standard deviations, or {needed} participants per group for one of 0.8."
+    )
+
+
+def expected_answers(study: Study) -> Iterator[tuple[str, Any]]:
+    last: dict[tuple[Any, ...], Row] = {}
+    for row in study.tables["answers"]:
+        key = tuple(row[name] for name in ("participant", "session", "part", "questions", "item", "attempt"))
+        last.pop(key, None)
+        last[key] = row
+    rows = list(last.values())
+    if not rows:
+        return
+    parts: dict[tuple[Any, ...], set[int]] = defaultdict(set)
+    for row in rows:
+        parts[row["participant"], row["session"], row["questions"]].add(row["part"])
+    given: dict[tuple[str, str], dict[tuple[int, int], list[Row]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows:
+        time = sorted(parts[row["participant"], row["session"], row["questions"]]).index(row["part"]) + 1
+        given[row["questions"], row["item"]][row["session"], time].append(row)
+    several = [any(len({key[at] for key in asked}) > 1 for asked in given.values()) for at in (0, 1)]
+    whens = [name for name, its in zip(("session", "time"), several, strict=True) if its]
+    table = [["questions", "question", *whens, "answers", "n", "right", "median time (s)"]]
+    for (part, item), asked in given.items():
+        for key in sorted(asked):
+            its = asked[key]
+            numbers = [row["number"] for row in its if row["number"] is not None]
+            if numbers and {row["kind"] for row in its} <= {"likert", "slider", "number"}:
+                none = len(its) - len(numbers)
+                said = f"mean {number(float(np.mean(numbers)))}, {number(min(numbers))} to {number(max(numbers))}"
+                said += f"; none ({none})" if none else ""
+            else:
+                counts = Counter(row["said"] or row["answer"] or "nothing" for row in its)
+                most = counts.most_common()
+                said = ", ".join(f"{answer} ({many})" for answer, many in most[:8])
+                said += f" and {len(most) - 8} others" if len(most) > 8 else ""
+            right = [row["right"] for row in its if row["right"] is not None]
+            share = f"{100 * float(np.mean(right)):.0f} %" if right else NOTHING
+            took = number(float(np.median([row["answer_ms"] for row in its])) / 1000)
+            when = [str(value) for value, is_shown in zip(key, several, strict=True) if is_shown]
+            table.append([part, item, *when, said, str(len(its)), share, took])
+    yield "h2", "Answers"
+    yield "table", table
+
+
+def expected_quality(study: Study) -> Iterator[tuple[str, Any]]:
+    yield "h2", "Quality of the data"
+    yield "p", f"{len(study.sessions)} sessions had neither keyboard nor display, so nothing was timed."
+    yield "p", "Display: window simulated."
+    table = [["participant", "session", "presses", "focus lost", "pauses", "segments"]]
+    for session in study.sessions:
+        presses = sum(key.down for _, key in session.keys)
+        lost = sum((note.kind, note.text) == ("focus", "lost") for note in session.notes)
+        paused_s = sum(end - begin for begin, end in session.pauses) / 1e9
+        ends = session.facts("end")
+        clean = len(ends) == session.segments and all(end["clean"] == "true" for end in ends)
+        segments = f"{session.segments}{'' if clean else ', cut off'}"
+        who = session.who
+        pauses = f"{len(session.pauses)}, {paused_s:.0f} s"
+        table.append([who["participant"], str(who["session"]), str(presses), str(lost), pauses, segments])
+    yield from long_table(table)
+
+
+def long_table(table: list[list[Any]]) -> Iterator[tuple[str, Any]]:
+    if len(table) > 61:
+        yield "summary", f"{len(table) - 1} rows: {', '.join(table[0])}"
+    yield "table", table
+
+
+def expected_exclusions(study: Study) -> Iterator[tuple[str, Any]]:
+    yield "h2", "Exclusions"
+    included = {row["participant"] for row in study.participants if row["exclusion_reason"] is None}
+    people = [row for row in study.participants if row["exclusion_reason"] is not None]
+    whole = {(row["exclusion_reason"], row["participant"], row["session"]) for row in people}
+    single = [
+        row
+        for row in study.tables["episodes"]
+        if row["exclusion_reason"] is not None
+        and (row["exclusion_reason"], row["participant"], row["session"]) not in whole
+    ]
+    if not people and not single:
+        yield "p", "None."
+        return
+    removed: Counter[tuple[str, str]] = Counter()
+    counted = set()
+    for row in people:
+        reason, code = row["exclusion_reason"], row["participant"]
+        level = "session" if code in included else "participant"
+        if level == "session" or (reason, code) not in counted:
+            removed[reason, level] += 1
+        counted.add((reason, code))
+    removed.update((row["exclusion_reason"], "episode") for row in single)
+    totals = [[reason, level, str(many)] for (reason, level), many in sorted(removed.items())]
+    yield "table", [["reason", "level", "removed"], *totals]
+    each = [[row["exclusion_reason"], row["participant"], str(row["session"]), "all"] for row in people]
+    each += [[row["exclusion_reason"], row["participant"], str(row["session"]), str(row["episode"])] for row in single]
+    yield from long_table([["reason", "participant", "session", "episode"], *each])
+
+
+def compare_page(study: Study, page: Path, tally: Tally) -> list[str]:
+    """Compare a page element by element; return its methods paragraphs, which are checked by themselves."""
+    items = [item for item in read_page(page) if item[0] != "figcaption"]
+    at = next(place for place, item in enumerate(items) if item[:2] == ("h2", "Methods"))
+    end = next(place for place, item in enumerate(items) if item[:2] == ("h2", "Tables"))
+    found = items[: at + 1]
+    expected = list(expected_page(study))
+    place = 0
+    heading = ""
+    for tag, its in expected:
+        while place < len(found) and found[place][0] != tag:
+            tally.wrong.append(f"{heading}: nothing expects {found[place][:2]}")
+            place += 1
+        if place == len(found):
+            tally.wrong.append(f"the page lacks {tag} {str(its)[:200]}")
+            break
+        _, text, rows = found[place]
+        place += 1
+        heading = text if tag in ("h1", "h2", "h3") else heading
+        if tag == "table":
+            compare_table(heading, rows, its, tally)
+        else:
+            compare_text(heading, text, its, tally)
+    tally.wrong += [f"nothing expects {item[:2]}" for item in found[place:]]
+    return [text for tag, text, _ in items[at + 1 : end] if tag == "p"]
+
+
+def literal(text: str) -> str:
+    """A pattern for a text, with either of the numbers where it gives two."""
+    parts = re.split(r"\{([^{}]*\|[^{}]*)\}", SPACES.sub(" ", text))
+    either = ("(?:" + "|".join(map(re.escape, part.split("|"))) + ")" for part in parts[1::2])
+    return "".join(re.escape(part) + next(either, "") for part in parts[::2])
+
+
+def compare_text(where: str, text: str, expected: Expected, tally: Tally) -> None:
+    tally.compared += max(len(NUMBER.findall(text)), 1)
+    if isinstance(expected, Near):
+        expected = (expected,)
+    if isinstance(expected, str):
+        expected = (expected.strip(),)
+    pattern = "".join("(.+?)" if isinstance(part, Near) else literal(part) for part in expected)
+    match = re.fullmatch(pattern, text)
+    nears = [part for part in expected if isinstance(part, Near)]
+    if match is None or not all(near.holds(one) for near, one in zip(nears, match.groups(), strict=True)):
+        tally.wrong.append(f"{where}: {text!r}; by the logs {expected!r}")
+
+
+def compare_table(where: str, rows: list[list[str]], expected: list[list[Any]], tally: Tally) -> None:
+    where = f"{where}, table of {expected[0][0]}"
+    tally.same(f"{where}, rows", len(rows), len(expected))
+    families: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    for number_, (found, row) in enumerate(zip(rows, expected, strict=False)):
+        if len(found) != len(row):
+            tally.wrong.append(f"{where} row {number_}: {found}; by the logs {row}")
+            continue
+        for place, (cell, value) in enumerate(zip(found, row, strict=True)):
+            if isinstance(value, Holm):
+                families[value.family].append((found[place - 1], cell))
+            else:
+                compare_text(f"{where} row {number_} {rows[0][place]} ({found[0]})", cell, value, tally)
+    for family, cells in families.items():
+        compare_holm(f"{where}, {family}", cells, tally)
+
+
+def compare_holm(where: str, cells: Sequence[tuple[str, str]], tally: Tally) -> None:
+    """The corrected p lie between those of the least and of the greatest p that print so."""
+    told = [(p, holm) for p, holm in cells if p != "n/a"]
+    tally.compared += len(cells)
+    tally.wrong += [f"{where}: {holm} of no p" for p, holm in cells if p == "n/a" and holm != "n/a"]
+    if not told:
+        return
+    low = [0.0 if p.startswith("<") else max(float(p) - 0.0005, 0.0) for p, _ in told]
+    high = [0.001 if p.startswith("<") else min(float(p) + 0.0005, 1.0) for p, _ in told]
+    bounds = [multipletests(ps, method="holm")[1] for ps in (low, high)]
+    for (p, holm), least, most in zip(told, *bounds, strict=True):
+        value = 0.0005 if holm.startswith("<") else float(holm)
+        if not least - 0.0006 <= value <= most + 0.0006:
+            tally.wrong.append(f"{where}: p {p} is {holm} by Holm; statsmodels {least:.4f} to {most:.4f}")

@@ -1,0 +1,58 @@
+"""Every number of every output of six invented laboratories' studies is what a second program finds in their logs."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.counts import count
+from tests.recompute.play import OUTPUTS, PROTOCOLS, play_study, recompute_outputs, write_outputs
+
+SMALL = next(path for path in PROTOCOLS if path.stem == "kadur")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A study of twelve with one of each course, and all of its outputs."""
+    folder = tmp_path_factory.mktemp("small")
+    study = play_study(SMALL, folder, 12)
+    write_outputs(study, folder / "outputs")
+    return study, folder / "outputs"
+
+
+def check(study: Path, outputs: Path) -> dict[str, list[int]]:
+    counts, told = recompute_outputs(study, outputs)
+    assert {name for name, (_, wrong) in counts.items() if not wrong} == {*OUTPUTS, "methods"}, told
+    return counts
+
+
+def test_every_number_of_a_small_study_is_what_its_logs_say(small: tuple[Path, Path]) -> None:
+    assert all(compared > 500 for compared, _ in check(*small).values())
+
+
+EDITS = {
+    "query/outcomes.csv": (r",(\d+),", ",1\\1,"),
+    "csv/episodes.csv": ('"timeout"', '"goal"'),
+    "bids/participants.tsv": ("gilui", "galui"),
+    "notebook/notebook.json": (r'"steps": (\d+)', '"steps": 1\\1'),
+    "report/report.html": (r"<td>(\d\.\d+ \(\d\.\d+)\)</td>", "<td>\\1 1)</td>"),
+}
+
+
+def test_one_number_that_is_changed_in_an_output_is_found(small: tuple[Path, Path]) -> None:
+    study, outputs = small
+    for name, (old, new) in EDITS.items():
+        text = (outputs / name).read_text(encoding="utf-8")
+        (outputs / name).write_text(re.sub(old, new, text, count=1), encoding="utf-8")
+    counts, told = recompute_outputs(study, outputs, [Path(name).parts[0] for name in EDITS])
+    assert all(wrong for name, (_, wrong) in counts.items() if name != "methods"), told
+    assert len(counts) == len(EDITS) + 1
+
+
+@pytest.mark.long
+@pytest.mark.skipif(count(0, 1) == 0, reason="takes minutes a study; MINIHUMAN_LONG=1 runs it")
+@pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda path: path.stem)
+def test_every_number_of_a_study_of_forty_is_what_its_logs_say(protocol: Path, tmp_path: Path) -> None:
+    study = play_study(protocol, tmp_path, 40)
+    write_outputs(study, tmp_path / "outputs")
+    print(protocol.stem, check(study, tmp_path / "outputs"))
