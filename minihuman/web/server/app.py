@@ -125,13 +125,20 @@ def _with_ours(headers: Sequence[tuple[bytes, bytes]]) -> list[tuple[bytes, byte
 
 
 _FOLDER = Path(__file__).parents[1] / "page"
-_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+_TYPES = {
+    ".html": "text/html",
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".json": "application/json",
+    ".wasm": "application/wasm",
+}
 
 
 def build_page_routes() -> list[Route]:
     """The page at the root, and what it loads below `/static`."""
-    files = [path for path in sorted(_FOLDER.iterdir()) if path.suffix in _TYPES]
-    return [_route("/" if path.name == "page.html" else f"/static/{path.name}", path) for path in files]
+    files = [path for path in sorted(_FOLDER.rglob("*")) if path.suffix in _TYPES]
+    addresses = {path: f"/static/{path.relative_to(_FOLDER).as_posix()}" for path in files}
+    return [_route("/" if path.name == "page.html" else addresses[path], path) for path in files]
 
 
 def _route(address: str, path: Path) -> Route:
