@@ -50,11 +50,11 @@ class PageWorld(World):
             self._stepped = self.unwrapped.state.row.copy(), self.observation["image"]
         return result
 
-    def digest(self, stepped: Stepped) -> str:
-        """The digest of the last step, 16 hexadecimal digits."""
+    def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:
+        """The digest of the last step and what came of it in the episode, 16 hexadecimal digits."""
         assert self._stepped is not None
-        ends = TERMINATED if stepped.terminated else TRUNCATED if stepped.truncated else 0
-        outcome = np.array([np.float64(stepped.reward).view(np.uint64), ends], np.uint64)
+        ends = TERMINATED if terminated else TRUNCATED if truncated else 0
+        outcome = np.array([np.float64(reward).view(np.uint64), ends], np.uint64)
         return f"{int(digest_step(*self._stepped, outcome)):016x}"
 
 
@@ -95,7 +95,7 @@ class ComputedEpisode:
     def compare(self, message: KeyMessage, events: Sequence[Event]) -> str:
         """Compare a key's step in the page with the session's; how they differ, "" if that is known or they do not."""
         stepped = next((event for event in events if isinstance(event, Stepped)), None)
-        own = self._world.digest(stepped) if stepped is not None else ""
+        own = "" if stepped is None else self._digest(stepped)
         if message.digest == own:
             self._differs = self._differs and not own
             return ""
@@ -107,6 +107,9 @@ class ComputedEpisode:
             return f"key {message.key} made a step of episode {self._play.plan.episode + 1} in the page, and none here"
         where = f"step {stepped.step} of episode {stepped.episode + 1}"
         return f"{where} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
+
+    def _digest(self, stepped: Stepped) -> str:
+        return self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
 
 
 def _run_lengths(row: NDArray[np.int32]) -> list[int]:

@@ -133,7 +133,9 @@ def resume_host(
     left = resume_segment(part)
     try:
         _refuse_other_rules(part, left.events, facts)
-        session, unwritten = resume_from_events(left.events, PageWorld, picture_px=settings.picture_px, renders_steps=False)
+        session, unwritten = resume_from_events(
+            left.events, PageWorld, picture_px=settings.picture_px, renders_steps=False
+        )
     except BaseException:
         left.close()
         raise

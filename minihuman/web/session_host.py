@@ -191,7 +191,7 @@ class SessionHost:
         self._begun = True
         events = self._events(message, at_ns)
         if isinstance(message, messages.KeyMessage) and (difference := self._outbox.compare(message, events)):
-            events.insert(0, Noted(at_ns, BROWSER_NOTE, difference))
+            events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
         self._write(events)
         depends_on_next = isinstance(message, messages.DisplayedMessage) and not events  # kept until that is safe
         unsaid = depends_on_next or awaits_allocation(self.session)

@@ -7,6 +7,7 @@ start: an update of the package does not change what a running server sends.
 
 import asyncio
 import contextlib
+import json
 import logging
 import time
 from collections import deque
@@ -24,6 +25,7 @@ from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.completion import build_completion, classify_ending, get_page_texts
+from minihuman.web.computed import kernels_digest
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
 from minihuman.web.limits import (
     HEADERS,
@@ -195,6 +197,10 @@ class WebServer:
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         worlds = collect_world_facts(block.world for block in self._arrivals.protocol.blocks)
+        if json.loads((_FOLDER / "worlds/manifest.json").read_text(encoding="utf-8"))["sources"] != kernels_digest():
+            LOG.warning(
+                "the page's modules are of other rules, so none computes: run `python -m minihuman.worlds.build`"
+            )
         self._factory.facts = {"player": "human", **await asyncio.to_thread(collect_machine_facts), **worlds}
         tasks = [asyncio.create_task(work()) for work in (self._grow, self._look_after, self._poll)]
         try:
