@@ -1,8 +1,8 @@
 """Episodes that the page computes: the states and tiles that it needs, and its steps compared with the session's.
 
-The page runs the kernels that the session's world runs, compiled to WebAssembly, so that a key is stepped and drawn where
-the person is. The session's step decides: each key brings the digest of the page's step, and where it is not the
-session's own, that is noted, and the page gets the session's state. No I/O.
+The page runs the kernels that the session's world runs, compiled to WebAssembly, so that a key is stepped and drawn
+where the participant is. The session's step decides: each key brings the digest of the page's step, and where it is not
+the session's own, that is noted, and the page gets the session's state. No I/O.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from minihuman.experiment.machine.events import Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.web.messages import AtlasMessage, KeyMessage, WorldState
+from minihuman.web.messages import AtlasMessage, KeyMessage, GridState
 from minihuman.worlds.adapters.world import StepResult, World
 from minihuman.worlds.grid.core.digest import digest_step
 from minihuman.worlds.grid.engine import GridEngine
@@ -77,12 +77,12 @@ class ComputedEpisode:
         self.atlas = pack_atlas(tile_px, palette, env.kinds)
         self._in_view = palette == "minigrid"
 
-    def state(self) -> WorldState:
+    def state(self) -> GridState:
         """Where the session is."""
         env: GridEngine = self._world.unwrapped
         saved = env.save()
         self.is_elsewhere, self.sent_step = False, self._play.steps
-        return WorldState(
+        return GridState(
             step=self._play.steps,
             row=_run_lengths(saved.row),
             rng_state=[str(word) for word in saved.rng_state.tolist()],

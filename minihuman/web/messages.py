@@ -264,7 +264,7 @@ class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
     picture: int
 
 
-class WorldState(msgspec.Struct):
+class GridState(msgspec.Struct):
     """A grid world's state, for the page to compute the steps that follow it."""
 
     step: int
@@ -288,7 +288,7 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     most_steps: int
     held: bool  # the last picture stays for a while
     keep: int  # pictures before this number are of no use any more, but for those on a screen
-    computed: WorldState | None = None  # where the page computes it; else scenes are sent ahead
+    computed: GridState | None = None  # where the page computes it; else scenes are sent ahead
 
 
 class AtlasMessage(msgspec.Struct, tag="atlas", tag_field="t"):
@@ -306,7 +306,7 @@ class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
 
     through: int
     episode: int
-    state: WorldState
+    state: GridState
 
 
 class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):

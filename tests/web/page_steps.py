@@ -3,7 +3,7 @@
 import numpy as np
 
 from minihuman.web.computed import PageWorld
-from minihuman.web.messages import EpisodeRules, WorldState
+from minihuman.web.messages import EpisodeRules, GridState
 
 
 class PageSteps:
@@ -22,7 +22,7 @@ class PageSteps:
         self._world.reset(0)
         self.place(rules.computed)
 
-    def place(self, state: WorldState) -> None:
+    def place(self, state: GridState) -> None:
         """Go where the server is."""
         env, runs = self._world.unwrapped, np.array(state.row)
         row = np.repeat(runs[::2], runs[1::2]).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Episodes that the page computes: what keys show is the world's, and the session's own steps decide, whatever a page says."""
+"""Episodes that the page computes: keys show what the world is, and the session's steps decide, whatever it says."""
 
 import asyncio
 import base64
@@ -25,7 +25,7 @@ from tests.counts import PATIENCE_S
 from tests.web.browser import browsing
 from tests.web.page_model import PageModel
 from tests.web.page_steps import PageSteps
-from tests.web.protocols import GRID, study
+from tests.web.protocols import study
 from tests.web.served import served
 from tests.web.serving import line, serving
 from tests.web.typed_page import TypedPage

@@ -3,7 +3,7 @@
 
 import { GridWorld, Kernels } from "./world.js";
 
-/** @import { AtlasMessage, WorldState } from "./messages" */
+/** @import { AtlasMessage, GridState } from "./messages" */
 /** @import { Atlas } from "./world.js" */
 /** @typedef {{ ready: Atlas | null, unpacked: Promise<Atlas> }} Tiles */
 
@@ -30,7 +30,7 @@ export class GridComputer {
     this.#tiles.set(m.name, tiles);
   }
 
-  /** The scenes of an episode. @param {WorldState} state the first @param {number} mostSteps */
+  /** The scenes of an episode. @param {GridState} state the first @param {number} mostSteps */
   open(state, mostSteps) {
     const [tiles, row, rngState] = [this.#tiles.get(state.atlas), decodeRow(state.row), decodeWords(state.rng_state)];
     if (!tiles) throw new Error(`the tiles ${state.atlas} did not come`);
@@ -57,7 +57,7 @@ export class ComputedScenes {
   #next = 0;
   start = { step: 0, scene: 0 }; // where the server said that it was
 
-  /** @param {GridWorld} world @param {Tiles} tiles @param {number} mostSteps @param {WorldState} state */
+  /** @param {GridWorld} world @param {Tiles} tiles @param {number} mostSteps @param {GridState} state */
   constructor(world, tiles, mostSteps, state) {
     this.world = world;
     this.tiles = tiles;
@@ -66,7 +66,7 @@ export class ComputedScenes {
     this.place(state);
   }
 
-  /** Go on from where the server is. @param {WorldState} state */
+  /** Go on from where the server is. @param {GridState} state */
   place(state) {
     this.start = { step: state.step, scene: this.#add(decodeRow(state.row), decodeWords(state.rng_state), state.step, "") };
   }

@@ -21,13 +21,13 @@ export type Control = Welcome | Pong | { t: "refused"; words: string } | { t: "a
 
 export interface Rules {
   t: "rules"; episode: number; keep: number; actions: Record<string, number>; most_steps: number; real_time: boolean;
-  period: number; noop: number | null; auto_repeat: boolean; computed: WorldState | null;
+  period: number; noop: number | null; auto_repeat: boolean; computed: GridState | null;
 }
-export interface WorldState {
+export interface GridState {
   step: number; row: number[]; rng_state: string[]; view_size: number; full: boolean; in_view: boolean; atlas: string;
 }
 export interface AtlasMessage { t: "atlas"; name: string; tile_px: number; small_px: number; sizes: number[]; packed: string }
-export interface StateCorrection { t: "state"; through: number; episode: number; state: WorldState }
+export interface StateCorrection { t: "state"; through: number; episode: number; state: GridState }
 export interface Ahead {
   t: "ahead"; episode: number; nodes: [scene: number, picture: number][];
   edges: [from: number, action: number, to: number, ends: boolean][];
