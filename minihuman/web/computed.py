@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from minihuman.experiment.machine.events import Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.web.messages import AtlasMessage, KeyMessage, GridState
+from minihuman.web.messages import AtlasMessage, GridState, KeyMessage
 from minihuman.worlds.adapters.world import StepResult, World
 from minihuman.worlds.grid.core.digest import digest_step
 from minihuman.worlds.grid.engine import GridEngine
