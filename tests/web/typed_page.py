@@ -133,8 +133,7 @@ class TypedPage:
         self._last_ns = self._now_ns()
         self._held.append(json.dumps({"t": "n", "n": self._said, "at": self._last_ns, "what": what}))
         if not waits:
-            for text in self._held:
-                self._line.put_nowait((time.monotonic() + self._line_s, text))
+            self._line.put_nowait((time.monotonic() + self._line_s, "\n".join(self._held)))
             self._held.clear()
         return self._said
 
@@ -299,7 +298,8 @@ class TypedPage:
             return  # the page waits, too
         key = self._rng.choice(sorted(steps.rules.actions))
         digest = steps.act(steps.rules.actions[key])
-        number = self.say(t="key", key=key, down=True, stamp=self._now_ns(), digest=self.lies(digest))
+        pressed = {"t": "key", "key": key, "down": True, "stamp": self._now_ns(), "digest": self.lies(digest)}
+        number = self.say(waits=not steps.ended, **pressed)
         self._sent_s[number] = time.monotonic()
         self._trail.append((number, steps.rules.actions[key]))
         self.counts.presses += 1

@@ -49,7 +49,7 @@ export class Connection {
       close: () => this.#socket?.close(),
     });
     outbox.transmit = (texts) => {
-      if (this.welcomed && this.#socket?.readyState === WebSocket.OPEN) for (const text of texts) this.#socket.send(text);
+      if (texts.length && this.welcomed && this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(texts.join("\n"));
     };
   }
 

@@ -301,11 +301,14 @@ export class EpisodePlayer {
 
   // ---- what the person does, and time
 
-  // Word of a step's picture goes with what is said next, if that is soon: nobody waits for it before an episode's end.
+  // Word of a step's picture goes with what is said next, if that is soon, and where the page computes, so do its keys:
+  // nobody waits for them before an episode's end.
   /** @param {Input} what */
   canWait(what) {
     const play = this.play;
-    return what.t === "shown" && (what.step ?? 0) > 0 && play?.number === what.episode && !play?.ended && !play?.agent;
+    if (!play || play.ended || play.agent) return false;
+    if (what.t === "key") return !what.down && !play.frozen && !(this.#graphOf(play.number).scenes instanceof Map);
+    return what.t === "shown" && (what.step ?? 0) > 0 && play.number === what.episode;
   }
 
   // What was due by a message's time the session does before the message is looked at.
@@ -377,15 +380,15 @@ export class EpisodePlayer {
   }
 
   /**
-   * The digest of the step that a key makes, where the page computes it: it goes with the key, before anything is shown.
+   * The step that a key makes, where the page computes it: its digest goes with the key, before anything is shown.
    * @param {string} key @param {number} stamp @param {boolean} isRepeat @param {number | null} due
    */
-  digestOf(key, stamp, isRepeat, due) {
+  computeStep(key, stamp, isRepeat, due) {
     const play = this.play;
     const scenes = play && this.#graphOf(play.number).scenes;
     if (!play?.confirmed || !scenes || scenes instanceof Map || RESERVED.has(key)) return undefined;
     const edge = scenes.get(play.scene)?.edges.get(this.#actionOf(play, key, stamp, isRepeat, due));
-    return edge && scenes.get(edge[0])?.digest;
+    return edge && { digest: scenes.get(edge[0])?.digest, ends: edge[1] };
   }
 
   /**

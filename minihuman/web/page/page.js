@@ -104,8 +104,8 @@ class Page {
   get #isListening() { return this.#outbox.hasTime && !this.#connection.finished; }
 
   /** @param {Input} what @returns {number} the message's number */
-  #send(what) {
-    const n = this.#outbox.add(what, this.#player.canWait(what));
+  #send(what, canWait = this.#player.canWait(what)) {
+    const n = this.#outbox.add(what, canWait);
     if (n && !UNTIMED.has(what.t)) {
       const at = this.#outbox.state.last;
       this.#player.passTime(n, at);
@@ -224,11 +224,11 @@ class Page {
    * @param {string} key @param {string} symbol @param {number} stamp @param {boolean} trusted @param {boolean} isRepeat
    */
   #press(key, symbol, stamp, trusted, isRepeat) {
-    const digest = this.#player.digestOf(key, stamp, isRepeat, this.#due);
+    const step = this.#player.computeStep(key, stamp, isRepeat, this.#due);
     const n = this.#send({ // what is as usual is left out
       t: "key", key, down: true, stamp, symbol: symbol || undefined, repeat: isRepeat || undefined,
-      trusted: trusted && undefined, digest,
-    });
+      trusted: trusted && undefined, digest: step?.digest,
+    }, step && !step.ends);
     this.#entry.edit(key);
     this.#films.press(key, isRepeat);
     if (this.#player.pressBesideAgent(key, n, stamp, isRepeat, this.#screen?.screen.kind === "play")) return;

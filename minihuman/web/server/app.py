@@ -256,10 +256,10 @@ class WebServer:
         allowance = RateLimit(time.monotonic())
         try:
             while connection.sockets == number:
-                text = await page.receive()
-                while not allowance.take(time.monotonic()):
-                    await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
-                await self._receive(page, connection, messages.decode_page_message(text))
+                for text in (await page.receive()).split("\n"):  # several as one
+                    while not allowance.take(time.monotonic()):
+                        await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
+                    await self._receive(page, connection, messages.decode_page_message(text))
         finally:
             writing.cancel()
             connection.seen_s = time.monotonic()

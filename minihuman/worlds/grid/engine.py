@@ -412,7 +412,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         """Whether kernels alone step and draw it, on its row."""
         return self._is_plain(GridEngine)
 
-    def _is_plain(self, base: type["GridEngine"]) -> bool:
+    def _is_plain(self, base: type) -> bool:
         """Whether it steps, looks and is drawn as a base class is, and keeps nothing beside its row."""
         return not self.kept and all(getattr(type(self), name) is getattr(base, name) for name in _COMPILED)
 
