@@ -14,6 +14,7 @@ import random
 import tempfile
 import time
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -52,13 +53,14 @@ def main() -> None:
     parser.add_argument("--keys", type=int, default=60)
     parser.add_argument("--rtt", type=float, nargs="+", default=[0.0, 300.0])
     parser.add_argument("--world", default="minihuman/MiniGrid-FourRooms-v0")
+    parser.add_argument("--computed", nargs="+", default=["page", "server"], help="by the page, by the server, or both")
     parser.add_argument("--without-pygame", action="store_true")
     asked = parser.parse_args()
     print(f"minihuman {minihuman.__version__}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; ms")
     print(" " * 22, "stamp error: median    95 %     SD    key to pixels: median    95 %   to flip")
-    for rtt_ms in asked.rtt:
-        found = in_browser(asked.world, asked.keys, rtt_ms)
-        said(f"browser, line {rtt_ms:.0f} ms", found.stamps, found.pixels, np.median(found.flips))
+    for rtt_ms, computed in product(asked.rtt, asked.computed):
+        found = in_browser(asked.world, asked.keys, rtt_ms, computed)
+        said(f"by the {computed}, {rtt_ms:.0f} ms", found.stamps, found.pixels, np.median(found.flips))
         print(f"{'':22} clocks right to {found.error:.2f}; {found.complaints or 'proven'}", flush=True)
     if not asked.without_pygame:
         window = measure("pygame", asked.world, asked.keys, SCREEN_PX, Path.cwd(), watched=False, fsync_s=0.0)
@@ -71,12 +73,13 @@ def said(name: str, stamps: Any, pixels: Any, flip: float) -> None:
     print(f"{name:22} {median:20.2f} {late:7.2f} {np.std(stamps):6.2f}   {seen:22.1f} {seen_late:7.1f}   {flip:7.1f}")
 
 
-def in_browser(world: str, keys: int, rtt_ms: float) -> Measured:
+def in_browser(world: str, keys: int, rtt_ms: float, computed: str) -> Measured:
     """Turn left and right as often, each key when the picture of the one before is there."""
     names = [name for name in World(world).action_names if name.endswith(("left", "right"))][:2]
     with tempfile.TemporaryDirectory() as name, xvfb(SCREEN_PX) as display:
         folder = Path(name)
-        protocol = study(folder, (world, tuple(names)), episodes=1, max_steps=keys, block='key_map = "shown"')
+        block = f'key_map = "shown"\ncomputed = "{computed}"'
+        protocol = study(folder, (world, tuple(names)), episodes=1, max_steps=keys, block=block)
         options = {
             "headless": False,
             "env": {"DISPLAY": display},

@@ -2,8 +2,9 @@
 
     python -m benchmarks.web_load --people 40 --seconds 60
 
-The people are pages without a browser in this process, over a line that is delayed here; the server is a process of its
-own, whose CPU is what counts. A core is taken as full at 70 %. Joins are timed with a list of 1,000 slots, 500 taken.
+`grid` is computed in the pages, `ahead` is the same world sent ahead by the server. The people are pages without a
+browser in this process, over a line that is delayed here; the server is a process of its own, whose CPU is what counts.
+A core is taken as full at 70 %. Joins are timed with a list of 1,000 slots, 500 taken.
 """
 
 import argparse
@@ -28,7 +29,6 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.web.arrivals import Arrival, Arrivals
 from tests.web.typed_page import TypedPage
 
-KEYS_PER_S = 2.0
 FULL = 0.7  # of a core
 TOML = """
 [study]
@@ -51,12 +51,14 @@ episodes = 1000
 max_steps = 100
 final_frame_ms = 100
 actions = {actions}
+computed = "{computed}"
 """
 GRID, ROOMS = '["left", "right", "forward"]', '["turn_left", "turn_right", "move_forward"]'
 KINDS = {
-    "grid": ("minihuman/MiniGrid-FourRooms-v0", "[400, 300]", GRID),
-    "80x60": ("minihuman/MiniWorld-FourRooms-v0", "[80, 60]", ROOMS),
-    "400x300": ("minihuman/MiniWorld-FourRooms-v0", "[400, 300]", ROOMS),
+    "grid": ("minihuman/MiniGrid-FourRooms-v0", "[400, 300]", GRID, "page"),
+    "ahead": ("minihuman/MiniGrid-FourRooms-v0", "[400, 300]", GRID, "server"),
+    "80x60": ("minihuman/MiniWorld-FourRooms-v0", "[80, 60]", ROOMS, "server"),
+    "400x300": ("minihuman/MiniWorld-FourRooms-v0", "[400, 300]", ROOMS, "server"),
 }
 
 
@@ -119,16 +121,17 @@ async def _take_part(
     return cpu_s, steps, broken
 
 
-def load(kind: str, *, people: int, seconds: float, rtt_s: float, settle_s: float) -> str:
+def load(kind: str, *, people: int, seconds: float, rtt_s: float, settle_s: float, keys_per_s: float) -> str:
     """A line of what one world costs."""
-    world, size, actions = KINDS[kind]
+    world, size, actions, computed = KINDS[kind]
+    computes = world if computed == "page" else ""
     with tempfile.TemporaryDirectory(prefix="minihuman-") as name:
         folder = Path(name)
         tokens = Recruitment(folder / "load").issue(people)
-        with served(TOML.format(world=world, size=size, actions=actions), folder) as server:
+        with served(TOML.format(world=world, size=size, actions=actions, computed=computed), folder) as server:
             pages = [
-                TypedPage(server.host, token, keys_per_s=KEYS_PER_S, rtt_s=rtt_s, rng=random.Random(number))
-                for number, token in enumerate(tokens)
+                TypedPage(server.host, token, keys_per_s=keys_per_s, rtt_s=rtt_s, rng=rng, computes=computes)
+                for rng, token in zip(map(random.Random, range(people)), tokens, strict=True)
             ]
             cpu_s, steps, broken = asyncio.run(_take_part(pages, server, seconds, settle_s))
     counts = [page.counts for page in pages]
@@ -136,11 +139,11 @@ def load(kind: str, *, people: int, seconds: float, rtt_s: float, settle_s: floa
     acked_ms = [s * 1e3 for count in counts for s in count.acked_s] or [float("nan")]
     median, p95, p99 = np.percentile(acked_ms, (50, 95, 99))
     cpu_ms = cpu_s / max(1, steps) * 1e3
-    bytes_each = sum(count.bytes for count in counts) / max(1, presses)
+    down, up = (sum(getattr(count, way) for count in counts) / max(1, presses) for way in ("bytes", "sent_bytes"))
     ahead = 100 * sum(count.ahead for count in counts) / max(1, presses)
     return (
         f"{kind:8} {people:6} {steps / seconds:8.1f} {cpu_s / seconds:6.2f} {cpu_ms:9.2f} "
-        f"{FULL / (KEYS_PER_S * cpu_ms / 1e3):11.0f} {bytes_each / 1e3:8.1f} "
+        f"{FULL / (keys_per_s * cpu_ms / 1e3):11.0f} {up:8.0f} {down:8.0f} "
         f"{ahead:7.1f} {median:8.0f} {p95:6.0f} {p99:6.0f} {broken:7}"
     )
 
@@ -167,21 +170,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("kinds", nargs="*", default=list(KINDS), help=f"of {', '.join(KINDS)}")
     parser.add_argument("--people", type=int, default=20)
+    parser.add_argument("--keys", type=float, default=2.0, help="per second, of each")
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--settle", type=float, default=10.0)
     parser.add_argument("--rtt-ms", type=float, default=100.0)
     parser.add_argument("--taken", type=int, default=500)
     asked = parser.parse_args()
     packages = ", ".join(f"{name} {version(name)}" for name in ("minihuman", "uvicorn", "starlette", "websockets"))
-    print(f"{packages}; Python {sys.version.split()[0]}; {KEYS_PER_S:g} keys/s each, line {asked.rtt_ms:g} ms")
+    print(f"{packages}; Python {sys.version.split()[0]}; {asked.keys:g} keys/s each, line {asked.rtt_ms:g} ms")
     print(
-        "world    people  steps/s  cores  ms/step  people/core  kB/step  shown%  acked: p50    p95    p99  broken",
+        "world    people  steps/s  cores  ms/step  people/core  bytes up     down  shown%  acked: p50    p95    p99"
+        "  broken",
         flush=True,
     )
     for kind in asked.kinds:
-        rtt_s, settle_s = asked.rtt_ms / 1e3, asked.settle
-        print(load(kind, people=asked.people, seconds=asked.seconds, rtt_s=rtt_s, settle_s=settle_s), flush=True)
-    protocol = decode_protocol(TOML.format(world=KINDS["grid"][0], size="[400, 300]", actions=GRID).encode())
+        line_s, settle_s = asked.rtt_ms / 1e3, asked.settle
+        times = {"seconds": asked.seconds, "rtt_s": line_s, "settle_s": settle_s, "keys_per_s": asked.keys}
+        print(load(kind, people=asked.people, **times), flush=True)
+    grid = {"world": KINDS["grid"][0], "size": "[400, 300]", "actions": GRID, "computed": "page"}
+    protocol = decode_protocol(TOML.format(**grid).encode())
     print(joins(protocol, taken=asked.taken, times=20))
     longer = msgspec.structs.replace(protocol, study=msgspec.structs.replace(protocol.study, participants=5000))
     print(joins(longer, taken=asked.taken, times=20))

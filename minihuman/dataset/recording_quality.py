@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
@@ -16,7 +17,10 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 LATE_MS = 5.0  # a press that waited longer for the session than this is counted
 _NS_PER_MS = 1e6
 _DISPLAY = ("window", "window_size_px", "refresh_hz_reported", "vsync", "key_times")
-_SOFTWARE = ("version_minihuman", "git_commit", "rules", "python", "system", "version_numpy", "window_version")
+_SOFTWARE = (
+    *("version_minihuman", "git_commit", "rules", "python", "system", "version_numpy", "window_version"),
+    "page_kernels",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +58,7 @@ class PlanOutline(msgspec.Struct, frozen=True):
     blocks: tuple[EpisodePlan, ...]  # the first episode of each
     stratum: str = ""
     stratified_by: str = ""  # the question that the stratum is of
+    computed: tuple[str, ...] = ()  # the blocks that a page with the same kernels computes
 
     @classmethod
     def of(cls, plan: SessionPlan) -> "PlanOutline":
@@ -73,6 +78,11 @@ class PlanOutline(msgspec.Struct, frozen=True):
             tuple(first.values()),
             plan.participant.stratum,
             decode_logged_protocol(plan.protocol_toml).allocation.stratify_by if plan.participant.stratum else "",
+            tuple(
+                plan.episodes[part.plan.first].block_name
+                for part in plan.parts
+                if isinstance(part.plan, PlayPlan) and part.plan.computed == "page"
+            ),
         )
 
 

@@ -275,7 +275,16 @@ def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality
         values = sorted({run[name] for one in qualities for run in one.software if name in run})
         if values:
             made.append(f"{word} {' and '.join(values)}")
-    return f"Protocol of study {plans[0].study}: {parts}. Run with {', '.join(made)}."
+    run_with = f"Protocol of study {plans[0].study}: {parts}. Run with {', '.join(made)}."
+    kernels = sorted({run["page_kernels"] for one in qualities for run in one.software if "page_kernels" in run})
+    blocks = sorted({name for plan in plans for name in plan.computed})
+    if not kernels or not blocks:
+        return run_with
+    return (
+        f"{run_with} In browsers the page stepped and drew {'blocks' if len(blocks) > 1 else 'block'} "
+        f"{' and '.join(blocks)} ahead of the server (kernels {' and '.join(kernels)}), which compared every step with "
+        "its own and recorded its own."
+    )
 
 
 def _statistics() -> str:

@@ -38,11 +38,11 @@ from minihuman.runtime.command_inbox import CommandInbox, inbox_path
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection
 from minihuman.web.completion import build_completion, classify_ending, get_page_texts
+from minihuman.web.computed import PageWorld, kernels_digest
 from minihuman.web.eligibility import BrowserProperties, check_eligibility, collect_browser_facts
 from minihuman.web.messages import KEY_CODES, IncomingStream
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
-from minihuman.worlds.adapters.world import World
 
 _RULES = (
     "version_minihuman",
@@ -115,9 +115,9 @@ def start_host(
         return files[0]
 
     require_unclaimed(SegmentPath.of_plan(disk.data, plan))
-    session = build_session(plan, World, facts, picture_px=settings.picture_px, renders_steps=False)
+    session = build_session(plan, PageWorld, facts, picture_px=settings.picture_px, renders_steps=False)
     recorder = DeferredRecorder(plan, opened)
-    host = SessionHost(session, recorder, World, settings, agent=make_agent_host(disk.protocol, plan, disk.data))
+    host = SessionHost(session, recorder, PageWorld, settings, agent=make_agent_host(disk.protocol, plan, disk.data))
     return HostedSession(host, recorder, started_ns, _name(disk.data, plan), files)
 
 
@@ -134,7 +134,9 @@ def resume_host(
     left = resume_segment(part)
     try:
         _refuse_other_rules(part, left.events, facts)
-        session, unwritten = resume_from_events(left.events, World, picture_px=settings.picture_px, renders_steps=False)
+        session, unwritten = resume_from_events(
+            left.events, PageWorld, picture_px=settings.picture_px, renders_steps=False
+        )
     except BaseException:
         left.close()
         raise
@@ -147,7 +149,7 @@ def resume_host(
         settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
     )
     agent = make_agent_host(disk.protocol, plan, disk.data, logged=left.events)
-    host = SessionHost(session, recorder, World, settings, agent=agent, logged=left.events, unwritten=unwritten)
+    host = SessionHost(session, recorder, PageWorld, settings, agent=agent, logged=left.events, unwritten=unwritten)
     return HostedSession(host, recorder, left.started_ns, _name(disk.data, plan), [recorder])
 
 
@@ -234,7 +236,7 @@ class Connection:
             self.host.outgoing.acknowledge(hello.heard)
         else:
             self.life = secrets.token_hex(4)
-            self.host.restart()
+            self.host.restart(computes=bool(hello.kernels) and hello.kernels == kernels_digest())
             if self.over is not None:
                 self.host.outgoing.add(self.over)
         now_ns = max(self.now_ns(), self.host.last_at_ns + 1)
@@ -446,6 +448,8 @@ class ConnectionFactory:
         facts = {**self.facts, **collect_browser_facts(hello.facts)}
         facts["picture_px"] = "{} x {}".format(*self._settings.picture_px)
         facts["picture_encoding"] = self._settings.encoding
+        if hello.kernels == kernels_digest():
+            facts["page_kernels"] = hello.kernels  # what the plan lets the page compute, it does
         opened: list[Connection] = []  # none before its recorder is open
 
         def wake() -> None:

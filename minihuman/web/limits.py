@@ -12,9 +12,9 @@ MAX_WAITING = 200  # sockets without a hello
 PREFETCH_BACKLOG = 300  # unacknowledged messages above which nothing is prefetched
 MAX_BACKLOG = 3_000  # and above which the page starts anew
 
-_POLICY = (  # nothing from anywhere else; blob: is for pictures that came over the socket
-    "default-src 'self'; img-src 'self' blob: data:; object-src 'none'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'"
+_POLICY = (  # nothing from anywhere else; blob: is for pictures that came over the socket, wasm for the worlds' rules
+    "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; img-src 'self' blob: data:; object-src 'none'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 HEADERS: tuple[tuple[str, str], ...] = (
     ("content-security-policy", _POLICY),

@@ -36,7 +36,7 @@ KEY_CODES: Mapping[str, str] = (
     | {"CapsLock": "caps_lock", "NumLock": "num_lock"}
 )
 
-MESSAGE_VERSION = 3
+MESSAGE_VERSION = 4
 MAX_PAGE_MESSAGE_BYTES = 16 * 1024  # of a message of the page's
 _PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
 _PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
@@ -61,6 +61,8 @@ class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields
     symbol: ShortText = ""
     repeat: bool = False
     trusted: bool = True  # False: a script made it, no keyboard
+    # of the step that the page made by itself, 16 hexadecimal digits; "" where it made none
+    digest: Annotated[str, Meta(pattern=r"^([0-9a-f]{16})?$")] = ""
 
 
 class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknown_fields=True):
@@ -148,6 +150,7 @@ class Hello(msgspec.Struct, tag="hello", tag_field="t", forbid_unknown_fields=Tr
     heard: Number = 0  # the last message of that numbering that it has
     segment: ShortText = ""  # the segment that its times belong to
     last: Ns = 0  # its last time
+    kernels: ShortText = ""  # the digest of the worlds' rules that it has compiled; "" for none
     facts: Annotated[dict[ShortText, bool | float | Annotated[str, Meta(max_length=200)]], Meta(max_length=40)] = {}
 
 
@@ -261,6 +264,18 @@ class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
     picture: int
 
 
+class GridState(msgspec.Struct):
+    """A grid world's state, for the page to compute the steps that follow it."""
+
+    step: int
+    row: list[int]  # a number and how often it comes, and so on
+    rng_state: list[str]  # six whole numbers of 64 bits
+    view_size: int
+    full: bool  # the picture is of the whole world
+    in_view: bool  # and drawn as Minigrid draws it
+    atlas: str  # the name of its tiles
+
+
 class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     """What keys and time do in the episode that is played: what the page needs to go ahead of the session."""
 
@@ -273,6 +288,25 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     most_steps: int
     held: bool  # the last picture stays for a while
     keep: int  # pictures before this number are of no use any more, but for those on a screen
+    computed: GridState | None = None  # where the page computes it; else scenes are sent ahead
+
+
+class AtlasMessage(msgspec.Struct, tag="atlas", tag_field="t"):
+    """Tiles of grid worlds, for the page to keep under their name, which is a digest."""
+
+    name: str
+    tile_px: int
+    small_px: int  # of a thing that is carried
+    sizes: list[int]  # bytes of each array: number, under, tiles, agents, carried
+    packed: bytes  # all of them, by zlib
+
+
+class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
+    """Where the session is in an episode that the page computes, which may be elsewhere."""
+
+    through: int
+    episode: int
+    state: GridState
 
 
 class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
@@ -340,7 +374,9 @@ class PictureMessage(msgspec.Struct, frozen=True):
 ServerMessage = (
     ScreenMessage
     | FilmFrame
+    | AtlasMessage
     | EpisodeRules
+    | StateCorrection
     | AgentControl
     | EpisodeState
     | LookAheadUpdate

@@ -1,8 +1,8 @@
 """The outbox of a session: screens, the state of an episode, and what was prefetched. No socket, no clock.
 
-Messages stay here, numbered, until the page has them. Along the keys of an episode the future is computed in a world of
-its own, outside of episodes in copies of the session. The page learns in advance what an agent will do, so that keys
-and the agent's steps show at once.
+Messages stay here, numbered, until the page has them. An episode that the page computes needs its first state alone.
+Along the keys of any other the future is computed in a world of its own, outside of episodes in copies of the session.
+The page learns in advance what an agent will do, so that keys and the agent's steps show at once.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,7 +19,9 @@ from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, Ev
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web import messages
+from minihuman.web.computed import ComputedEpisode, PageWorld
 from minihuman.web.image_cache import ImageCache, ImageEncoding
 from minihuman.web.limits import PREFETCH_BACKLOG
 from minihuman.web.look_ahead import LookAheadGraph, compute_depth
@@ -70,10 +72,16 @@ class Outbox:
         self.through = 0  # the last of the page's messages that was taken
         self.at_ns = 0  # when that was
         self.moved = 0  # the last of them that the page waits for, as it may lead somewhere
+        self.page_computes = False  # it has compiled the rules that are here
         self._session = session
         self._make_world = make_world
         self._settings = settings
+        self._plan: EpisodePlan | None = None  # of the episode that the page has the rules of
+        self._computed: ComputedEpisode | None = None  # by the page; else there is a graph
         self._look_ahead_graph: LookAheadGraph | None = None
+        self._own_world: World | None = None  # that may be reset
+        self._atlases: set[str] = set()  # that the page has
+        self._page_plays = False  # an episode
         self._screen: Screen | None = None  # that the page has
         self._screen_id = self._screen_name = 0
         self._episode = -1  # whose steps these are
@@ -110,15 +118,27 @@ class Outbox:
         return f"step {message.step} of episode {message.episode + 1} was shown as scene {message.node}, it is {scene}"
 
     @property
-    def ignores_releases(self) -> bool:
+    def _ignores_releases(self) -> bool:
         """Whether the page waits for no word of a release: an episode is played, and by no agent."""
         session = self._session
         return not session.over and session.play is not None and not isinstance(session.part, AgentPlayActivity)
 
+    def waits_for(self, message: messages.PageMessage) -> bool:
+        """Whether the page waits for word of where a message led: it knows of a step that it computed."""
+        if isinstance(message, messages.DisplayedMessage | messages.RoundTripMessage | messages.LateInputMessage):
+            return False
+        if not isinstance(message, messages.KeyMessage):
+            return True
+        return not message.digest if message.down else not self._ignores_releases
+
+    def compare(self, message: messages.KeyMessage, events: Sequence[Event]) -> str:
+        """Compare a key's step in the page with the session's; how they differ, "" if they do not."""
+        return "" if self._computed is None else self._computed.compare(message, events)
+
     # Where the session went
 
     def follow(self, events: list[Event]) -> None:
-        """Move the look-ahead to the session's state, and send it to the page."""
+        """Send the page where the session went, and move the look-ahead there."""
         coming = None if self._session.over else self._session.part.next_play
         ended = any(isinstance(event, EpisodeEnded | CorrectionEnded) for event in events)
         for event in events:
@@ -127,32 +147,40 @@ class Outbox:
                     self._look_from(self._session.play)
                 case Stepped() | CorrectionStepped() if event.episode == self._episode:
                     self._stepped(event, ended=ended)
-        if coming is not None and (self._look_ahead_graph is None or self._look_ahead_graph.plan is not coming.plan):
+        if coming is not None:
             self._look_from(coming)
         self._send_state()
 
     def _look_from(self, play: RunningEpisode) -> None:
-        """Look ahead in an episode that has begun or is about to; its rules are sent once."""
+        """Send the rules of an episode that has begun or is about to, once, and what the page goes ahead by."""
         plan = play.plan
-        if self._look_ahead_graph is not None and self._look_ahead_graph.plan is plan:
+        if self._plan is plan:
             return
         self.send_prefetched()  # as long as its pictures are known
+        self._plan = plan
         actions = {key: play.world.action_names.index(name) for key, name in plan.key_map.keys.items()}
         noop = None if plan.noop is None else play.world.action_names.index(plan.noop)
         self._image_cache.forget()
         keep = self._image_cache.next
-        can_happen = [*actions.values()] + ([] if noop is None else [noop])
-        self._look_ahead_graph = LookAheadGraph(
-            plan,
-            self._make_world,
-            can_happen,
-            self._settings.picture_px,
-            self._image_cache,
-            world=self._world_for(play),
-        )
-        if play.steps:
-            self._look_ahead_graph.move_to(play.world)
-        self._episode, self._scenes = plan.episode, [-1] * play.steps + [self._look_ahead_graph.root.name]
+        self._computed = self._look_ahead_graph = None
+        if self._computes(play):
+            self._computed = ComputedEpisode(play, self._settings.picture_px)
+            if self._computed.atlas.name not in self._atlases:
+                self._atlases.add(self._computed.atlas.name)
+                self.outgoing.add(self._computed.atlas)
+        else:
+            self._look_ahead_graph = LookAheadGraph(
+                plan,
+                self._make_world,
+                [*actions.values()] + ([] if noop is None else [noop]),
+                self._settings.picture_px,
+                self._image_cache,
+                world=self._world_for(plan),
+            )
+            if play.steps:
+                self._look_ahead_graph.move_to(play.world)
+        root = -1 if self._look_ahead_graph is None else self._look_ahead_graph.root.name
+        self._episode, self._scenes = plan.episode, [-1] * play.steps + [root]
         limits = [plan.max_steps] + ([] if play.world.step_limit is None else [play.world.step_limit])
         self.outgoing.add(
             messages.EpisodeRules(
@@ -165,20 +193,30 @@ class Outbox:
                 most_steps=min(limits),
                 held=getattr(self._session.part.part.plan, "hold_ms", 0.0) > 0,
                 keep=keep,
+                computed=None if self._computed is None else self._computed.state(),
             )
         )
         self._send_look_ahead()
 
-    def _world_for(self, play: RunningEpisode) -> World | None:
-        """The world that the last episode was looked ahead in, if it will do."""
-        before, plan = self._look_ahead_graph, play.plan
-        same = before is not None and (before.plan.world, before.plan.options) == (plan.world, plan.options)
-        if before is not None and not same:
-            before.world.close()
-        return before.world if before is not None and same else None
+    def _computes(self, play: RunningEpisode) -> bool:
+        """Whether the page computes an episode."""
+        computed = getattr(self._session.part.part.plan, "computed", "server")
+        compiled = isinstance(play.world, PageWorld) and play.world.is_compiled
+        return self.page_computes and computed == "page" and compiled
+
+    def _world_for(self, plan: EpisodePlan) -> World:
+        """A world of the outbox's own for an episode, the last one's if it will do."""
+        own = self._own_world
+        if own is None or (own.id, own.options) != (plan.world, plan.options):
+            if own is not None:
+                own.close()
+            own = self._own_world = self._make_world(plan.world, plan.options)
+        return own
 
     def _stepped(self, stepped: Stepped | CorrectionStepped, *, ended: bool) -> None:
-        assert self._look_ahead_graph is not None
+        if self._look_ahead_graph is None:
+            self._scenes.append(-1)
+            return
         if ended or self._session.play is None:  # its world may have been reset for the next episode
             scene = self._look_ahead_graph.leads_to(stepped.action)
             self._scenes.append(-1 if scene is None else scene.name)
@@ -220,8 +258,7 @@ class Outbox:
         self._send_pictures()
         if new is not None:
             self.outgoing.add(new)
-        if self._look_ahead_graph is not None:
-            self._send_look_ahead()
+        self._send_look_ahead()
 
     def restart(self, asked: Iterable[int], *, begun: bool) -> None:
         """Tell everything from the start.
@@ -238,9 +275,9 @@ class Outbox:
         self._screen_name = 0
         for number in asked:
             self.outgoing.add(messages.CommandMessage(number))
-        if self._look_ahead_graph is not None:
-            self._look_ahead_graph.world.close()
-            self._look_ahead_graph = None
+        self._plan = self._computed = self._look_ahead_graph = None
+        self._atlases.clear()
+        self._page_plays = False
         if not self._session.over and begun:
             play = self._session.part.play or self._session.part.next_play  # also behind a pause
             if play is not None:
@@ -269,12 +306,24 @@ class Outbox:
             who, limit_ns, advised = part.who, part.limit_ns, part.advised
             action = advised.action if advised is not None and advised.step == step else -1
             self._send_control(part, play.plan.episode, action)
+        if self._computed is not None:
+            self._correct(play)
+            step = min(step, 0)  # the page knows how far it went
         now = tick_ns, self.moved if play is not None else 0, step, who, action, limit_ns
         if now != self._sent_state:
             self._sent_state = now
+            step = -1 if play is None else play.steps
             node = self._scenes[step] if 0 <= step < len(self._scenes) else -1
             episode = self._episode if play else -1
             self.outgoing.add(messages.EpisodeState(self.through, tick_ns, episode, step, node, who, action, limit_ns))
+
+    def _correct(self, play: RunningEpisode | None) -> None:
+        """Tell a page that computes where the session is, if it may be elsewhere or does not know since a pause."""
+        assert self._computed is not None
+        resumes = not self._page_plays and play is not None and self._computed.sent_step != play.steps
+        self._page_plays = play is not None
+        if play is not None and (resumes or self._computed.is_elsewhere):
+            self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, self._computed.state()))
 
     def _send_control(self, part: AgentPlayActivity, episode: int, action: int) -> None:
         """Tell what an agent means for this episode, and show the page where its next action leads."""
@@ -287,8 +336,7 @@ class Outbox:
             self._send_look_ahead()
 
     def _send_look_ahead(self) -> None:
-        assert self._look_ahead_graph is not None
-        new = self._look_ahead_graph.take_new()
+        new = None if self._look_ahead_graph is None else self._look_ahead_graph.take_new()
         self._send_pictures()
         if new is not None:
             self.outgoing.add(new)
@@ -297,20 +345,15 @@ class Outbox:
         return self._image_cache.number(picture)
 
     def _lent(self, world_id: str, options: dict[str, Any]) -> World | None:
-        """The world that is looked ahead in, if it will do: it goes back to a scene of its own before each step."""
-        look_ahead_graph = self._look_ahead_graph
-        if look_ahead_graph is None or (look_ahead_graph.plan.world, look_ahead_graph.plan.options) != (
-            world_id,
-            options,
-        ):
-            return None
-        return look_ahead_graph.world
+        """The outbox's own world, if it will do: a graph goes back to a scene of its own before each step."""
+        plan = self._plan
+        return None if plan is None or (plan.world, plan.options) != (world_id, options) else self._world_for(plan)
 
     def _send_pictures(self) -> None:
         for picture in self._image_cache.take_new():
             self.outgoing.add(picture)
 
     def close(self) -> None:
-        """Let go of the world that is looked ahead in."""
-        if self._look_ahead_graph is not None:
-            self._look_ahead_graph.world.close()
+        """Let go of the outbox's own world."""
+        if self._own_world is not None:
+            self._own_world.close()

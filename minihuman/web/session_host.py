@@ -176,7 +176,7 @@ class SessionHost:
             MessageError: if its time is not later than the last one's.
         """
         self._outbox.through = number
-        if _may_lead_on(message) and not (_is_release(message) and self._outbox.ignores_releases):
+        if self._outbox.waits_for(message):
             self._outbox.moved = number
         if at_ns <= self._mark_ns:  # it is in the log that the session was resumed from
             self._taken.append(_PendingMessage(number, 0))
@@ -190,6 +190,8 @@ class SessionHost:
             self._write(self.session.receive(inputs.Tick(at_ns)))
         self._begun = True
         events = self._events(message, at_ns)
+        if isinstance(message, messages.KeyMessage) and (difference := self._outbox.compare(message, events)):
+            events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
         self._write(events)
         depends_on_next = isinstance(message, messages.DisplayedMessage) and not events  # kept until that is safe
         unsaid = depends_on_next or awaits_allocation(self.session)
@@ -339,8 +341,13 @@ class SessionHost:
         """Send what was prefetched since the last message."""
         self._outbox.send_prefetched()
 
-    def restart(self) -> None:
-        """The page is another one, or knows nothing any more: tell it all from the start."""
+    def restart(self, *, computes: bool | None = None) -> None:
+        """The page is another one, or knows nothing any more: tell it all from the start.
+
+        ``computes`` says whether it has compiled the rules that are here; None: it is as it was.
+        """
+        if computes is not None:
+            self._outbox.page_computes = computes
         self._outbox.restart(self._asked, begun=self._begun)
         if not self.over and self._begun:
             self._answer()
@@ -355,15 +362,6 @@ class SessionHost:
         self.session.close()
         self.close_agent()
         self._outbox.close()
-
-
-def _may_lead_on(message: messages.PageMessage) -> bool:
-    """Whether a message may change the session: reports of screens and of the latency do not."""
-    return not isinstance(message, messages.DisplayedMessage | messages.RoundTripMessage | messages.LateInputMessage)
-
-
-def _is_release(message: messages.PageMessage) -> bool:
-    return isinstance(message, messages.KeyMessage) and not message.down
 
 
 def _in_order(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:

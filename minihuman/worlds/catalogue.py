@@ -5,6 +5,7 @@ where an accident of Minigrid's changes results, `-v1` does what the instruction
 both). Importing it imports no world.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -383,3 +384,11 @@ def register() -> None:
                 order_enforce=not entry.guards_itself,
                 disable_env_checker=entry.guards_itself,
             )
+
+
+def is_compiled_grid(world_id: str, options: Mapping[str, Any]) -> bool:
+    """Whether a world of ours is a grid that kernels alone step and draw: a page can compute it. Makes no world."""
+    return world_id in _COMPILED_GRIDS and options.get("view", "grid") == "grid"
+
+
+_COMPILED_GRIDS = frozenset(entry.id for entry in (*GRID_WORLDS, *BABYAI_WORLDS) if entry.entry_point == _MAKE_GRID)

@@ -104,6 +104,11 @@ class NativeWorld(abc.ABC):
                 setattr(cls, name, vars(NativeWorld)[name])
         answer_to_old_names(cls)
 
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compiled kernels alone step and draw it, on flat arrays."""
+        return False
+
     @abc.abstractmethod
     def pose(self) -> Pose:
         """The agent's pose now."""

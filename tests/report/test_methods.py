@@ -63,6 +63,17 @@ def test_a_session_that_went_on_elsewhere_names_both_stations():
     assert [told.count(f"refresh_hz_reported {hz}") for hz in ("60.0", "144.0")] == [1, 1]
 
 
+def test_blocks_that_the_page_computed_are_named_where_a_page_did():
+    study = decode_protocol(find_shipped_protocol("fourrooms-transfer").read_bytes())
+    plans = [PlanOutline.of(expand_protocol(study, enrol_participant(study, index))) for index in range(4)]
+    plan = next(plan for plan in plans if plan.group == "grid-first")
+    log = session(episodes=1, blocks=("grid",))
+    kernels = replace(log.segments[0], facts={"page_kernels": "eafdd193f1072bf8"})
+    for segment, says in ((log.segments[0], False), (kernels, True)):
+        text = build_methods([plan], [measure_recording_quality(replace(log, segments=(segment,)))])[-2]
+        assert ("stepped and drew block grid ahead of the server (kernels eafdd193f1072bf8)" in text) is says
+
+
 @pytest.mark.parametrize("keys", [3, 5])
 def test_keys_that_are_drawn_anew_are_not_taken_for_those_of_the_block_before(keys):
     """Nor where there are no others than those, nor where some people happen to draw the same ones."""

@@ -160,3 +160,40 @@ def test_an_unknown_group_lists_the_known():
 def test_a_participant_beyond_the_list_is_refused():
     with pytest.raises(AllocationError, match=r"outside the list of 60; raise \$\.study\.participants"):
         enrol_participant(PROTOCOL, 60)
+
+
+@pytest.mark.parametrize(
+    ("world", "more", "computed"),
+    [
+        ("minihuman/MiniGrid-FourRooms-v0", "", "page"),
+        ("minihuman/MiniGrid-FourRooms-v0", 'computed = "server"', "server"),
+        ("minihuman/MiniGrid-FourRooms-v0", 'pace = "real_time"\nstep_period_ms = 300.0', "server"),
+        ("minihuman/MiniGrid-FourRooms-v0", 'options = { view = "first_person" }', "server"),
+        ("minihuman/MiniGrid-GoToObj-Transfer-v0", "", "server"),
+        ("minihuman/MiniWorld-FourRooms-v0", "", "server"),
+        ("lab_worlds:lab/Maze-v0", "", "server"),
+        ("lab_worlds:lab/Maze-v0", 'computed = "page"', "page"),
+    ],
+)
+def test_turn_based_grid_worlds_of_ours_are_computed_by_the_page_unless_the_protocol_says_otherwise(
+    world, more, computed
+):
+    toml = f"""
+    [study]
+    name = "tried"
+    version = "1"
+    seed = 1
+    [[groups]]
+    name = "all"
+    blocks = ["one"]
+    [[blocks]]
+    name = "one"
+    world = "{world}"
+    episodes = 1
+    actions = ["left", "right"]
+    max_steps = 9
+    {more}
+    """
+    study = decode_protocol(toml.encode())
+    plan = expand_protocol(study, enrol_participant(study, 0))
+    assert [part.plan.computed for part in plan.parts if part.kind == "play"] == [computed]

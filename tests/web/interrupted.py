@@ -30,13 +30,16 @@ class Interrupted:
     notes: list[str] = field(default_factory=list)  # of the page's own: what was shown and was not so
 
 
-def interrupt(folder: Path, *, times: int, seed: int, rtt_ms: float = 80.0, world=GRID) -> Interrupted:
+def interrupt(
+    folder: Path, *, times: int, seed: int, rtt_ms: float = 80.0, world=GRID, computed: str = "page"
+) -> Interrupted:
     """Play through as many interruptions, then to the session's end."""
     chance = random.Random(seed)
     found = Interrupted()
     # the machine itself may be stopped meanwhile
     web = "image_size_px = [400, 300]\nreconnect_timeout_s = 86_400\nidle_timeout_s = 0"
-    protocol = study(folder, world, episodes=max(4, times), max_steps=40, web=web)
+    block = f'computed = "{computed}"'
+    protocol = study(folder, world, episodes=max(4, times), max_steps=40, block=block, web=web)
     with (
         serving(protocol, folder) as served,
         line(served.port, rtt_ms=rtt_ms) as wire,

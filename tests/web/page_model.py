@@ -6,6 +6,7 @@ from typing import Any
 from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen
 from minihuman.web import messages
 from minihuman.web.session_host import SessionHost
+from tests.web.page_steps import PageSteps
 
 _REELS = ("pictures", "lefts", "rights")
 Press = tuple[int, str, bool]  # when, key, whether it goes down
@@ -36,6 +37,7 @@ class PageModel:
         self._to_show: messages.DisplayedMessage | None = None
         self._shown: tuple[object, ...] = ()  # screen, step, who steered and what flashed
         self._screen = messages.ScreenMessage(0, 0, 0, None, {"kind": ""})
+        self.steps: PageSteps | None = None  # of the episode that it computes
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
         """Until the session is over or the script is, or something holds."""
@@ -46,12 +48,21 @@ class PageModel:
             elif self._script and (self._tick_ns is None or self._script[0][0] <= max(self._tick_ns, self._now_ns)):
                 t_ns, key, down = self._script.pop(0)
                 self._now_ns = max(self._now_ns, t_ns)
-                self.say(messages.KeyMessage(key, down, t_ns))
+                self.press(key, t_ns) if down else self.say(messages.KeyMessage(key, down, t_ns))
             elif self._tick_ns is not None:
                 self._now_ns = max(self._now_ns, self._tick_ns)
                 self.say(messages.TickMessage())
             else:
                 return
+
+    def press(self, key: str, t_ns: int) -> None:
+        """Press a key, and show at once where it leads if that is computed here."""
+        computes = self.steps if self._seat.session.play is not None else None
+        digest = "" if computes is None else computes.press(key)
+        self.say(messages.KeyMessage(key, True, t_ns, digest=digest))
+        if computes is not None and digest and self._seat.session.play is not None:
+            self._shown = self._screen.id, computes.step, "", ""
+            self._to_show = messages.DisplayedMessage(0, 0, episode=computes.rules.episode, step=computes.step)
 
     def say(self, what: messages.PageMessage) -> None:
         """Number it, stamp it, have it taken, and read what comes back."""
@@ -76,6 +87,12 @@ class PageModel:
                         self._to_show = messages.DisplayedMessage(0, 0, screen=message.id)
                     elif "picture" in told:
                         self._to_show = messages.DisplayedMessage(0, 0, episode=told["episode"], step=told["step"])
+                case messages.EpisodeRules():
+                    plan = self._seat.session.plan.episodes[message.episode]
+                    self.steps = PageSteps(plan.world, message) if message.computed is not None else None
+                case messages.StateCorrection():
+                    assert self.steps is not None
+                    self.steps.place(message.state)
                 case messages.EpisodeState():
                     self._tick_ns = message.tick
                     seen = self._screen.id, message.step, message.who, self._flash

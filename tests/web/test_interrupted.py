@@ -24,9 +24,12 @@ HIGHEST = """() => {
 
 @pytest.mark.long
 @pytest.mark.program
+@pytest.mark.parametrize("computed", ["page", "server"])
 @pytest.mark.parametrize("seed", range(count(1, 10)))
-def test_cut_killed_and_loaded_again_each_press_is_logged_once_and_the_log_is_proven(tmp_path: Path, seed: int) -> None:
-    found = interrupt(tmp_path, times=count(4, 10), seed=seed)
+def test_cut_killed_and_loaded_again_each_press_is_logged_once_and_the_log_is_proven(
+    tmp_path: Path, seed: int, computed: str
+) -> None:
+    found = interrupt(tmp_path, times=count(4, 10), seed=seed, computed=computed)
     assert found.logged == [CODES[code] for code in found.heard]
     assert found.steps == found.accepted
     assert found.complaints == []

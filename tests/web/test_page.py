@@ -17,9 +17,14 @@ from tests.web.serving import line, serving
 pytestmark = pytest.mark.program
 
 
-@pytest.mark.parametrize("world", [GRID, FIRST_PERSON], ids=["grid", "first-person"])
-def test_two_episodes_in_the_browser_are_a_log_that_verifies(tmp_path: Path, world) -> None:
-    with serving(study(tmp_path, world, max_steps=8), tmp_path) as served, browsing() as sit_down:
+@pytest.mark.parametrize(
+    ("world", "computed"),
+    [(GRID, "page"), (GRID, "server"), (FIRST_PERSON, "server")],
+    ids=["grid", "sent-ahead", "first-person"],
+)
+def test_two_episodes_in_the_browser_are_a_log_that_verifies(tmp_path: Path, world, computed) -> None:
+    path = study(tmp_path, world, max_steps=8, block=f'computed = "{computed}"')
+    with serving(path, tmp_path) as served, browsing() as sit_down:
         somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         for _ in range(2):
             somebody.to_play()

@@ -25,6 +25,7 @@ from minihuman.experiment.replay import compare_replay, resume_from_events
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.web import messages
+from minihuman.web.computed import PageWorld
 from minihuman.web.limits import PREFETCH_BACKLOG
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
@@ -67,10 +68,13 @@ def through_window(plan, presses: Sequence[Press]) -> list[Event]:
     return recorder.events
 
 
-def through_seat(plan, presses: Sequence[Press], *, closes: bool = True) -> tuple[list[Event], PageModel]:
+def through_seat(
+    plan, presses: Sequence[Press], *, closes: bool = True, computes: bool = False
+) -> tuple[list[Event], PageModel]:
     recorder = MemoryRecorder()
-    session = SessionMachine(plan, World, {"window": "web"}, picture_px=(84, 84), renders_steps=False)
-    seat = SessionHost(session, recorder, World, SETTINGS)
+    session = SessionMachine(plan, PageWorld, {"window": "web"}, picture_px=(84, 84), renders_steps=False)
+    seat = SessionHost(session, recorder, PageWorld, SETTINGS)
+    seat.restart(computes=computes)
     page = PageModel(seat, presses, frame_ns=FRAME_NS)
     page.run()
     if closes and not seat.over:
@@ -109,6 +113,19 @@ def test_the_same_inputs_give_the_same_events_as_in_a_window_but_for_facts(tmp_p
     assert list(compare_replay(seat, World)) == []
 
 
+@pytest.mark.parametrize("block", ["", TIMED, "auto_repeat = true\n"], ids=["plain", "timed", "repeat"])
+def test_what_a_page_computes_is_what_a_window_shows_and_nothing_is_looked_ahead(tmp_path: Path, block: str) -> None:
+    plan, presses = plan_of(tmp_path, block), script()
+    window, (seat, page) = through_window(plan, presses), through_seat(plan, presses, computes=True)
+    assert [about(event) for event in seat[1:]] == [about(event) for event in window[1:]]
+    assert sum(isinstance(event, Stepped) for event in seat) > 9
+    assert find_violations(seat) == []
+    told = [type(message) for message in page.told]
+    assert told.count(messages.LookAheadUpdate) == 0
+    assert told.count(messages.PictureMessage) <= 2, "but for those that stay at an episode's end"
+    assert told.count(messages.AtlasMessage) == 1
+
+
 def test_word_of_a_picture_and_of_the_line_is_answered_with_nothing(tmp_path: Path) -> None:
     session = SessionMachine(plan_of(tmp_path, ""), World, {"window": "web"}, picture_px=(84, 84), renders_steps=False)
     seat = SessionHost(session, MemoryRecorder(), World, SETTINGS)
@@ -126,18 +143,22 @@ def test_word_of_a_picture_and_of_the_line_is_answered_with_nothing(tmp_path: Pa
     seat.close()
 
 
-@pytest.mark.parametrize(("block", "world"), [(TIMED, GRID), (REAL_TIME, WITH_DONE)], ids=["timed", "real-time"])
-def test_killed_after_any_event_it_goes_on_where_it_was(tmp_path: Path, block: str, world) -> None:
+@pytest.mark.parametrize(
+    ("block", "world", "computes"),
+    [(TIMED, GRID, False), (TIMED, GRID, True), (REAL_TIME, WITH_DONE, False)],
+    ids=["timed", "computed", "real-time"],
+)
+def test_killed_after_any_event_it_goes_on_where_it_was(tmp_path: Path, block: str, world, computes: bool) -> None:
     """Everything that was not acknowledged is said again, to a machine that was fed its own log."""
     plan = plan_of(tmp_path, block, world)
-    events, page = through_seat(plan, script(count=24), closes=False)
+    events, page = through_seat(plan, script(count=24), closes=False, computes=computes)
     for kept in [*range(1, len(events), 7), *range(len(events) - 3, len(events))]:
         logged = events[:kept]
-        session, unwritten = resume_from_events(logged, World, picture_px=(84, 84))
+        session, unwritten = resume_from_events(logged, PageWorld, picture_px=(84, 84))
         recorder = MemoryRecorder()
         recorder.write(logged)
-        seat = SessionHost(session, recorder, World, SETTINGS, logged=logged, unwritten=unwritten)
-        seat.restart()
+        seat = SessionHost(session, recorder, PageWorld, SETTINGS, logged=logged, unwritten=unwritten)
+        seat.restart(computes=computes)
         for said in page.sent:
             seat.receive(said.n, said.at, said.what)
         seat.close()

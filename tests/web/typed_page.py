@@ -12,10 +12,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 from websockets.asyncio.client import ClientConnection, connect
 
-from minihuman.web.messages import MESSAGE_VERSION
+from minihuman.web.computed import kernels_digest
+from minihuman.web.messages import MESSAGE_VERSION, EpisodeRules, GridState
 from tests.counts import PATIENCE_S
+from tests.web.page_steps import PageSteps
 
 FACTS = {"browser": "Chromium", "browser_version": "156", "window_px": "1366 x 768", "mouse": True, "touch": False}
 HOLD_S = 0.08
@@ -33,6 +36,7 @@ class Counts:
     steps: int = 0
     ahead: int = 0  # presses whose picture was there
     bytes: int = 0  # that came over the line
+    sent_bytes: int = 0
     acked_s: list[float] = field(default_factory=list)  # from a press to its being on the disk
     over: str = ""  # how it ended
     refused: str = ""
@@ -49,6 +53,7 @@ class TypedPage:
         rng: decides which keys.
         platform: the parameters of a recruiting platform's link.
         most_presses: after so many they leave, if the session is not over.
+        computes: the world whose episodes the page computes; "" for none.
     """
 
     def __init__(
@@ -61,6 +66,7 @@ class TypedPage:
         rng: random.Random | None = None,
         platform: dict[str, str] | None = None,
         most_presses: int = 10**9,
+        computes: str = "",
     ) -> None:
         self.counts = Counts()
         self.told: dict[str, Any] = {}  # at the end
@@ -73,6 +79,8 @@ class TypedPage:
         self._rng = rng or random.Random(0)
         self._platform = platform or {}
         self._most_presses = most_presses
+        self._computes = computes
+        self.steps: PageSteps | None = None  # of the episode that it computes
         self._zero_s: float | None = None
         self._last_ns = self._said = self._heard = 0
         self._heard_told = self._acked = 0
@@ -98,6 +106,7 @@ class TypedPage:
         }  # a ping draws from `random`, which Hypothesis watches over
         async with connect(address, origin=origin, max_size=None, open_timeout=PATIENCE_S, **quiet) as socket:
             hello = {"t": "hello", "version": MESSAGE_VERSION, "token": self._token, "platform": self._platform}
+            hello |= {"kernels": kernels_digest() if self._computes else ""}
             await socket.send(json.dumps({**hello, "stream": f"{id(self):x}", "facts": FACTS}))
             doing = [asyncio.create_task(work) for work in (self._hear(socket), self._send(socket), self._live(socket))]
             waiting = asyncio.create_task(self._done.wait())
@@ -124,8 +133,7 @@ class TypedPage:
         self._last_ns = self._now_ns()
         self._held.append(json.dumps({"t": "n", "n": self._said, "at": self._last_ns, "what": what}))
         if not waits:
-            for text in self._held:
-                self._line.put_nowait((time.monotonic() + self._line_s, text))
+            self._line.put_nowait((time.monotonic() + self._line_s, "\n".join(self._held)))
             self._held.clear()
         return self._said
 
@@ -133,6 +141,7 @@ class TypedPage:
         while True:
             due_s, text = await self._line.get()
             await asyncio.sleep(max(0.0, due_s - time.monotonic()))
+            self.counts.sent_bytes += len(text)
             await socket.send(text)
 
     async def _press(self, key: str) -> None:
@@ -186,12 +195,25 @@ class TypedPage:
                 self._done.set()
             case "acked":
                 self._acked = message["through"]
+                if self.steps is not None:
+                    self._trail = [(number, action) for number, action in self._trail if number > self._acked]
                 for number in [n for n in self._sent_s if n <= message["through"]]:
                     self.counts.acked_s.append(time.monotonic() - self._sent_s.pop(number))
             case "screen":
                 self._shown(message)
             case "rules":
                 self._rules[message["episode"]] = message
+                if message["computed"] is not None:
+                    rules = msgspec.convert(
+                        {name: value for name, value in message.items() if name != "t"}, EpisodeRules
+                    )
+                    self.steps = PageSteps(self._computes, rules)
+            case "state":
+                assert self.steps is not None
+                self.steps.place(msgspec.convert(message["state"], GridState))
+                for number, action in self._trail:
+                    if number > message["through"]:
+                        self.steps.act(action)
             case "ahead":
                 for scene, action, to, ends in message["edges"]:
                     self._edges[message["episode"], scene, action] = to, ends
@@ -243,6 +265,9 @@ class TypedPage:
     async def _step(self) -> None:
         """Press a key that does something, and see where it leads if that is known."""
         assert self._now is not None
+        if self.steps is not None and self.steps.rules.episode == self._now["episode"]:
+            await self._compute(self.steps)
+            return
         episode, step, scene = self._now["episode"], self._now["step"], self._now["node"]
         known = True
         for _, action in self._trail:
@@ -266,6 +291,29 @@ class TypedPage:
             self.say(t="shown", submit=submit_ns, flip=self._now_ns(), waits=waits, **shown)
         await asyncio.sleep(HOLD_S)
         self.say(t="key", key=key, down=False, stamp=self._now_ns())
+
+    async def _compute(self, steps: PageSteps) -> None:
+        """Press a key that does something, and show at once where it leads."""
+        if steps.ended:
+            return  # the page waits, too
+        key = self._rng.choice(sorted(steps.rules.actions))
+        digest = steps.act(steps.rules.actions[key])
+        pressed = {"t": "key", "key": key, "down": True, "stamp": self._now_ns(), "digest": self.lies(digest)}
+        number = self.say(waits=not steps.ended, **pressed)
+        self._sent_s[number] = time.monotonic()
+        self._trail.append((number, steps.rules.actions[key]))
+        self.counts.presses += 1
+        self.counts.ahead += 1
+        submit_ns = self._now_ns()
+        await asyncio.sleep(FLIP_S)
+        shown = {"episode": steps.rules.episode, "step": steps.step}
+        self.say(t="shown", submit=submit_ns, flip=self._now_ns(), waits=not steps.ended, **shown)
+        await asyncio.sleep(HOLD_S)
+        self.say(t="key", key=key, down=False, stamp=self._now_ns())
+
+    def lies(self, digest: str) -> str:
+        """What it says of a step: the truth, unless somebody makes it say something else."""
+        return digest
 
     async def _go_on(self) -> None:
         """Do what the present screen asks for."""

@@ -39,6 +39,9 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return by_outcome + self.per_step * steps + self.per_reward * reward
 
 
+ComputedBy = Literal["page", "server"]
+
+
 class PlayPlan(msgspec.Struct, frozen=True):
     """A block: which episodes, and what surrounds them. Empty texts and times of 0 show nothing."""
 
@@ -61,6 +64,7 @@ class PlayPlan(msgspec.Struct, frozen=True):
     points: PointsSpec | None = None
     show_points: bool = False  # the running total is on the screen
     mission: str = ""  # instead of the world's own words
+    computed: ComputedBy = "server"  # which steps first and draws, in a browser
 
 
 LATEST_POLICY = "latest"  # the policy that an earlier part of the session ended with

@@ -85,6 +85,7 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
     keys = ", ".join(f"{key} {action}" for key, action in sorted(first.key_map.keys.items()))
     yield f"  keys   {keys}{' (shown)' if first.show_keys else ''}"
     yield f"  pace   {_describe_pace(first)}; at most {first.max_steps} steps"
+    yield f"  in a browser computed by the {play.computed}"
     yield from _describe_limits(play)
     for episode in episodes:
         yield f"  {episode.episode + 1:3}  episode {episode.episode_in_block + 1:2} of the block  seed {episode.seed}"
@@ -172,6 +173,9 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
         yield "world", f"is {block.world!r}: {_explain_world_error(block, error)}"
         return
     known, limit = world.action_names, world.step_limit
+    if block.computed == "page" and not world.is_compiled:
+        what = "but its rules or pictures are Python, which no page runs; leave it out, or use 'server'"
+        yield "computed", f"is 'page' for {block.world}, {what}"
     world.close()
     named = {
         "actions": block.actions,

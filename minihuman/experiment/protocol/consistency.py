@@ -278,6 +278,9 @@ def _check_overrides(protocol: "Protocol") -> Iterator[FieldError]:
 def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldError]:
     pool = protocol.keys.pool
     yield from _check_block_kind(block, pool)
+    if block.computed == "page" and (block.kind != "play" or block.pace != "on_key"):
+        what = block.kind if block.kind != "play" else block.pace
+        yield "computed", f"is 'page' for a {what} block; a page computes turn-based play alone: use 'server'"
     if block.key_map == "fixed" and set(block.fixed_keys.values()) != set(block.actions):
         yield (
             "fixed_keys",

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import msgspec
 
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.block_plans import AgentPlan, CriterionSpec, PointsSpec
+from minihuman.experiment.activities.block_plans import AgentPlan, ComputedBy, CriterionSpec, PointsSpec
 from minihuman.experiment.keys import KEY_NAMES, KEY_NAMES_TEXT, RESERVED_KEYS
 from minihuman.experiment.plan.session_plan import BonusSpec, KeyMapPolicy, PacePolicy, SpareKeyPolicy
 from minihuman.experiment.protocol import specs, strata
@@ -114,6 +114,7 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     points: PointsSpec | None = None
     show_points: bool = False  # the running total is on the screen
     analysed: bool = True  # false for practice, which no comparison and no participant's value includes
+    computed: ComputedBy | None = None  # who steps first and draws in a browser; absent: the page where it can
     kind: str = "play"  # or another kind of block: "takeover", "rating", ...
     agent: AgentPlan | None = None  # that plays, where the kind has one
     group_overrides: GroupOverrides = {}

@@ -20,7 +20,7 @@ import { IncomingStream } from "./stream.js";
  * @property {(why: string) => void} leave
  */
 
-const VERSION = 3;
+const VERSION = 4;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const utf8 = new TextDecoder();
@@ -32,6 +32,7 @@ export class Connection {
   #refusal = "";
   #incoming = new IncomingStream((heard) => { if (this.welcomed) this.#send({ t: "heard", n: heard }); });
   welcomed = false;
+  kernels = ""; // the digest of the worlds' rules that the page has
   finished = false; // do not come again
   taken = 0; // the session has all that is not later, though it may not be acknowledged: its server was another one
   /** @type {Texts} the server's words, in the study's language */
@@ -48,7 +49,7 @@ export class Connection {
       close: () => this.#socket?.close(),
     });
     outbox.transmit = (texts) => {
-      if (this.welcomed && this.#socket?.readyState === WebSocket.OPEN) for (const text of texts) this.#socket.send(text);
+      if (texts.length && this.welcomed && this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(texts.join("\n"));
     };
   }
 
@@ -66,7 +67,7 @@ export class Connection {
       mine.send(JSON.stringify({
         t: "hello", version: VERSION, token: this.link.token, platform: this.link.platform, stream: state.stream,
         first: this.outbox.first, life: this.#life, heard: this.#incoming.received, segment: state.segment, last: state.last,
-        facts: state.facts,
+        facts: state.facts, kernels: this.kernels,
       }));
     };
     mine.onmessage = (event) => { if (mine === this.#socket) this.#receive(event.data); };

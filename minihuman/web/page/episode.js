@@ -1,15 +1,20 @@
 // The episode that is played: the scenes that keys lead to, the one that the session will be in, and its picture.
 // What is shown in advance is compared with what the server says at each step; the server's word counts.
 
+import { ComputedScenes } from "./computed.js";
 import { capOf, el, fit, paint, words } from "./elements.js";
 import { UNTIMED } from "./stream.js";
 
-/** @import { Agent, Ahead, Input, Now, PlayScreen, Rules, Texts } from "./messages" */
+/** @import { GridComputer } from "./computed.js" */
+/** @import { Agent, Ahead, Input, Now, PlayScreen, Rules, StateCorrection, Texts } from "./messages" */
 /** @import { FlipReporter, ImageCache, Picture } from "./pictures.js" */
 /** @import { Outbox } from "./stream.js" */
 /** @typedef {number | null | undefined} Action null: none; undefined: one that is not known */
-/** @typedef {{ picture: number, edges: Map<Action, [scene: number, ends: boolean]> }} Scene */
-/** @typedef {{ rules: Rules | null, scenes: Map<number, Scene> }} Graph the look-ahead graph of an episode */
+/** @typedef {{ get(action: Action): [scene: number, ends: boolean] | undefined, has(action: Action): boolean }} Edges */
+/** @typedef {{ picture: number, edges: Edges }} Scene */
+/** @typedef {{ picture: number, edges: Map<Action, [scene: number, ends: boolean]> }} SentScene */
+/** @typedef {{ has(name: number): boolean, get(name: number): Scene | undefined }} Scenes */
+/** @typedef {{ rules: Rules | null, scenes: Map<number, SentScene> | ComputedScenes }} Graph an episode's, sent or computed */
 /** @typedef {{ n: number, action: Action, who?: string }} Press a step that message n stands for */
 /** @typedef {{ step: number, scene: number, who?: string, action?: number, limit?: number | null }} Confirmed */
 /** @typedef {{ step: number, scene: number, who?: string, ended: boolean, known: boolean }} Predicted */
@@ -34,7 +39,7 @@ const UNPACKED_STEPS = 2;
 
 /**
  * Where the session will be once it has heard of everything: the confirmed scene, and what was pressed since.
- * @param {Map<number, Scene>} scenes @param {number} mostSteps @param {Confirmed} confirmed @param {Press[]} trail
+ * @param {Scenes} scenes @param {number} mostSteps @param {Confirmed} confirmed @param {Press[]} trail
  * @returns {Predicted}
  */
 export function predict(scenes, mostSteps, confirmed, trail) {
@@ -59,6 +64,7 @@ export class EpisodePlayer {
   /** @type {Map<number, Graph>} */ #graphs = new Map();
   /** @type {Map<number, Agent>} the agent beside the person, by episode; of the latest */ #agents = new Map();
   #ratedAt = -Infinity;
+  /** @type {GridComputer | null} */ computer = null;
 
   /**
    * @param {Outbox} outbox @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule
@@ -86,7 +92,9 @@ export class EpisodePlayer {
   }
 
   /** The pictures of every scene that is known. */
-  get pictures() { return [...this.#graphs.values()].flatMap(({ scenes }) => [...scenes.values()].map((s) => s.picture)); }
+  get pictures() {
+    return [...this.#graphs.values()].flatMap(({ scenes }) => (scenes instanceof Map ? [...scenes.values()].map((s) => s.picture) : []));
+  }
 
   /** Whether the picture of every key is here. */
   get isReady() {
@@ -99,13 +107,16 @@ export class EpisodePlayer {
   /** @param {Rules} m */
   learnRules(m) {
     for (const number of [...this.#graphs.keys()]) if (number < m.episode) this.#graphs.delete(number);
-    this.#graphOf(m.episode).rules = m;
+    const graph = this.#graphOf(m.episode);
+    graph.rules = m;
+    if (m.computed && this.computer) graph.scenes = this.computer.open(m.computed, m.most_steps);
     this.#agents.clear(); // whether one plays is told when it begins
   }
 
   /** @param {Ahead} m */
   learnScenes(m) {
     const { scenes } = this.#graphOf(m.episode);
+    if (!(scenes instanceof Map)) return;
     for (const [name, picture] of m.nodes) {
       const known = scenes.get(name);
       if (known) known.picture = picture;
@@ -114,6 +125,34 @@ export class EpisodePlayer {
     for (const [from, action, to, ends] of m.edges) scenes.get(from)?.edges.set(action, [to, ends]);
     if (this.play?.number === m.episode) this.#follow(this.play);
     else if (m.nodes.length && this.#graphs.size) this.#unpackAround(m.episode, m.nodes[0][0]); // before it begins
+  }
+
+  /** Where the server is in an episode that is computed here. @param {StateCorrection} m */
+  correct(m) {
+    const { scenes } = this.#graphOf(m.episode);
+    if (scenes instanceof Map) return;
+    scenes.place(m.state);
+    if (this.play?.number !== m.episode) return;
+    this.play.confirmed = { ...scenes.start };
+    this.play.trail = this.play.trail.filter((press) => press.n > m.through);
+    this.#follow(this.play);
+  }
+
+  /** The server has heard of everything up to a message, and has said so if it went elsewhere. @param {number} through */
+  acknowledge(through) {
+    if (this.play) this.#confirmComputed(this.play, through);
+  }
+
+  /** @param {Play} play @param {number} through @returns {boolean} whether it is computed */
+  #confirmComputed(play, through) {
+    const { scenes } = this.#graphOf(play.number);
+    if (scenes instanceof Map) return false;
+    const heard = play.trail.filter((press) => press.n <= through);
+    const { step, scene } = predict(scenes, play.rules.most_steps, play.confirmed ?? scenes.start, heard);
+    play.confirmed = { step, scene };
+    play.trail = play.trail.filter((press) => press.n > through);
+    scenes.forget(scene);
+    return true;
   }
 
   /** @param {Agent} m */
@@ -129,8 +168,10 @@ export class EpisodePlayer {
     const { rules } = this.#graphOf(m.episode);
     if (!rules) return;
     const play = this.play?.number === m.episode ? this.play : this.#begin(m.episode, rules, m.through);
-    play.confirmed = { step: m.step, scene: m.node, who: m.who, action: m.action, limit: m.limit };
-    play.trail = play.trail.filter((press) => press.n > m.through);
+    if (!this.#confirmComputed(play, m.through)) {
+      play.confirmed = { step: m.step, scene: m.node, who: m.who, action: m.action, limit: m.limit };
+      play.trail = play.trail.filter((press) => press.n > m.through);
+    }
     if (play.frozen && m.through >= play.frozen) play.frozen = 0;
     this.#follow(play);
   }
@@ -140,10 +181,10 @@ export class EpisodePlayer {
    * @param {number} n @param {boolean} isFrozen
    */
   enter(number, scene, n, isFrozen) {
-    const { rules } = this.#graphOf(number);
+    const { rules, scenes } = this.#graphOf(number);
     if (!rules) return;
     const play = this.#begin(number, rules, n);
-    play.confirmed = { step: 0, scene };
+    play.confirmed = scenes instanceof Map ? { step: 0, scene } : { ...scenes.start };
     if (isFrozen) play.frozen = n;
     this.#follow(play);
   }
@@ -189,6 +230,7 @@ export class EpisodePlayer {
   /** @param {number} number @param {number} scene */
   #unpackAround(number, scene) {
     const { scenes } = this.#graphOf(number);
+    if (!(scenes instanceof Map)) return;
     let level = [scene];
     for (let steps = 0; steps <= UNPACKED_STEPS; steps++) {
       const following = [];
@@ -217,8 +259,18 @@ export class EpisodePlayer {
       return;
     }
     play.flipped = null;
-    const picture = this.images.get(this.#graphOf(play.number).scenes.get(scene)?.picture ?? -1);
-    if (!picture || !this.view.canvas) return;
+    const { scenes } = this.#graphOf(play.number);
+    if (!this.view.canvas) return;
+    if (!(scenes instanceof Map)) {
+      const drawn = scenes.draw(scene);
+      if (!drawn) { scenes.tiles.unpacked.then(() => { if (this.play === play) this.#paint(play); }); return; }
+      play.drawn = what;
+      this.view.putDrawn(drawn);
+      this.#reportStep(play, undefined, step);
+      return;
+    }
+    const picture = this.images.get(scenes.get(scene)?.picture ?? -1);
+    if (!picture) return;
     play.drawn = what;
     const put = () => {
       this.view.putPicture(picture);
@@ -228,12 +280,12 @@ export class EpisodePlayer {
     else this.images.unpack(picture).then(() => { if (this.play === play && play.drawn === what) put(); });
   }
 
-  /** @param {Play} play @param {number} scene @param {number} step */
+  /** @param {Play} play @param {number | undefined} scene a name that the server knows @param {number} step */
   #reportStep(play, scene, step) {
     const then = (/** @type {number} */ flip) => {
       play.nextTick ??= play.rules.real_time ? flip + play.rules.period : null;
       play.flipped ??= flip;
-      this.#startAgent(play, scene, step, flip);
+      if (scene !== undefined) this.#startAgent(play, scene, step, flip);
       this.schedule();
     };
     this.flips.report({ episode: play.number, step, node: scene, then });
@@ -249,11 +301,14 @@ export class EpisodePlayer {
 
   // ---- what the person does, and time
 
-  // Word of a step's picture goes with what is said next, if that is soon: nobody waits for it before an episode's end.
+  // Word of a step's picture goes with what is said next, if that is soon, and where the page computes, so do its keys:
+  // nobody waits for them before an episode's end.
   /** @param {Input} what */
   canWait(what) {
     const play = this.play;
-    return what.t === "shown" && (what.step ?? 0) > 0 && play?.number === what.episode && !play?.ended && !play?.agent;
+    if (!play || play.ended || play.agent) return false;
+    if (what.t === "key") return !what.down && !play.frozen && !(this.#graphOf(play.number).scenes instanceof Map);
+    return what.t === "shown" && (what.step ?? 0) > 0 && play.number === what.episode;
   }
 
   // What was due by a message's time the session does before the message is looked at.
@@ -311,13 +366,29 @@ export class EpisodePlayer {
   press(key, n, stamp, isRepeat, due) {
     const play = this.play;
     if (!play?.confirmed) return;
-    const { rules } = play;
     if (RESERVED.has(key)) { if (!isRepeat) play.frozen = n; return; }
-    const action = rules.actions[key];
-    if (action === undefined || play.frozen || play.ended || (due !== null && !rules.real_time && stamp >= due)) return;
-    if (rules.real_time) {
-      if (!isRepeat) play.queued = action;
-    } else if (!isRepeat || rules.auto_repeat) this.#step(play, { n, action });
+    const action = this.#actionOf(play, key, stamp, isRepeat, due);
+    if (action === undefined) return;
+    if (play.rules.real_time) play.queued = action;
+    else this.#step(play, { n, action });
+  }
+
+  /** @param {Play} play @param {string} key @param {number} stamp @param {boolean} isRepeat @param {number | null} due */
+  #actionOf({ rules, frozen, ended }, key, stamp, isRepeat, due) {
+    if (frozen || ended || (due !== null && !rules.real_time && stamp >= due)) return undefined;
+    return isRepeat && (rules.real_time || !rules.auto_repeat) ? undefined : rules.actions[key];
+  }
+
+  /**
+   * The step that a key makes, where the page computes it: its digest goes with the key, before anything is shown.
+   * @param {string} key @param {number} stamp @param {boolean} isRepeat @param {number | null} due
+   */
+  computeStep(key, stamp, isRepeat, due) {
+    const play = this.play;
+    const scenes = play && this.#graphOf(play.number).scenes;
+    if (!play?.confirmed || !scenes || scenes instanceof Map || RESERVED.has(key)) return undefined;
+    const edge = scenes.get(play.scene)?.edges.get(this.#actionOf(play, key, stamp, isRepeat, due));
+    return edge && { digest: scenes.get(edge[0])?.digest, ends: edge[1] };
   }
 
   /**
@@ -346,7 +417,7 @@ export class EpisodePlayer {
     return !RESERVED.has(key);
   }
 
-  #reportAgain() {
+  #reportAgain() { // an agent's frame changed: its episodes are the server's
     if (this.play) this.#reportStep(this.play, this.play.scene, this.play.step);
     else this.view.reportHeld?.();
   }
@@ -401,12 +472,23 @@ export class EpisodeView {
   /** @param {Picture} picture */
   putPicture({ width, height, encoding, ready }) {
     if (!this.canvas || !ready) return;
-    if (this.canvas.width !== width || this.canvas.height !== height) {
-      Object.assign(this.canvas, { width, height });
-      this.canvas.classList.toggle("flat", encoding === 0);
-      this.fit();
-    }
+    this.#size(this.canvas, width, height, encoding === 0);
     paint(this.canvas, ready);
+  }
+
+  /** @param {import("./world.js").Picture} picture that the page drew */
+  putDrawn(picture) {
+    if (!this.canvas) return;
+    this.#size(this.canvas, picture.width, picture.height, true);
+    picture.paint(this.canvas);
+  }
+
+  /** @param {HTMLCanvasElement} canvas @param {number} width @param {number} height @param {boolean} isFlat */
+  #size(canvas, width, height, isFlat) {
+    if (canvas.width === width && canvas.height === height) return;
+    Object.assign(canvas, { width, height });
+    canvas.classList.toggle("flat", isFlat);
+    this.fit();
   }
 
   /** @param {string} what @param {number} lasts ns */

@@ -2,7 +2,7 @@
 
 export type Input =
   | { t: "tick" }
-  | { t: "key"; key: string; down: boolean; stamp: number; trusted: boolean; symbol?: string; repeat?: boolean }
+  | { t: "key"; key: string; down: boolean; stamp: number; trusted?: boolean; symbol?: string; repeat?: boolean; digest?: string }
   | { t: "typed" | "unheard"; text: string }
   | { t: "focus"; focused: boolean }
   | { t: "asked"; number: number }
@@ -21,8 +21,13 @@ export type Control = Welcome | Pong | { t: "refused"; words: string } | { t: "a
 
 export interface Rules {
   t: "rules"; episode: number; keep: number; actions: Record<string, number>; most_steps: number; real_time: boolean;
-  period: number; noop: number | null; auto_repeat: boolean;
+  period: number; noop: number | null; auto_repeat: boolean; computed: GridState | null;
 }
+export interface GridState {
+  step: number; row: number[]; rng_state: string[]; view_size: number; full: boolean; in_view: boolean; atlas: string;
+}
+export interface AtlasMessage { t: "atlas"; name: string; tile_px: number; small_px: number; sizes: number[]; packed: string }
+export interface StateCorrection { t: "state"; through: number; episode: number; state: GridState }
 export interface Ahead {
   t: "ahead"; episode: number; nodes: [scene: number, picture: number][];
   edges: [from: number, action: number, to: number, ends: boolean][];
@@ -45,7 +50,7 @@ export interface ScreenMessage {
 export interface Frame { t: "frame"; name: number; side: number; place: number; picture: number }
 export interface Over { t: "over"; words: string; code?: string; your_code?: string; url?: string; leave?: string }
 export type Numbered =
-  | Rules | Ahead | Agent | Now | NextScreens | ScreenMessage & { t: "screen" } | Frame | Over | { t: "ask"; number: number };
+  | Rules | AtlasMessage | StateCorrection | Ahead | Agent | Now | NextScreens | ScreenMessage & { t: "screen" } | Frame | Over | { t: "ask"; number: number };
 
 interface Common { language: string; rtl: boolean; title: string; prompt: string; progress: string }
 export interface Button { name: string; label: string; enabled: boolean }

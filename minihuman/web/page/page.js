@@ -2,6 +2,7 @@
 // It decides nothing: the session is the server's, and what is shown here in advance is compared with it at each step.
 
 import { collectBrowserFacts } from "./browser.js";
+import { GridComputer } from "./computed.js";
 import { Connection } from "./connection.js";
 import { EpisodePlayer } from "./episode.js";
 import { Keyboard, listenToFocus, listenToPointer } from "./input.js";
@@ -42,7 +43,7 @@ class Page {
     now: () => this.#outbox.now(),
     timeOf: (ms) => this.#outbox.timeOf(ms),
     press: (key, symbol, stamp, trusted, isRepeat) => this.#press(key, symbol, stamp, trusted, isRepeat),
-    release: (key, stamp, trusted) => this.#send({ t: "key", key, down: false, stamp, trusted }),
+    release: (key, stamp, isTrusted) => this.#send({ t: "key", key, down: false, stamp, trusted: isTrusted && undefined }),
   });
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
@@ -61,7 +62,10 @@ class Page {
     },
     message: (m) => this.#receive(m),
     picture: (picture) => this.#images.add(picture),
-    acknowledged: (through) => { if (this.#prefetch.acknowledge(through) && this.#prefetch.serverScreen) this.#put(this.#prefetch.serverScreen); },
+    acknowledged: (through) => {
+      this.#player.acknowledge(through);
+      if (this.#prefetch.acknowledge(through) && this.#prefetch.serverScreen) this.#put(this.#prefetch.serverScreen);
+    },
     status: (text) => { this.#status.textContent = text; },
     leave: (why) => this.#view.showRefusal(why),
   });
@@ -89,16 +93,19 @@ class Page {
   }
 
   async start() {
+    const loading = GridComputer.load();
     this.#outbox.state.facts ??= await collectBrowserFacts();
     this.#outbox.save();
+    this.#player.computer = await loading;
+    this.#connection.kernels = this.#player.computer?.kernels.sources ?? "";
     this.#connection.open();
   }
 
   get #isListening() { return this.#outbox.hasTime && !this.#connection.finished; }
 
   /** @param {Input} what @returns {number} the message's number */
-  #send(what) {
-    const n = this.#outbox.add(what, this.#player.canWait(what));
+  #send(what, canWait = this.#player.canWait(what)) {
+    const n = this.#outbox.add(what, canWait);
     if (n && !UNTIMED.has(what.t)) {
       const at = this.#outbox.state.last;
       this.#player.passTime(n, at);
@@ -116,6 +123,8 @@ class Page {
         this.#player.learnRules(m);
         this.#images.drop(m.keep, this.#usedPictures());
         break;
+      case "atlas": this.#player.computer?.learnTiles(m); break;
+      case "state": this.#player.correct(m); break;
       case "ahead": this.#player.learnScenes(m); break;
       case "onward": this.#prefetch.learn(m); break;
       case "frame": this.#films.add(m); break;
@@ -215,7 +224,11 @@ class Page {
    * @param {string} key @param {string} symbol @param {number} stamp @param {boolean} trusted @param {boolean} isRepeat
    */
   #press(key, symbol, stamp, trusted, isRepeat) {
-    const n = this.#send({ t: "key", key, down: true, stamp, symbol, repeat: isRepeat, trusted });
+    const step = this.#player.computeStep(key, stamp, isRepeat, this.#due);
+    const n = this.#send({ // what is as usual is left out
+      t: "key", key, down: true, stamp, symbol: symbol || undefined, repeat: isRepeat || undefined,
+      trusted: trusted && undefined, digest: step?.digest,
+    }, step && !step.ends);
     this.#entry.edit(key);
     this.#films.press(key, isRepeat);
     if (this.#player.pressBesideAgent(key, n, stamp, isRepeat, this.#screen?.screen.kind === "play")) return;

@@ -8,8 +8,8 @@
 /** @typedef {{ sources: string, modules: Record<string, ModuleEntry> }} Manifest */
 /** @typedef {"partial" | "full"} View */
 /**
- * Tiles of one size; lists have the extents of the server's arrays.
- * @typedef {{ number: BigInt64Array, under: BigInt64Array, tiles: Uint8Array, agents: Uint8Array, carried: Uint8Array,
+ * Tiles of one size; lists have the extents of the server's arrays. Those of one world differ in size or in name.
+ * @typedef {{ name?: string, number: BigInt64Array, under: BigInt64Array, tiles: Uint8Array, agents: Uint8Array, carried: Uint8Array,
  * tile_px: number, small_px: number }} Atlas
  */
 /**
@@ -52,6 +52,7 @@ export class Kernels {
     const exported = /** @type {any} */ (instance.exports);
     this.exported = exported;
     this.signatures = signatures;
+    this.sources = ""; // the digest of what they were compiled from
     /** @type {WebAssembly.Memory} */ this.memory = exported.memory;
     this.free = Number(exported.__heap_base.value);
   }
@@ -70,7 +71,9 @@ export class Kernels {
     const simd = WebAssembly.validate(SIMD_PROBE);
     const file = entry.files.find((one) => one.simd && simd) ?? entry.files.find((one) => !one.simd);
     if (!file) throw new Error(`there is no module ${name} for this browser`);
-    return Kernels.compile(await (await fetch(`${folder}/${file.file}`)).arrayBuffer(), entry);
+    const kernels = await Kernels.compile(await (await fetch(`${folder}/${file.file}`)).arrayBuffer(), entry);
+    kernels.sources = manifest.sources;
+    return kernels;
   }
 
   /** An array of zeros, or of these numbers. @param {keyof TYPES} kind @param {number[]} shape @param {Numbers} [from] */
@@ -109,6 +112,8 @@ export class Kernels {
       call: (number = 0) => call(table.at, number),
       /** A result that is a fraction. @param {number} at */
       real: (at) => new DataView(this.memory.buffer).getFloat64(table.at + WORD_BYTES * (words.length + at), true),
+      /** A result that is a whole number of 64 bits. @param {number} at @returns {bigint} */
+      word: (at) => BigInt.asUintN(64, table.data[words.length + at]),
     };
   }
 }
@@ -125,6 +130,8 @@ export class GridWorld {
     this.image = kernels.array("uint8", [this.size, this.size, 3]);
     this.stepped = kernels.bind("step", this.row, this.words, this.image);
     this.seen = kernels.bind("see", this.row, this.image);
+    this.outcome = kernels.array("uint64", [2]);
+    this.digested = kernels.bind("digest_step", this.row, this.image, this.outcome);
     /** @type {Map<string, Picture>} */ this.pictures = new Map();
     this.begin(start);
   }
@@ -144,9 +151,21 @@ export class GridWorld {
     return { status, reward: status < 0 ? 0 : this.stepped.real(2), direction: /** @type {number} */ (this.row.data[DIRECTION]) };
   }
 
+  /**
+   * The digest of the last step, as the server's. @param {number} reward
+   * @param {number} ends 0: the episode goes on, 1: it is terminated, 2: truncated
+   */
+  digest(reward, ends) {
+    const { data } = this.outcome;
+    new Float64Array(data.buffer, data.byteOffset, 1)[0] = reward;
+    data[1] = BigInt(ends);
+    this.digested.call();
+    return this.digested.word(0).toString(16).padStart(16, "0");
+  }
+
   /** Draw into a picture that is kept. @param {View} view @param {Atlas} atlas @param {boolean} [lit] */
   draw(view, atlas, lit = true) {
-    const key = `${view} ${atlas.tile_px}`;
+    const key = `${view} ${atlas.tile_px} ${atlas.name}`;
     let picture = this.pictures.get(key);
     if (!picture) this.pictures.set(key, (picture = new Picture(this, view, atlas)));
     return picture.draw(lit);
@@ -154,7 +173,7 @@ export class GridWorld {
 }
 
 /** What a grid world looks like, in one size. */
-class Picture {
+export class Picture {
   /** @param {GridWorld} world @param {View} view @param {Atlas} atlas */
   constructor(world, view, atlas) {
     const { kernels, row } = world, { tile_px: px, small_px: small } = atlas;
@@ -173,7 +192,7 @@ class Picture {
     this.drawn = kernels.bind(
       "draw_cells", row, this.image, Number(full), Number(world.inView), kernels.array("int64", [columns, lines]),
       kernels.array("int64", [looks], atlas.number), kernels.array("int64", [4, looks], atlas.under),
-      kernels.array("uint8", [2, tiles, px, 3 * px], atlas.tiles), this.figures(kernels, atlas.agents, px),
+      kernels.array("uint8", [2, tiles, px, 3 * px], atlas.tiles), this.figures(kernels, atlas.agents, Math.sqrt(atlas.agents.length / 16)),
       this.figures(kernels, atlas.carried, small), this.rgb, this.rgb,
     );
     this.converted = kernels.bind("write_rgba", this.flat, this.rgba);
@@ -199,7 +218,7 @@ class Picture {
     }
     const { buffer } = this.kernels.memory;
     const pixels = new Uint8ClampedArray(/** @type {ArrayBuffer} */ (buffer), this.rgba.at, this.rgba.length);
-    canvas.getContext("2d")?.putImageData(new ImageData(pixels, this.width, this.height), 0, 0);
+    canvas.getContext("2d", { alpha: false })?.putImageData(new ImageData(pixels, this.width, this.height), 0, 0);
   }
 
   get kernels() { return this.world.kernels; }

@@ -7,6 +7,7 @@ start: an update of the package does not change what a running server sends.
 
 import asyncio
 import contextlib
+import json
 import logging
 import time
 from collections import deque
@@ -24,6 +25,7 @@ from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.completion import build_completion, classify_ending, get_page_texts
+from minihuman.web.computed import kernels_digest
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
 from minihuman.web.limits import (
     HEADERS,
@@ -125,13 +127,20 @@ def _with_ours(headers: Sequence[tuple[bytes, bytes]]) -> list[tuple[bytes, byte
 
 
 _FOLDER = Path(__file__).parents[1] / "page"
-_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+_TYPES = {
+    ".html": "text/html",
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".json": "application/json",
+    ".wasm": "application/wasm",
+}
 
 
 def build_page_routes() -> list[Route]:
     """The page at the root, and what it loads below `/static`."""
-    files = [path for path in sorted(_FOLDER.iterdir()) if path.suffix in _TYPES]
-    return [_route("/" if path.name == "page.html" else f"/static/{path.name}", path) for path in files]
+    files = [path for path in sorted(_FOLDER.rglob("*")) if path.suffix in _TYPES]
+    addresses = {path: f"/static/{path.relative_to(_FOLDER).as_posix()}" for path in files}
+    return [_route("/" if path.name == "page.html" else addresses[path], path) for path in files]
 
 
 def _route(address: str, path: Path) -> Route:
@@ -188,6 +197,10 @@ class WebServer:
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         worlds = collect_world_facts(block.world for block in self._arrivals.protocol.blocks)
+        if json.loads((_FOLDER / "worlds/manifest.json").read_text(encoding="utf-8"))["sources"] != kernels_digest():
+            LOG.warning(
+                "the page's modules are of other rules, so none computes: run `python -m minihuman.worlds.build`"
+            )
         self._factory.facts = {"player": "human", **await asyncio.to_thread(collect_machine_facts), **worlds}
         tasks = [asyncio.create_task(work()) for work in (self._grow, self._look_after, self._poll)]
         try:
@@ -243,10 +256,10 @@ class WebServer:
         allowance = RateLimit(time.monotonic())
         try:
             while connection.sockets == number:
-                text = await page.receive()
-                while not allowance.take(time.monotonic()):
-                    await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
-                await self._receive(page, connection, messages.decode_page_message(text))
+                for text in (await page.receive()).split("\n"):  # several as one
+                    while not allowance.take(time.monotonic()):
+                        await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
+                    await self._receive(page, connection, messages.decode_page_message(text))
         finally:
             writing.cancel()
             connection.seen_s = time.monotonic()

@@ -60,7 +60,8 @@ class World:
 
     def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
         self.id = world_id
-        self._env = _make(world_id, options or {})
+        self.options = options or {}
+        self._env = _make(world_id, self.options)
         native = self._env.unwrapped
         self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
         space = self._env.action_space
@@ -88,6 +89,12 @@ class World:
         """Calls that each compile a piece of its code; none where compiling is quick or cannot be split."""
         env = self._env.unwrapped
         return env.compile_pieces if isinstance(env, NativeWorld) else ()
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compiled kernels alone step and draw it, and no wrapper changes that: then a page can, too."""
+        env = self._env.unwrapped
+        return isinstance(env, NativeWorld) and env.is_compiled and not self._wrappers.any
 
     @property
     def observation(self) -> Any:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from minihuman.worlds.first_person.render.shading import colour
 from minihuman.worlds.first_person.render.visibility import cover
 from minihuman.worlds.grid.babyai.verifier import step_instructed
+from minihuman.worlds.grid.core.digest import digest_step
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.pictures.drawing import draw_cells
 from minihuman.worlds.kernels import int64, kernel
@@ -65,6 +66,7 @@ EXPORTS: Mapping[str, tuple[Export, ...]] = {
     "grid": (
         Export("step", step_instructed, (_ROW, "int64", _WORDS, _VIEW)),  # which steps the others too
         Export("see", see, (_ROW, _VIEW)),
+        Export("digest_step", digest_step, (_ROW, _VIEW, _WORDS)),
         Export(
             "draw_cells",
             draw_cells,

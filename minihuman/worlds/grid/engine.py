@@ -90,6 +90,7 @@ def _floor() -> Row:
 
 
 MOST_LINES = 32 * MAX_CELLS  # of pixels that `render` draws
+_COMPILED = ("step", "advance", "observation", "look", "frame", "picture", "tiles")  # by kernels, unless overridden
 YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
 
 
@@ -422,11 +423,25 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
         """The largest picture with whole-numbered tiles that fits, uint8[H, W, 3]."""
+        tile_px, palette_ = self.tiles(view, size_px, palette)
+        # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
+        return self._draw(view, tile_px, palette_, by_bytes=True)
+
+    def tiles(self, view: View, size_px: tuple[int, int], palette: Palette) -> tuple[int, GridPalette]:
+        """The size of the tiles that `picture` is drawn of, in pixels, and their palette."""
         size = self.image_shape[0]
         columns, rows = (size, size) if view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
-        # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
-        return self._draw(view, tile_px, self.palette if self.palette == "minigrid" else palette, by_bytes=True)
+        return tile_px, self.palette if self.palette == "minigrid" else palette
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether kernels alone step and draw it, on its row."""
+        return self._is_plain(GridEngine)
+
+    def _is_plain(self, base: type) -> bool:
+        """Whether it steps, looks and is drawn as a base class is, and keeps nothing beside its row."""
+        return not self.kept and not self.cell_marks and all(getattr(type(self), name) is getattr(base, name) for name in _COMPILED)
 
     def is_kind(self, code: int, kind: ObjectKind) -> bool:
         """Whether a cell's code, or that of what is carried, is of a kind of this world's own."""

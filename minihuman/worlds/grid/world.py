@@ -35,6 +35,11 @@ class GridWorld(GridEngine, abc.ABC):
         """
         return reward, terminated
 
+    @property
+    def is_compiled(self) -> bool:
+        """Whether kernels alone step and draw it: not with a `reward_and_done` of its own."""
+        return not self._has_own_reward and self._is_plain(GridWorld)
+
     def _lay_out(self) -> None:
         grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)

@@ -9,6 +9,7 @@ import numpy as np
 
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.render.drawing import MOST_SPANS
+from minihuman.worlds.grid.core.digest import digest_step
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
 
@@ -30,12 +31,6 @@ class Files:
         if not (self.folder / name).exists():
             (self.folder / name).write_bytes(content)
         return {"file": name, "kind": str(array.dtype)}
-
-
-def is_foreign(env: Any) -> bool:
-    """Whether the rules of a world are Python's, so that a page cannot step it."""
-    ours = isinstance(env, GridEngine) and not env.kept
-    return not ours or {type(env).step, type(env).advance} != {GridEngine.step, GridEngine.advance}
 
 
 def _atlas_case(env: GridEngine, tile_px: int, files: Files) -> dict[str, Any]:
@@ -73,6 +68,8 @@ def grid_case(env: GridEngine, seed: int, files: Files, name: str) -> tuple[dict
         digest.update(bytes([terminated | truncated << 1, observation["direction"]]))
         digest.update(np.float64(reward).tobytes() + now.row.tobytes() + now.rng_state.tobytes())
         digest.update(observation["image"].tobytes())
+        outcome = np.array([np.float64(reward).view(np.uint64), 1 if terminated else 2 if truncated else 0], np.uint64)
+        digest.update(f"{digest_step(now.row, observation['image'], outcome):016x}".encode())
         if at % EVERY == 0:
             digest.update(env.picture(view="partial", size_px=SIZE_PX).tobytes())
             digest.update(env.picture(view="full", size_px=SIZE_PX).tobytes())

@@ -33,6 +33,7 @@ async function playGrid(one) {
     reward[0] = done.reward;
     hash.update(new Uint8Array([done.status, done.direction]));
     for (const view of [reward, world.row.data, world.words.data, world.image.data]) hash.update(bytesOf(view));
+    hash.update(world.digest(done.reward, done.status & 1 ? 1 : done.status));
     if (atlas && at % 10 === 0) hash.update(world.draw("partial", atlas).rgb.data);
     if (full && at % 10 === 0) hash.update(world.draw("full", full).rgb.data);
     if (done.status > 0) world.begin(start(one));

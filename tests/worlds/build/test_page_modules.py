@@ -12,9 +12,9 @@ import pytest
 import minihuman
 from minihuman.worlds.build.page_modules import MANIFEST, sources_digest
 from minihuman.worlds.build.targets import PAGE, linker_version
-from minihuman.worlds.catalogue import WORLDS
+from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from tests.worlds.build.page_cases import Files, differing, grid_case, is_foreign, scene_case
+from tests.worlds.build.page_cases import Files, differing, grid_case, scene_case
 
 PAGE_FOLDER = Path(minihuman.__file__).parent / "web/page"
 MODULES = PAGE_FOLDER / "worlds"
@@ -69,16 +69,19 @@ def test_every_grid_world_plays_in_the_page_as_in_python(tmp_path):
         env = gymnasium.make(entry.id).unwrapped
         if isinstance(env, FirstPersonEnv):
             continue
-        if is_foreign(env):
+        assert env.is_compiled == is_compiled_grid(entry.id, {})
+        if not env.is_compiled:
             foreign.append(entry.id)
             continue
         for seed in range(SEEDS):
             name = f"{entry.id} {seed}"
             case, expected[name] = grid_case(env, seed, files, name)
             cases.append(case)
-    assert differing(expected, _played(tmp_path, cases)) == []
+    upstream = gymnasium.make("minihuman/MiniGrid-KeyCorridorS3R3-v0", palette="minigrid").unwrapped
+    case, expected["palette"] = grid_case(upstream, 0, files, "palette")
+    assert differing(expected, _played(tmp_path, [*cases, case])) == []
     assert foreign == FOREIGN
-    assert len(expected) == 193 * SEEDS
+    assert len(expected) == 193 * SEEDS + 1
 
 
 @needs_node

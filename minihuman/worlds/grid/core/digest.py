@@ -1,0 +1,45 @@
+"""The digest of a step: 64 bits by which a page and the server see whether they computed the same.
+
+It is over flat arrays alone, so it is the same compiled function on both sides. The log's `state_hash` is another one.
+No product here overflows 64 bits, so this file is exact as plain Python too.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.core.state import Row
+from minihuman.worlds.kernels import inline, kernel
+
+_LOW = np.uint64(0xFFFFFFFF)
+_8, _13, _15, _16, _32 = np.uint64(8), np.uint64(13), np.uint64(15), np.uint64(16), np.uint64(32)
+_A, _B = np.uint64(0x9E3779B1), np.uint64(0x85EBCA77)  # odd, so that no two values meet in one step
+
+
+@inline
+def stir(half: np.uint64, value: np.uint64, factor: np.uint64, shift: np.uint64) -> np.uint64:
+    """Stir 32 bits into one half of the digest."""
+    mixed = (half ^ value) * factor & _LOW
+    return mixed ^ mixed >> shift
+
+
+@kernel("uint64(int32[::1], uint8[:, :, ::1], uint64[::1])", hold_gil=True)
+def digest_step(row: Row, image: NDArray[np.uint8], outcome: NDArray[np.uint64]) -> np.uint64:
+    """Digest what a step led to.
+
+    Args:
+        row: The state after it.
+        image: What the agent sees then, uint8[size, size, 3].
+        outcome: The reward's bits as a float64, and how the episode ended: 0 not at all, 1 terminated, 2 truncated.
+    """
+    one, other = _A, _B
+    for k in range(len(row)):
+        value = np.uint64(row[k]) & _LOW
+        one, other = stir(one, value, _A, _15), stir(other, value, _B, _13)
+    for i in range(image.shape[0]):
+        for j in range(image.shape[1]):
+            value = np.uint64(image[i, j, 0]) | np.uint64(image[i, j, 1]) << _8 | np.uint64(image[i, j, 2]) << _16
+            one, other = stir(one, value, _A, _15), stir(other, value, _B, _13)
+    for k in range(len(outcome)):
+        for value in (outcome[k] & _LOW, outcome[k] >> _32):
+            one, other = stir(one, value, _A, _15), stir(other, value, _B, _13)
+    return one << _32 | other

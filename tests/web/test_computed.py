@@ -1,0 +1,286 @@
+"""Episodes that the page computes: keys show what the world is, and the session's steps decide, whatever it says."""
+
+import asyncio
+import base64
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.machine.events import Noted, Stepped
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.replay import BROWSER_NOTE, compare_replay
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.recorder import MemoryRecorder
+from minihuman.web import messages
+from minihuman.web.computed import PageWorld, kernels_digest
+from minihuman.web.outbox import PageSettings
+from minihuman.web.session_host import SessionHost
+from minihuman.worlds.adapters.world import World
+from tests.counts import PATIENCE_S
+from tests.web.browser import browsing
+from tests.web.page_model import PageModel
+from tests.web.page_steps import PageSteps
+from tests.web.protocols import study
+from tests.web.served import served
+from tests.web.serving import line, serving
+from tests.web.typed_page import TypedPage
+
+MS = 1_000_000
+WRONG = "0123456789abcdef"
+
+
+def playing(folder: Path, *, block: str = "", computes: bool = True) -> tuple[SessionHost, MemoryRecorder, PageModel]:
+    """A host in its first episode, and a page before it that computes."""
+    protocol = decode_protocol(study(folder, max_steps=9, block=block).read_bytes())
+    plan, recorder = expand_protocol(protocol, enrol_participant(protocol, 0)), MemoryRecorder()
+    session = SessionMachine(plan, PageWorld, {"window": "web"}, picture_px=(84, 84), renders_steps=False)
+    host = SessionHost(session, recorder, PageWorld, PageSettings(picture_px=(84, 84)))
+    host.restart(computes=computes)
+    page = PageModel(host, [(300 * MS, "enter", True)], frame_ns=16 * MS)
+    page.run()
+    assert host.session.play is not None
+    return host, recorder, page
+
+
+def notes(recorder: MemoryRecorder) -> list[str]:
+    return [event.text for event in recorder.events if isinstance(event, Noted) and event.kind == BROWSER_NOTE]
+
+
+def press(page: PageModel, key: str, digest: str | None = None) -> str:
+    """Press a key, with the digest of its step or another; what the digest should be."""
+    assert page.steps is not None
+    right = page.steps.press(key)
+    t_ns = page.sent[-1].at + 100 * MS
+    page.say(messages.KeyMessage(key, True, t_ns, digest=right if digest is None else digest))
+    return right
+
+
+def corrections(page: PageModel) -> list[messages.StateCorrection]:
+    return [told for told in page.told if isinstance(told, messages.StateCorrection)]
+
+
+def test_a_step_that_the_page_computed_right_is_answered_with_nothing(tmp_path: Path) -> None:
+    host, recorder, page = playing(tmp_path)
+    told = len(page.told)
+    for key in ("1", "2", "3", "1"):
+        press(page, key)
+    assert page.told[told:] == []
+    assert host.session.play is not None
+    assert host.session.play.steps == 4
+    assert notes(recorder) == []
+    host.close()
+
+
+def test_a_page_that_computes_otherwise_is_named_once_and_told_where_it_is_each_time(tmp_path: Path) -> None:
+    host, recorder, page = playing(tmp_path)
+    right = press(page, "1", WRONG)
+    press(page, "2", WRONG)
+    press(page, "3")
+    assert notes(recorder) == [
+        f"step 1 of episode 1 was computed otherwise in the page: its digest is {WRONG}, here it is {right}"
+    ]
+    assert [told.state.step for told in corrections(page)] == [1, 2]
+    press(page, "1", WRONG)
+    assert len(notes(recorder)) == 2, "it was right in between"
+    play = host.session.play
+    assert play is not None
+    world = World(play.plan.world, play.plan.options)
+    world.reset(play.plan.seed)
+    for action in play.actions:
+        world.step(action)
+    assert world.state_hash() == play.world.state_hash(), "what the page says changes nothing"
+    assert list(compare_replay(recorder.events, World)) == []
+    host.close()
+
+
+def test_a_step_through_a_wall_that_the_page_claims_and_the_session_does_not_make_is_named(tmp_path: Path) -> None:
+    host, recorder, page = playing(tmp_path)
+    page.say(messages.KeyMessage("x", True, 900 * MS, digest=WRONG))
+    assert notes(recorder) == ["key x made a step of episode 1 in the page, and none here"]
+    assert [told.state.step for told in corrections(page)] == [0]
+    host.close()
+
+
+def test_a_page_that_could_not_know_is_told_where_it_is_and_not_blamed(tmp_path: Path) -> None:
+    host, recorder, page = playing(tmp_path)
+    press(page, "1", "")
+    assert (notes(recorder), [told.state.step for told in corrections(page)]) == ([], [1])
+    press(page, "2")
+    assert len(corrections(page)) == 1
+    host.close()
+
+
+def test_after_a_pause_the_page_is_told_where_the_episode_stands(tmp_path: Path) -> None:
+    host, _, page = playing(tmp_path)
+    press(page, "1")
+    press(page, "2")
+    for key in ("f8", "enter"):
+        page.say(messages.KeyMessage(key, True, page.sent[-1].at + 100 * MS))
+    assert host.session.play is not None
+    assert [told.state.step for told in corrections(page)] == [2]
+    host.close()
+
+
+def test_a_page_that_is_loaded_again_gets_the_state_and_the_tiles_again(tmp_path: Path) -> None:
+    host, recorder, page = playing(tmp_path)
+    for key in ("1", "2", "3"):
+        press(page, key)
+    host.restart(computes=True)
+    told = [message for _, message in host.outgoing.after(0)]
+    [rules] = [message for message in told if isinstance(message, messages.EpisodeRules)]
+    assert [type(message) for message in told[:2]] == [messages.AtlasMessage, messages.EpisodeRules]
+    assert rules.computed is not None
+    assert rules.computed.step == 3
+    assert host.session.play is not None
+    steps = PageSteps(host.session.play.plan.world, rules)
+    number, at_ns = page.sent[-1].n + 1, page.sent[-1].at + 100 * MS
+    host.receive(number, at_ns, messages.KeyMessage("1", True, at_ns, digest=steps.press("1")))
+    assert notes(recorder) == []
+    host.close()
+
+
+@pytest.mark.parametrize("why", ["protocol", "page"])
+def test_a_block_that_the_page_does_not_compute_is_looked_ahead_in(tmp_path: Path, why: str) -> None:
+    block = 'computed = "server"' if why == "protocol" else ""
+    host, _, page = playing(tmp_path, block=block, computes=why == "protocol")
+    assert page.steps is None
+    assert any(isinstance(told, messages.LookAheadUpdate) for told in page.told)
+    host.close()
+
+
+PALETTES = """
+[study]
+name = "tried"
+version = "1.0"
+seed = 7
+[keys]
+pool = ["1", "2", "3", "4", "5"]
+keyboard_check = false
+[web]
+image_size_px = [400, 300]
+[[groups]]
+name = "everyone"
+blocks = ["rooms", "key", "obstacles", "level"]
+"""
+BLOCK = """
+[[blocks]]
+name = "{name}"
+world = "minihuman/{world}"
+episodes = 1
+max_steps = 12
+final_frame_ms = 300
+actions = {actions}
+{more}
+"""
+TURNS = ["left", "right", "forward"]
+BLOCKS = [
+    ("rooms", "MiniGrid-FourRooms-v0", TURNS, 'palette = "colour-safe"'),
+    ("key", "MiniGrid-DoorKey-8x8-v0", [*TURNS, "pickup", "toggle"], 'view = "full"'),
+    ("obstacles", "MiniGrid-Dynamic-Obstacles-6x6-v0", TURNS, 'options = { palette = "minigrid" }'),
+    ("level", "BabyAI-GoToLocal-v0", [*TURNS, "pickup"], ""),
+]
+PIXELS = """() => {
+  const canvas = document.querySelector("#screen canvas");
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  return [canvas.width, canvas.height, btoa(Array.from(data, (byte) => String.fromCharCode(byte)).join(""))];
+}"""
+
+
+@pytest.mark.program
+def test_what_the_page_draws_is_the_worlds_picture_to_the_pixel(tmp_path: Path) -> None:
+    path = tmp_path / "tried.toml"
+    path.write_text(PALETTES + "".join(BLOCK.format(name=n, world=w, actions=a, more=m) for n, w, a, m in BLOCKS))
+    protocol = decode_protocol(path.read_bytes())
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0))
+    rng, drawn = random.Random(5), 0
+    with serving(path, tmp_path) as server, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{server.port}/#t={server.tokens[0]}")
+        for episode in plan.episodes:
+            somebody.to_play()
+            world = World(episode.world, episode.options)
+            world.reset(episode.seed)
+            ended = False
+            for _ in range(7):
+                width, height, pixels = somebody.page.evaluate(PIXELS)
+                shown = np.frombuffer(base64.b64decode(pixels), np.uint8).reshape(height, width, 4)[..., :3]
+                assert np.array_equal(shown, world.frame(episode.view, (400, 300), episode.palette)), episode.block_name
+                drawn += 1
+                if ended:
+                    break
+                key = rng.choice(sorted(episode.key_map.keys))
+                made = world.step(world.action_names.index(episode.key_map.keys[key]))
+                ended = made.terminated or made.truncated
+                somebody.press(key)
+            while somebody.state["playing"] and not somebody.state["ended"]:
+                somebody.press(rng.choice(sorted(episode.key_map.keys)))
+            somebody.until("!s.playing")
+        somebody.to_end()
+        assert somebody.errors == []
+    [log] = tmp_path.rglob("*.mcap")
+    assert drawn > 20
+    assert read_log(log).facts["page_kernels"] == kernels_digest()
+    assert [event.text for event in read_events(log) if isinstance(event, Noted) and event.kind == BROWSER_NOTE] == []
+    assert list(find_log_differences(log, World)) == []
+
+
+@pytest.mark.program
+def test_a_page_plays_on_without_a_network_and_is_right_about_it(tmp_path: Path) -> None:
+    with (
+        serving(study(tmp_path, max_steps=60), tmp_path) as server,
+        line(server.port, rtt_ms=300) as wire,
+        browsing() as sit_down,
+    ):
+        somebody = sit_down(f"http://127.0.0.1:{wire.port}/#t={server.tokens[0]}")
+        somebody.to_play()
+        wire.cut()
+        for number in range(30):
+            somebody.press("123"[number % 3])
+        somebody.until("s.step === 30")
+        somebody.page.wait_for_timeout(100)
+        assert somebody.state["confirmed"] == 0
+        wire.mend()
+        somebody.until("s.unsafe === 0 && s.confirmed === 30 && s.step === 30")
+        assert somebody.errors == []
+        server.stop()
+    [log] = tmp_path.rglob("*.mcap.part")
+    events = list(read_events(log))
+    assert sum(isinstance(event, Stepped) for event in events) == 30
+    assert [event.text for event in events if isinstance(event, Noted) and event.kind == BROWSER_NOTE] == []
+    assert list(find_log_differences(log, World)) == []
+
+
+class LyingPage(TypedPage):
+    """A page whose every third step is said to have led elsewhere."""
+
+    def lies(self, digest: str) -> str:
+        return WRONG if self.counts.presses % 3 == 2 else digest
+
+
+@pytest.mark.program
+def test_a_page_that_lies_of_its_steps_is_named_and_its_neighbour_notices_nothing(tmp_path: Path) -> None:
+    world = "minihuman/MiniGrid-Empty-5x5-v0"
+
+    async def both(liar: TypedPage, honest: TypedPage) -> None:
+        await asyncio.wait_for(asyncio.gather(liar.take_part(), honest.take_part()), PATIENCE_S)
+
+    with served(tmp_path, links=2, episodes=2) as server:
+        pages = [
+            kind(server.host, token, keys_per_s=12, rng=random.Random(3), computes=world)
+            for kind, token in zip((LyingPage, TypedPage), server.links, strict=True)
+        ]
+        asyncio.run(both(*pages))
+        assert [page.counts.over for page in pages] == ["complete", "complete"]
+        assert "Traceback" not in server.complaints()
+        logs = sorted((tmp_path / "data").rglob("*.mcap"))
+    named = [
+        [event.text for event in read_events(log) if isinstance(event, Noted) and event.kind == BROWSER_NOTE]
+        for log in logs
+    ]
+    assert sorted(map(bool, named)) == [False, True]
+    for log in logs:
+        assert list(find_log_differences(log, World)) == []
