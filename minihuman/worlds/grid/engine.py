@@ -441,7 +441,11 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
 
     def _is_plain(self, base: type) -> bool:
         """Whether it steps, looks and is drawn as a base class is, and keeps nothing beside its row."""
-        return not self.kept and not self.cell_marks and all(getattr(type(self), name) is getattr(base, name) for name in _COMPILED)
+        return (
+            not self.kept
+            and not self.cell_marks
+            and all(getattr(type(self), name) is getattr(base, name) for name in _COMPILED)
+        )
 
     def is_kind(self, code: int, kind: ObjectKind) -> bool:
         """Whether a cell's code, or that of what is carried, is of a kind of this world's own."""
