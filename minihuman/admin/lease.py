@@ -26,7 +26,7 @@ from minihuman.log.record.finalization import put_aside
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0
 SAFETY_MARGIN_S = 2.0  # before the lease runs out: from here on nothing is acknowledged
-_SUPERSEDED = "superseded"
+SUPERSEDED = "superseded"  # in the name of a file that is another server's now
 
 
 class LeaseHeldError(LogError):
@@ -198,14 +198,14 @@ class SessionLeases:
         copies = self._table.read_files(lease.session)
         for part in folder.glob(f"*{PART_SUFFIX}"):
             if part.name not in copies:
-                put_aside(part, _SUPERSEDED)
+                put_aside(part, SUPERSEDED)
         for name, data in copies.items():
             path = folder / name
             here = path.read_bytes() if path.exists() else None
             grows = name.endswith(PART_SUFFIX)
             if here is None or not (here.startswith(data) if grows else here == data):
                 if here is not None:
-                    put_aside(path, _SUPERSEDED)
+                    put_aside(path, SUPERSEDED)
                 _write_durably(path, data)
                 stamp_s = time.time() - lease.grant.idle_s
                 os.utime(path, (stamp_s, stamp_s))
@@ -255,13 +255,17 @@ class SessionLeases:
             raise LeaseLostError(f"{lease.session} is on another server now")
         lease._copied = {}
 
-    def release(self, lease: Lease) -> None:
-        """Hand a session over, after copying the rest. Where the database cannot be asked the lease runs out."""
-        with suppress(OSError):
+    def release(self, lease: Lease) -> bool:
+        """Hand a session over, after copying the rest; False where the database cannot be asked: the lease runs out."""
+        try:
             if not lease.lost and not lease._ended and not lease.grant.ended:
                 self.renew([lease])
                 self._table.release(lease.session, lease.grant.fence)
-        lease.lost = True
+        except OSError:
+            return False
+        finally:
+            lease.lost = True
+        return True
 
 
 def name_session(study: str, participant: str, session: int) -> str:

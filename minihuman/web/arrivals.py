@@ -112,6 +112,8 @@ class Rejection:
 
     reason: RejectionReason
     ended: str = ""  # where they have taken part: why their last session ended
+    session: int = 1  # which that was
+    person: str = ""  # their id on the platform that sent them
 
 
 class Arrivals:
@@ -190,7 +192,8 @@ class Arrivals:
             participant, plan = first
         found = self._next_session(participant)
         if isinstance(found, str):
-            return Rejection("finished", found)
+            last = max(1, len(self.protocol.sessions))
+            return Rejection("finished", found, last, self.id_on_platform(participant))
         session, lease = found
         try:
             admission = self._plan_admission(participant, session, plan)
@@ -215,7 +218,10 @@ class Arrivals:
         try:
             return replace(admission, plan=self.plan(admission))
         except AllocationError:
-            return Rejection("not_today" if session > 1 else "broken")
+            if session == 1:
+                return Rejection("broken")
+            ended = self._read_end(participant, session - 1)
+            return Rejection("not_today", ended, session - 1, self.id_on_platform(participant))
 
     def _first_time(self, key: str, who: PlatformVisitor | None) -> tuple[str, SessionPlan | None] | Rejection:
         """Give a new visitor the next slot; return its plan if they just got it."""

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from weakref import WeakValueDictionary
 
-from minihuman.admin.lease import SessionLeases
+from minihuman.admin.lease import SUPERSEDED, SessionLeases
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
 from minihuman.errors import LogError, MinihumanError
@@ -31,14 +31,15 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.replay import resume_from_events
 from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder, study_folder
 from minihuman.log.record.disk import GroupCommit, RecorderSettings
+from minihuman.log.record.finalization import put_aside
 from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.command_inbox import CommandInbox, inbox_path
 from minihuman.web import messages
-from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection
-from minihuman.web.completion import build_completion, classify_ending, get_page_texts
+from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor
+from minihuman.web.completion import Completion, build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.eligibility import BrowserProperties, check_eligibility, collect_browser_facts
 from minihuman.web.messages import KEY_CODES, IncomingStream
 from minihuman.web.outbox import PageSettings
@@ -384,13 +385,17 @@ class Connection:
         self.finished = True
 
     def leave(self) -> None:
-        """Make it durable and go: the next server goes on with it. Blocks for the disk."""
+        """Make it durable and go: the next server goes on with it. Blocks for the disk.
+
+        Of a session that was left to another server the log that is here is put aside.
+        """
         if not self._closed:
             self.host.close_agent()
             for file in self._hosted.files:
                 file.leave()
-            if self._leases is not None and self.lease is not None:
-                self._leases.release(self.lease)
+            is_released = self._leases is not None and self.lease is not None and self._leases.release(self.lease)
+            for file in self._hosted.files if is_released and self.dismissed else ():
+                put_aside(file.where.part, SUPERSEDED)
 
 
 def _record_end(log: Path) -> bool:
@@ -423,6 +428,8 @@ class TurnedAway:
 
     reason: str
     words: str
+    leave: str = ""  # the words of the link back
+    url: str = ""  # to where they were recruited
 
 
 class ConnectionFactory:
@@ -453,8 +460,10 @@ class ConnectionFactory:
         """Find or make the connection for a hello."""
         if hello.version != messages.MESSAGE_VERSION:
             return TurnedAway("old", self._words["busy"])  # it is loaded again by itself
-        if reason := check_eligibility(self._web, _browser_properties(hello.facts)):
-            return self._turned(reason)
+        has_blocks = bool(self._arrivals.protocol.blocks)  # which no touch screen can play
+        if reason := check_eligibility(self._web, _browser_properties(hello.facts), needs_keyboard=has_blocks):
+            who = identify_visitor(hello.platform, self._web.recruitment_platforms)
+            return self._turned(reason, person=who.id if who is not None else "")
         came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
         turn = self._turns.setdefault(came_with, asyncio.Lock())
         async with turn:
@@ -546,15 +555,22 @@ class ConnectionFactory:
         if not refused.ended:
             return self._turned(refused.reason)
         end = classify_ending("complete" if refused.ended not in FINAL_END_REASONS else refused.ended, agreed=True)  # type: ignore[arg-type]
-        code, words = build_completion(self._web, end).code, self._words[end]
-        return TurnedAway(end, f"{words} {self._words['code']}: {code}" if code else words)
+        code = get_session_code(self._arrivals.protocol, refused.session)
+        done = build_completion(self._web, end, session_code=code, person=refused.person)
+        is_over = refused.reason == "finished"
+        return self._with_code(end if is_over else refused.reason, self._words[end if is_over else "not_today"], done)
 
-    def _turned(self, reason: str) -> TurnedAway:
+    def _with_code(self, reason: str, words: str, done: Completion) -> TurnedAway:
+        words = f"{words} {self._words['code']}: {done.code}" if done.code else words
+        return TurnedAway(reason, words, self._words["leave"], done.url)
+
+    def _turned(self, reason: str, *, person: str = "") -> TurnedAway:
         width, height = self._web.min_window_size_px
         fields = {"browsers": ", ".join(self._web.allowed_browsers), "width": width, "height": height}
         words = self._words[reason].format(**fields)
-        code = self._web.completion_codes.screened_out
-        return TurnedAway(reason, f"{words} {self._words['code']}: {code}" if code and reason in _FOR_GOOD else words)
+        if reason not in _FOR_GOOD:
+            return TurnedAway(reason, words)
+        return self._with_code(reason, words, build_completion(self._web, "screened_out", person=person))
 
 
 class _WakeQueue:

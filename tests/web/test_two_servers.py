@@ -4,8 +4,8 @@ Servers are killed and cut off from the database meanwhile. MINIHUMAN_LONG=1 tak
 """
 
 import asyncio
+import hashlib
 import json
-import os
 import random
 from collections import Counter
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ from tests.web.wandering_page import WanderingPage
 pytestmark = [pytest.mark.program]
 PEOPLE, KILLS, PARTITIONS = count(6, 200), count(2, 20), count(2, 20)
 LOADS = count(2, 3)
-AT_ONCE = count(6, int(os.environ.get("MINIHUMAN_AT_ONCE", "40")))
+AT_ONCE = count(6, 40)
 PARTITION_S = 12.0  # longer than a lease
 WEB = "image_size_px = [96, 96]\nmax_concurrent_sessions = 500"
 
@@ -95,7 +95,7 @@ async def everybody_plays(machines: list[Machine], pages: list[WanderingPage], s
         async with seats:
             await page.take_part()
 
-    disturbing = asyncio.create_task(disturb(machines, rng, happened, pause_s=count(2, 8)))
+    disturbing = asyncio.create_task(disturb(machines, rng, happened, pause_s=count(2, 4)))
     playing = asyncio.gather(*map(takes_part, pages))
     try:
         await asyncio.wait_for(asyncio.gather(disturbing, playing), PATIENCE_S)
@@ -114,19 +114,21 @@ def test_people_who_are_loaded_from_either_server_play_once_and_nothing_acknowle
         ]
         happened = asyncio.run(everybody_plays(machines, pages, seed=3))
         assert happened == Counter(kill=KILLS, partition=PARTITIONS)
-        assert Counter(page.counts.over for page in pages) == {"complete": PEOPLE}
+        assert Counter(page.counts.over or page.counts.refused for page in pages) == {"complete": PEOPLE}
         for machine in machines:
             machine.served.stop()
         moved = sum(len(set(page.visits)) > 1 for page in pages)
-        completed = Counter(log.name for machine in machines for log in machine.data.rglob("*.mcap"))
         elsewhere = tmp_path / "elsewhere"
         elsewhere.mkdir()
         for name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
             (elsewhere / name).write_text((machines[0].data / name).read_text())
-        for machine in machines:
-            sync_logs(machine.data, "tried/")
-            assert list_problems(machine.data / "tried") == ()
-        sync_logs(elsewhere, "tried/")
+        ends: dict[str, set[str]] = {}  # of complete logs, wherever they are
+        for data in (*(machine.data for machine in machines), elsewhere):
+            for log in data.rglob("*.mcap"):
+                if read_log(log).end_reason == "complete":
+                    ends.setdefault(log.name, set()).add(hashlib.sha256(log.read_bytes()).hexdigest())
+            sync_logs(data, "tried/")
+            assert list_problems(data / "tried") == ()
         assert [text for text, fine in verify_enrolment(elsewhere / "tried") if not fine] == []
         logs = {log.name.partition("_")[0]: log for log in sorted((elsewhere / "tried").rglob("*.mcap"))}
         assert len(list((elsewhere / "tried").rglob("*.mcap"))) == PEOPLE
@@ -136,16 +138,16 @@ def test_people_who_are_loaded_from_either_server_play_once_and_nothing_acknowle
             assert read_log(log).end_reason == "complete"
             assert list(find_log_differences(log, World)) == []
             events = (event for event in read_events(log) if isinstance(event, KeyPressed) and event.down)
-            pressed[participant] = Counter((event.key, event.t_ns) for event in events)
+            pressed[participant] = Counter((event.key, event.t_ns - event.waited_ns) for event in events)
         lost = sum(min((Counter(page.acknowledged) - found).total() for found in pressed.values()) for page in pages)
         found = {
             "people": PEOPLE,
             "moved between servers": moved,
             **happened,
-            "sessions twice": sum(many > 1 for many in completed.values()) and len(list_problems(elsewhere / "tried")),
+            "sessions twice": sum(len(digests) > 1 for digests in ends.values()),
             "acknowledged presses": sum(len(page.acknowledged) for page in pages),
             "acknowledged lost": lost,
         }
         print(json.dumps(found))
-        assert lost == 0
+        assert found["sessions twice"] == lost == 0
         assert moved > 0

@@ -64,6 +64,7 @@ class WanderingPage(TypedPage):
             kept = {"first": first, "segment": self._segment, "last": self._last_ns}
             await socket.send(json.dumps({**hello, **kept, "facts": FACTS}))
             doing = [asyncio.create_task(work) for work in (self._hear(socket), self._send(socket), self._live(socket))]
+            doing.append(asyncio.create_task(socket.wait_closed()))
             if self._loads_left:
                 doing.append(asyncio.create_task(self._load_again()))
             waiting = asyncio.create_task(self._done.wait())

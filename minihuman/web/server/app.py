@@ -26,7 +26,7 @@ from minihuman.errors import MinihumanError
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.completion import build_completion, classify_ending, get_page_texts
+from minihuman.web.completion import build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
 from minihuman.web.limits import (
     HEADERS,
@@ -175,7 +175,8 @@ class WebServer:
         self._web = arrivals.protocol.web
         self._factory = ConnectionFactory(arrivals, data, self.connections)
         self._routes = routes
-        self._waiting = 0  # sockets without a hello, or still connecting
+        self._silent: dict[PageSocket, None] = {}  # without a hello, the oldest first
+        self._connecting = 0  # sockets with a hello, without an answer
         self._growing: deque[Connection] = deque()
         self._to_grow = asyncio.Event()
 
@@ -210,17 +211,22 @@ class WebServer:
         if not is_same_origin(socket.headers.get("origin"), socket.headers.get("host")):
             await page.close(FOREIGN)
             return
-        if self._waiting >= MAX_WAITING:
+        if self._connecting >= MAX_WAITING:
             await page.close(CLOSE_BUSY)
             return
         try:
             await page.accept()
+            if len(self._silent) >= MAX_WAITING:  # a page says hello at once: the oldest is the least likely to be one
+                oldest = next(iter(self._silent))
+                del self._silent[oldest]
+                await oldest.close(CLOSE_BUSY)
             hello, connection = await self._receive_hello(page)
             if isinstance(connection, TurnedAway) and connection.reason == "wait":
                 await page.close(CLOSE_BUSY)
                 return
             if isinstance(connection, TurnedAway):
-                await page.send(messages.encode_unnumbered(messages.Refusal(connection.reason, connection.words)))
+                refusal = messages.Refusal(connection.reason, connection.words, connection.leave, connection.url)
+                await page.send(messages.encode_unnumbered(refusal))
                 await page.close(CLOSE_OLD if connection.reason == "old" else REFUSED)
                 return
             await self._serve(page, connection, hello)
@@ -233,14 +239,18 @@ class WebServer:
 
     async def _receive_hello(self, page: PageSocket) -> tuple[messages.Hello, Connection | TurnedAway]:
         """Wait for the hello, and connect its page."""
-        self._waiting += 1
+        self._silent[page] = None
         try:
             hello = messages.decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
-            if not isinstance(hello, messages.Hello):
-                raise messages.MessageError("the first message must be a hello")
+        finally:
+            self._silent.pop(page, None)
+        if not isinstance(hello, messages.Hello):
+            raise messages.MessageError("the first message must be a hello")
+        self._connecting += 1
+        try:
             return hello, await self._factory.connect(hello)
         finally:
-            self._waiting -= 1
+            self._connecting -= 1
 
     async def _serve(self, page: PageSocket, connection: Connection, hello: messages.Hello) -> None:
         welcome, after = connection.greet(hello)
@@ -348,7 +358,8 @@ class WebServer:
             self._factory.isolate(connection)
             await asyncio.to_thread(self._arrivals.decline, admission, why)
         person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
-        found = build_completion(self._web, end, person=person)
+        code = get_session_code(self._arrivals.protocol, admission.session)
+        found = build_completion(self._web, end, session_code=code, person=person)
         words = get_page_texts(session.plan.language)
         connection.over = messages.SessionOver(end, words[end], words["code"], found.code, words["leave"], found.url)
         connection.host.outgoing.add(connection.over)
@@ -421,7 +432,10 @@ class WebServer:
             is_away = False
             renewed_s = now_s if due else renewed_s
             for connection in held:
-                await self._look_at_lease(connection)
+                try:
+                    await self._look_at_lease(connection)
+                except Exception:  # of one connection; the others go on
+                    LOG.exception("a session could not be left to another server")
 
     async def _look_at_lease(self, connection: Connection) -> None:
         assert connection.lease is not None
