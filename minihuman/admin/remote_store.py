@@ -3,35 +3,56 @@
 The file ``logs.url`` of the data folder names the store: ``s3://bucket/prefix``, or a folder such as a network
 share.
 Without that file logs stay where they were recorded.
+
+A log in the store is replaced only by one that continues it. A different log of the same session gets a name of its
+own beside it, here and there: nothing is overwritten, and ``status`` and ``verify`` name both.
 """
 
 import abc
+import hashlib
 import os
 import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from minihuman.dataset.withdrawals import read_withdrawn_codes
 from minihuman.errors import LogError
+from minihuman.log.integrity import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
-from minihuman.operating_system import replace_file, sync_file, sync_folder
+from minihuman.log.record.file_lock import lock_file
+from minihuman.log.record.finalization import put_aside
+from minihuman.log.salvage.summary_section import read_summary
+from minihuman.operating_system import open_file, replace_file, sync_file, sync_folder
 
 STORE_URL_FILE_NAME = "logs.url"
 _S3 = "s3://"
 
 
 class RemoteStoreError(LogError):
-    """What is on the shelf cannot be reached."""
+    """The remote store cannot be reached."""
+
+
+class RemoteStoreConflictError(RemoteStoreError):
+    """A file was put there by another machine meanwhile."""
 
 
 class RemoteStore(abc.ABC):
     """Files by name, each whole or not at all."""
 
     @abc.abstractmethod
-    def put(self, name: str, path: Path) -> None:
-        """Put a file there, in the place of what has its name.
+    def put(self, name: str, path: Path, *, over: str = "") -> None:
+        """Put a file there.
+
+        Args:
+            name: of the file in the store.
+            path: the file.
+            over: the version that it replaces; "" where there is none.
 
         Raises:
-            ShelfError: if that cannot be.
+            RemoteStoreConflictError: if there is another version; nothing is changed.
+            RemoteStoreError: if that cannot be.
         """
 
     @abc.abstractmethod
@@ -39,15 +60,15 @@ class RemoteStore(abc.ABC):
         """Bring a file here; its folder is made.
 
         Raises:
-            ShelfError: if that cannot be.
+            RemoteStoreError: if that cannot be.
         """
 
     @abc.abstractmethod
-    def sizes(self, prefix: str) -> dict[str, int]:
-        """The bytes of each file whose name begins so.
+    def versions(self, prefix: str) -> dict[str, str]:
+        """The version of each file whose name begins so: its MD5, hexadecimal, where the store has that.
 
         Raises:
-            ShelfError: if that cannot be.
+            RemoteStoreError: if that cannot be.
         """
 
     @abc.abstractmethod
@@ -55,7 +76,7 @@ class RemoteStore(abc.ABC):
         """Take a file away, if it is there.
 
         Raises:
-            ShelfError: if that cannot be.
+            RemoteStoreError: if that cannot be.
         """
 
 
@@ -65,10 +86,13 @@ class FolderStore(RemoteStore):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def put(self, name: str, path: Path) -> None:
-        """Copy it, durable before it has its name."""
+    def put(self, name: str, path: Path, *, over: str = "") -> None:
+        """Copy it, durable before it has its name; a lock keeps the other machines out."""
         try:
-            _copy_durably(path, self._folder / name)
+            with self._locked():
+                if _md5(self._folder / name) != over:
+                    raise RemoteStoreConflictError(f"{name} was put into {self._folder} by another machine meanwhile")
+                _copy_durably(path, self._folder / name)
         except OSError as error:
             raise RemoteStoreError(f"{path} cannot be stored in {self._folder}: {error.strerror}") from error
 
@@ -79,9 +103,9 @@ class FolderStore(RemoteStore):
         except OSError as error:
             raise RemoteStoreError(f"{name} cannot be fetched from {self._folder}: {error.strerror}") from error
 
-    def sizes(self, prefix: str) -> dict[str, int]:
+    def versions(self, prefix: str) -> dict[str, str]:
         """The logs below."""
-        return list_log_sizes(self._folder, prefix)
+        return {name: _md5(self._folder / name) for name in _list_logs(self._folder, prefix)}
 
     def remove(self, name: str) -> None:
         """Delete it."""
@@ -90,9 +114,20 @@ class FolderStore(RemoteStore):
         except OSError as error:
             raise RemoteStoreError(f"{name} cannot be taken from {self._folder}: {error.strerror}") from error
 
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        path = self._folder / ".lock"
+        fd = open_file(path, os.O_CREAT | os.O_RDWR, 0o666)
+        try:
+            lock_file(fd, path)
+            yield
+        finally:
+            os.close(fd)
+
 
 def open_remote_store(data: Path) -> RemoteStore | None:
-    """The shelf that a data folder names; None where it names none."""
+    """The remote store that a data folder names; None where it names none."""
     path = data / STORE_URL_FILE_NAME
     if not path.is_file():
         return None
@@ -105,70 +140,144 @@ def open_remote_store(data: Path) -> RemoteStore | None:
 
 
 def upload_log(log: Path) -> None:
-    """Put a finished log on its study's shelf, if there is one; nobody's who withdrew.
+    """Put a finished log into its study's remote store, if there is one; not a participant's who withdrew.
+
+    Where the store has a log of the session that this one does not continue, it stays as it is, and this one is put
+    beside it.
 
     Raises:
-        OSError: if the register cannot be asked.
-        ShelfError: if it cannot be put there; the log stays here in any case.
+        OSError: if the enrolment log cannot be read.
+        RemoteStoreError: if it cannot be put there; the log stays here in any case.
     """
     study = study_folder(log)
-    shelf, name = open_remote_store(study.parent), log.absolute().relative_to(study.parent)
-    if shelf is not None and name.parts[1] not in read_withdrawn_codes(study):
-        shelf.put(str(name), log)
+    store, name = open_remote_store(study.parent), log.absolute().relative_to(study.parent)
+    if store is None or name.parts[1] in read_withdrawn_codes(study):
+        return
+    try:
+        store.put(str(name), log)
+    except RemoteStoreConflictError:
+        there = store.versions(str(name))[str(name)]
+        if there == _md5(log):
+            return
+        with _fetched(store, str(name)) as other:
+            if _continues(log, other):
+                store.put(str(name), log, over=there)
+            elif not _continues(other, log):
+                store.put(str(name.with_name(_other_name(log))), log)
 
 
 def sync_logs(data: Path, prefix: str) -> tuple[int, int]:
-    """Bring here what the shelf has, and put there what it has not; how many logs came and went.
+    """Bring here what the remote store has, and put there what it has not; how many logs came and went.
 
-    A log grows with each of its segments: where both have one, the longer is the newer. Those of whoever withdrew, by
-    the register that this machine has, are left where they are.
+    A log grows with each of its segments: where both have one, the one that continues the other is the newer. Where
+    neither does, the store's has the session's name, and this machine's gets another, here and there. Logs of
+    participants who withdrew, by the enrolment log that this machine has, are left where they are.
 
     Args:
         data: the data folder.
         prefix: "study/" or "study/sub-07/".
 
     Raises:
-        OSError: if a register cannot be asked.
-        ShelfError: if the shelf cannot be reached.
+        OSError: if an enrolment log cannot be read.
+        RemoteStoreError: if the store cannot be reached.
     """
-    shelf = open_remote_store(data)
-    if shelf is None:
+    store = open_remote_store(data)
+    if store is None:
         return 0, 0
-    there, here = (_without_withdrawn(data, sizes) for sizes in (shelf.sizes(prefix), list_log_sizes(data, prefix)))
-    coming = [name for name, size in there.items() if size > here.get(name, -1)]
-    going = [name for name, size in here.items() if size > there.get(name, -1)]
-    for name in coming:
-        shelf.fetch(name, data / name)
-    for name in going:
-        shelf.put(name, data / name)
-    return len(coming), len(going)
+    came = went = 0
+    there = _without_withdrawn(data, store.versions(prefix))
+    for name in sorted(_without_withdrawn(data, {**there, **dict.fromkeys(_list_logs(data, prefix), "")})):
+        log = data / name
+        if not log.exists():
+            store.fetch(name, log)
+            came += 1
+        elif name not in there:
+            upload_log(log)
+            went += 1
+        elif there[name] != _md5(log):
+            with _fetched(store, name) as other:
+                if _md5(other) == _md5(log):
+                    continue
+                if read_summary(log) is not None and _continues(log, other):
+                    store.put(name, log, over=there[name])
+                    went += 1
+                    continue
+                if read_summary(log) is None:
+                    put_aside(log, "as-found")
+                elif not _continues(other, log):
+                    beside = log.with_name(_other_name(log))
+                    log.rename(beside)
+                    upload_log(beside)
+                    went += 1
+                _copy_durably(other, log)
+                came += 1
+    return came, went
+
+
+def _continues(log: Path, other: Path) -> bool:
+    """Whether a log holds all segments of another, the same ones; what cannot be read holds none."""
+    mine, theirs = _read_segments(log), _read_segments(other)
+    same = (
+        number == its_number and started == its_start and (not head or not its_head or head == its_head)
+        for (number, started, head), (its_number, its_start, its_head) in zip(mine, theirs, strict=False)
+    )
+    return len(mine) >= len(theirs) and all(same)
+
+
+def _read_segments(log: Path) -> list[tuple[str, str, str]]:
+    """The number, start and chain head of each segment; "" for a head that there is not."""
+    found = read_summary(log)
+    if found is None:
+        return []
+    heads = {end["segment"]: end.get(CHAIN_KEY, "") for end in found.ends}
+    return [(start["segment"], start["started_unix_ns"], heads.get(start["segment"], "")) for start in found.starts]
+
+
+def _other_name(log: Path) -> str:
+    return f"{log.name.removesuffix(LOG_SUFFIX)}_other-{_md5(log)[:8]}{LOG_SUFFIX}"
+
+
+@contextmanager
+def _fetched(store: RemoteStore, name: str) -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
+        path = Path(folder, "log")
+        store.fetch(name, path)
+        yield path
 
 
 def delete_remote_logs(data: Path, prefix: str) -> None:
-    """Take off the shelf, for ever, the logs whose names begin so.
+    """Delete the logs whose names begin so from the remote store.
 
     Raises:
-        ShelfError: if that cannot be.
+        RemoteStoreError: if that cannot be.
     """
-    shelf = open_remote_store(data)
-    if shelf is not None:
-        for name in shelf.sizes(prefix):
-            shelf.remove(name)
+    store = open_remote_store(data)
+    if store is not None:
+        for name in store.versions(prefix):
+            store.remove(name)
 
 
-def list_log_sizes(folder: Path, prefix: str) -> dict[str, int]:
-    """The bytes of each finished log in a folder whose path from there begins so."""
+def _list_logs(folder: Path, prefix: str) -> list[str]:
+    """The finished logs in a folder whose paths from there begin so."""
     below = folder / prefix.rpartition("/")[0]
     files = (path for path in below.rglob(f"*{LOG_SUFFIX}") if path.is_file())
-    named = ((path.relative_to(folder).as_posix(), path.stat().st_size) for path in sorted(files))
-    return {name: size for name, size in named if name.startswith(prefix)}
+    return [name for path in sorted(files) if (name := path.relative_to(folder).as_posix()).startswith(prefix)]
 
 
-def _without_withdrawn(data: Path, sizes: dict[str, int]) -> dict[str, int]:
-    """What is of nobody who withdrew from their study; a name is study, participant, session and log."""
-    parts = {name: name.split("/") for name in sizes}
+def _without_withdrawn(data: Path, found: dict[str, str]) -> dict[str, str]:
+    """What is not of participants who withdrew; a name is study, participant, session and log."""
+    parts = {name: name.split("/") for name in found}
     gone = {study: read_withdrawn_codes(data / study) for study in {its[0] for its in parts.values()}}
-    return {name: size for name, size in sizes.items() if not gone[parts[name][0]].intersection(parts[name][1:2])}
+    return {name: each for name, each in found.items() if not gone[parts[name][0]].intersection(parts[name][1:2])}
+
+
+def _md5(path: Path) -> str:
+    """A file's; "" where there is none."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "md5").hexdigest()
+    except FileNotFoundError:
+        return ""
 
 
 def _copy_durably(path: Path, to: Path) -> None:

@@ -6,11 +6,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import boto3
-from boto3.exceptions import S3UploadFailedError
 from botocore.exceptions import BotoCoreError, ClientError
 
-from minihuman.admin.remote_store import RemoteStore, RemoteStoreError
+from minihuman.admin.remote_store import RemoteStore, RemoteStoreConflictError, RemoteStoreError
 from minihuman.operating_system import replace_file
+
+_CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
 
 
 class S3Store(RemoteStore):
@@ -25,10 +26,11 @@ class S3Store(RemoteStore):
         self._prefix = f"{prefix.rstrip('/')}/" if prefix else ""
         self._client = boto3.client("s3")
 
-    def put(self, name: str, path: Path) -> None:
-        """Send it; the store shows it when all of it is there."""
-        with self._said(f"{path} cannot be put into"):
-            self._client.upload_file(str(path), self._bucket, self._prefix + name)
+    def put(self, name: str, path: Path, *, over: str = "") -> None:
+        """Send it, on the condition that the store has that version; the store shows it when all of it is there."""
+        condition = {"IfMatch": f'"{over}"'} if over else {"IfNoneMatch": "*"}
+        with self._said(f"{path} cannot be put into"), path.open("rb") as file:
+            self._client.put_object(Bucket=self._bucket, Key=self._prefix + name, Body=file, **condition)
 
     def fetch(self, name: str, path: Path) -> None:
         """Get it, beside its place first."""
@@ -41,14 +43,14 @@ class S3Store(RemoteStore):
             finally:
                 beside.unlink(missing_ok=True)
 
-    def sizes(self, prefix: str) -> dict[str, int]:
-        """The objects, page by page."""
+    def versions(self, prefix: str) -> dict[str, str]:
+        """The objects' entity tags, page by page."""
         with self._said("nothing can be listed of"):
             pages = self._client.get_paginator("list_objects_v2").paginate(
                 Bucket=self._bucket, Prefix=self._prefix + prefix
             )
             found = [one for page in pages for one in page.get("Contents", ())]
-        return {one["Key"].removeprefix(self._prefix): one["Size"] for one in found}
+        return {one["Key"].removeprefix(self._prefix): one["ETag"].strip('"') for one in found}
 
     def remove(self, name: str) -> None:
         """Delete it."""
@@ -59,5 +61,7 @@ class S3Store(RemoteStore):
     def _said(self, what: str) -> Iterator[None]:
         try:
             yield
-        except (BotoCoreError, ClientError, S3UploadFailedError) as error:
+        except (BotoCoreError, ClientError) as error:
+            if isinstance(error, ClientError) and error.response["Error"].get("Code") in _CONFLICTS:
+                raise RemoteStoreConflictError(f"{what} {self._bucket}: another machine did so meanwhile") from error
             raise RemoteStoreError(f"{what} {self._bucket}: {error}") from error

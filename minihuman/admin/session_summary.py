@@ -3,13 +3,15 @@
 A finished log of today's format is read at a glance; every other one is read message by message (see ``log_info``).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
 from minihuman.admin.session_index import SessionSummary
+from minihuman.errors import LogError
+from minihuman.log.integrity import CHAIN_KEY
 from minihuman.log.names import SCHEMA_VERSION, STEP
-from minihuman.log.paths import raise_as_log_error
+from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import all_ended_cleanly, read_summary
 
 
@@ -61,3 +63,25 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
         duration_s=sum(int(end.get("lasted_ns", 0)) for end in found.ends) / 1e9,
         complete=reason == "complete",
     )
+
+
+def find_double_sessions(study: Path) -> Iterator[str]:
+    """Name each session that was completed twice: by two servers of an earlier version, which did not know each other.
+
+    Copies of one log are none.
+    """
+    for folder, names in find_log_folders(study):
+        logs = [log for log, files in group_sessions(folder, names).items() if log in files]
+        complete: dict[tuple[str, int], dict[str, Path]] = {}  # by how the log ends
+        for log in logs if len(logs) > 1 else ():
+            try:
+                found, its = read_summary(log), summarize_session([log])
+            except LogError:  # named elsewhere
+                continue
+            if found is not None and its.complete:
+                ends = complete.setdefault((its.participant, its.session), {})
+                ends.setdefault(found.ends[-1].get(CHAIN_KEY, its.started_at), log)
+        for (participant, session), ends in complete.items():
+            if len(ends) > 1:
+                paths = ", ".join(str(log) for log in ends.values())
+                yield f"{participant} completed session {session} {len(ends)} times: {paths}; keep one in the study"

@@ -23,6 +23,7 @@ from minihuman.admin.enrolment_entries import (
     read_enrolment_log,
 )
 from minihuman.admin.session_index import SessionRow, SessionSummary, read_session_index
+from minihuman.admin.session_summary import find_double_sessions
 from minihuman.log.paths import PART_SUFFIX, find_log_folders, group_sessions
 
 GroupCounts = Mapping[str, int]  # by group
@@ -160,10 +161,11 @@ def count_all_interventions(study_dir: Path) -> dict[str, int]:
 
 
 def list_problems(study_dir: Path) -> tuple[str, ...]:
-    """Name each session log that is gone, and each end of a segment that the enrolment log lacks."""
+    """Name each session completed twice, each log that is gone, and each end that the enrolment log lacks."""
+    double = tuple(find_double_sessions(study_dir))
     lines = read_enrolment_log(study_dir)
     if not lines:
-        return ()
+        return double
     segments = {row.path.name: row.summary.segments if row.summary else 0 for row in read_session_index(study_dir)}
     finished = {
         log.name: [str(number) for number in range(1, segments.get(log.name, 0) - (len(files) - 1) + 1)]
@@ -171,7 +173,7 @@ def list_problems(study_dir: Path) -> tuple[str, ...]:
         for log, files in group_sessions(folder, names).items()
         if log in files  # the others of a session are live segments
     }
-    return tuple(text for text, fine in find_incomplete_logs(lines, finished) if not fine)
+    return (*double, *(text for text, fine in find_incomplete_logs(lines, finished) if not fine))
 
 
 @dataclass(frozen=True, slots=True)

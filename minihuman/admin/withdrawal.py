@@ -15,6 +15,7 @@ from typing import Literal
 
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantReplaced, ParticipantWithdrawn
 from minihuman.admin.enrolment_log import now_text, record_departure
+from minihuman.admin.lease import open_lease_table
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.remote_store import delete_remote_logs
 from minihuman.dataset.caches import list_caches
@@ -75,6 +76,9 @@ def withdraw_participant(
     for cache in list_caches(study_dir):  # free pages remember
         shutil.rmtree(cache) if cache.is_dir() else cache.unlink()
     Recruitment(study_dir).forget(code)
+    leases = open_lease_table(study_dir)
+    if leases is not None:
+        leases.forget(f"{study_dir.name}/{code}/")
     delete_remote_logs(study_dir.absolute().parent, f"{study_dir.name}/{code}/")
     sync_folder(study_dir)
     return WithdrawalResult(len(files), size_bytes, seal, sha256)

@@ -1,8 +1,10 @@
-"""Journals in a PostgreSQL database, for stations and servers on several machines."""
+"""Journals in a PostgreSQL database, for stations and servers on several machines; and the connection to it."""
 
+import os
+import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -23,11 +25,81 @@ create table if not exists minihuman_lines (
     primary key (journal, number)
 )
 """
-_ONE_AT_A_TIME = 0x6D68  # whoever makes the tables
+_CREATE_TABLES_LOCK = 0x6D68
+_CONNECT_TIMEOUT_S = 5
+_HOLD_TIMEOUT_S = 20.0  # so long a journal may be held: a slot is taken and a session planned meanwhile
 
 
 class JournalDatabaseError(OSError):
     """The database that holds a study's journals cannot be asked."""
+
+
+class Database:
+    """A connection to a database, made when it is needed, and made again after it was lost.
+
+    A network that swallows what is sent breaks no connection by itself. So a transaction that takes too long is cut
+    off: here, where somebody waits for the answer, and in the database, where others wait for its locks.
+
+    Args:
+        url: as libpq has it: postgresql://user@host/database.
+        tables: SQL that makes the tables where there are none.
+        purpose: what it is for, in errors: "the database of ...".
+        timeout_s: how long a transaction may take.
+    """
+
+    def __init__(self, url: str, tables: str, purpose: str, *, timeout_s: float) -> None:
+        self._url, self._tables, self._purpose, self._timeout_s = url, tables, purpose, timeout_s
+        self._guard = threading.RLock()
+        self._connection: psycopg.Connection[Any] | None = None
+
+    @contextmanager
+    def transaction(self) -> Iterator["psycopg.Cursor[Any]"]:
+        """A transaction; other threads wait.
+
+        Raises:
+            JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
+        """
+        with self._guard:
+            try:
+                connection = self._connected()
+                with self._cut_off_late(connection), connection.transaction(), connection.cursor() as cursor:
+                    yield cursor
+            except psycopg.Error as error:
+                self.close()
+                raise JournalDatabaseError(f"the database of {self._purpose} cannot be queried: {error}") from error
+
+    def close(self) -> None:
+        """Let go of the connection; it is made again when it is needed."""
+        with self._guard:
+            if self._connection is not None:
+                self._connection.close()
+                self._connection = None
+
+    def _connected(self) -> "psycopg.Connection[Any]":
+        if self._connection is None or self._connection.closed:
+            made = psycopg.connect(self._url, autocommit=True, connect_timeout=_CONNECT_TIMEOUT_S)
+            self._connection = made
+            with self._cut_off_late(made), made.transaction(), made.cursor() as cursor:
+                limit_ms = str(round(self._timeout_s * 1000))
+                cursor.execute("select set_config('idle_in_transaction_session_timeout', %s, false)", [limit_ms])
+                cursor.execute("select pg_advisory_xact_lock(%s)", [_CREATE_TABLES_LOCK])
+                cursor.execute(self._tables)
+        return self._connection
+
+    @contextmanager
+    def _cut_off_late(self, connection: "psycopg.Connection[Any]") -> Iterator[None]:
+        timer = threading.Timer(self._timeout_s, _shut, [connection])
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+
+def _shut(connection: "psycopg.Connection[Any]") -> None:
+    with suppress(OSError, psycopg.Error), socket.socket(fileno=os.dup(connection.fileno())) as line:
+        line.shutdown(socket.SHUT_RDWR)
 
 
 class PostgresJournal(Journal[Line], Generic[Line]):
@@ -50,11 +122,10 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         chained: bool = False,
         declaration: Line | None = None,
     ) -> None:
-        self._url, self._name, self._decode, self._chained = url, name, decode, chained
+        self._name, self._decode, self._chained = name, decode, chained
         self._declaration = declaration
         self._chain = LineChain(name)
-        self._guard = threading.RLock()
-        self._connection: psycopg.Connection[Any] | None = None
+        self._database = Database(url, _TABLES, name, timeout_s=_HOLD_TIMEOUT_S)
         self._generation = -1
         self._last = 0  # number of the last line that was read
         self._lines: list[Line] = []
@@ -100,8 +171,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     def close(self) -> None:
         """Let go of the connection; it is made again when it is needed."""
-        with self._guard:
-            self._drop()
+        self._database.close()
 
     def _locked(self, cursor: "psycopg.Cursor[Any]") -> int:
         """Lock the journal's row, made where there is none; its generation."""
@@ -128,28 +198,12 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     @contextmanager
     def _asking(self) -> Iterator["psycopg.Cursor[Any]"]:
-        """A transaction; the connection is made anew where it was lost before."""
-        with self._guard:
-            try:
-                with self._connected().transaction(), self._connected().cursor() as cursor:
-                    yield cursor
-            except psycopg.Error as error:
-                self._drop()
-                raise JournalDatabaseError(f"the database of {self._name} cannot be queried: {error}") from error
-
-    def _connected(self) -> "psycopg.Connection[Any]":
-        if self._connection is None or self._connection.closed:
-            self._connection = psycopg.connect(self._url, autocommit=True)
-            with self._connection.transaction(), self._connection.cursor() as cursor:
-                cursor.execute("select pg_advisory_xact_lock(%s)", [_ONE_AT_A_TIME])
-                cursor.execute(_TABLES)
-        return self._connection
-
-    def _drop(self) -> None:
-        self._generation = -1  # what was read may have been undone
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
+        try:
+            with self._database.transaction() as cursor:
+                yield cursor
+        except JournalDatabaseError:
+            self._generation = -1  # what was read may have been undone
+            raise
 
 
 class _LockedRows(LockedJournal[Line]):

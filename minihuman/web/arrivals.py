@@ -5,13 +5,15 @@ the disk, so it must not run on the event loop.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 from minihuman.admin.enrolment_log import free_slot
+from minihuman.admin.lease import Lease, LeaseHeldError, SessionLeases, name_session
+from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
 from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
 from minihuman.admin.remote_store import RemoteStoreError, sync_logs
@@ -22,7 +24,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import RecruitmentPlatform
 from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
-from minihuman.log.record.finalization import find_leftovers
+from minihuman.log.record.finalization import find_leftovers, recover_log
 
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_urlsafe writes them
 
@@ -76,7 +78,7 @@ def build_platform_link(platform: RecruitmentPlatform, address: str) -> str:
             return address  # it adds ?workerId=... itself
 
 
-RejectionReason = Literal["unknown", "closed", "full", "preview", "finished", "not_today", "broken"]
+RejectionReason = Literal["unknown", "closed", "full", "preview", "finished", "not_today", "broken", "wait"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +103,7 @@ class Admission:
     part: Path | None  # the live log of a session that was cut off, or that runs now
     plan: SessionPlan | None  # what is played where there is no such log
     token: str = ""  # of a link made for them just now, which brings them back
+    lease: Lease | None = None  # of the session; None where this server hosts it already, or is the only one
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +112,8 @@ class Rejection:
 
     reason: RejectionReason
     ended: str = ""  # where they have taken part: why their last session ended
+    session: int = 1  # which that was
+    person: str = ""  # their id on the platform that sent them
 
 
 class Arrivals:
@@ -117,10 +122,13 @@ class Arrivals:
     Args:
         protocol: the study.
         data: the data folder.
+        leases: of this server; None where no other machine has this study.
     """
 
-    def __init__(self, protocol: Protocol, data: Path) -> None:
+    def __init__(self, protocol: Protocol, data: Path, leases: SessionLeases | None = None) -> None:
         self.protocol = protocol
+        self.leases = leases
+        self.hosted: Container[str] = ()  # the keys of the sessions that this server hosts
         self._data = data
         self._study_dir = data / protocol.study.name
         self.recruits = Recruitment(self._study_dir)
@@ -136,6 +144,8 @@ class Arrivals:
             return Rejection("preview")
         try:
             return self._admit(arrival, who)
+        except LeaseHeldError:
+            return Rejection("wait")
         except (AllocationError, LogError):
             return Rejection("broken")
 
@@ -180,18 +190,38 @@ class Arrivals:
             if isinstance(first, Rejection):
                 return first
             participant, plan = first
-        session = self._session(participant)
-        if isinstance(session, str):
-            return Rejection("finished", session)
+        found = self._next_session(participant)
+        if isinstance(found, str):
+            last = max(1, len(self.protocol.sessions))
+            return Rejection("finished", found, last, self.id_on_platform(participant))
+        session, lease = found
+        try:
+            admission = self._plan_admission(participant, session, plan)
+        except BaseException:
+            self._release(lease)
+            raise
+        if isinstance(admission, Rejection):
+            self._release(lease)
+            return admission
+        return replace(admission, token=token, lease=lease)
+
+    def _release(self, lease: Lease | None) -> None:
+        if self.leases is not None and lease is not None:
+            self.leases.release(lease)
+
+    def _plan_admission(self, participant: str, session: int, plan: SessionPlan | None) -> Admission | Rejection:
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         part = next(iter(sorted(folder.glob(f"*{PART_SUFFIX}"))), None)
-        admission = Admission(f"{participant}/{session}", participant, session, part, plan, token)
+        admission = Admission(f"{participant}/{session}", participant, session, part, plan)
         if part is not None or plan is not None:
             return admission
         try:
             return replace(admission, plan=self.plan(admission))
         except AllocationError:
-            return Rejection("not_today" if session > 1 else "broken")
+            if session == 1:
+                return Rejection("broken")
+            ended = self._read_end(participant, session - 1)
+            return Rejection("not_today", ended, session - 1, self.id_on_platform(participant))
 
     def _first_time(self, key: str, who: PlatformVisitor | None) -> tuple[str, SessionPlan | None] | Rejection:
         """Give a new visitor the next slot; return its plan if they just got it."""
@@ -214,19 +244,65 @@ class Arrivals:
             file.write(*issued, ParticipantArrived(key, participant, file.now()))
             return participant, plan
 
-    def _session(self, participant: str) -> int | str:
-        """The first of a participant's sessions that is not complete; if all are, why the last one ended."""
+    def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:
+        """The first of a participant's sessions that is not complete, leased; if all are, why the last one ended."""
         ended = ""
-        with suppress(RemoteStoreError):  # it is away: what is here is what there is
-            sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
+        if self.leases is None:
+            with suppress(RemoteStoreError):  # it is away: what is here is what there is
+                self._sync(participant)
         for session in range(1, max(1, len(self.protocol.sessions)) + 1):
-            folder = session_folder(self._data, self.protocol.study.name, participant, session)
-            if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
-                return session
-            log = read_log(folder)
-            ended = log.end_reason
+            lease, ended = None, self._read_end(participant, session)
+            if not ended and self.leases is not None and f"{participant}/{session}" not in self.hosted:
+                lease = self._lease(self.leases, participant, session)
+                ended = lease.grant.ended or self._read_end(participant, session)
+            if not ended:
+                return session, lease
+            self._release(lease)
             if ended in FINAL_END_REASONS - {"complete"}:
                 return ended
-            if not is_session_complete(log):
-                return session
         return ended
+
+    def _lease(self, leases: SessionLeases, participant: str, session: int) -> Lease:
+        """Lease a session, and bring its files to where another server left them."""
+        lease = leases.acquire(name_session(self.protocol.study.name, participant, session))
+        try:
+            if not lease.grant.ended:
+                with suppress(*(() if lease.grant.copied else (RemoteStoreError,))):
+                    self._sync(participant)
+                leases.restore(lease, session_folder(self._data, self.protocol.study.name, participant, session))
+        except RemoteStoreError as error:  # another server's log is there
+            leases.release(lease)
+            raise LeaseHeldError(str(error)) from error
+        except BaseException:
+            leases.release(lease)
+            raise
+        return lease
+
+    def _sync(self, participant: str) -> None:
+        sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
+
+    def _read_end(self, participant: str, session: int) -> str:
+        """Why a session ended of which nothing is left to do, by the log that is here; "" if there is anything."""
+        folder = session_folder(self._data, self.protocol.study.name, participant, session)
+        if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
+            return ""
+        log = read_log(folder)
+        return log.end_reason if is_session_complete(log) else ""
+
+    def finish_ended(self) -> None:
+        """Finish the logs of sessions that had ended for good when this server was killed.
+
+        Raises:
+            OSError: if the database cannot be asked, or a log cannot be written.
+            LogError: if a log cannot be finished.
+        """
+        for part in find_leftovers(self._study_dir) if self.leases is not None else ():
+            assert self.leases is not None
+            session = int(part.parent.name.removeprefix("ses-"))
+            with suppress(LeaseHeldError):
+                lease = self.leases.acquire(name_session(self.protocol.study.name, part.parent.parent.name, session))
+                if lease.grant.ended:
+                    self.leases.restore(lease, part.parent)
+                    if part.exists() and (finished := recover_log(part)).readable:
+                        record_log_end(finished.path)
+                self.leases.release(lease)

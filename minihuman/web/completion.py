@@ -11,6 +11,7 @@ from typing import Literal
 from urllib.parse import quote
 
 from minihuman.experiment.machine.events import EndReason
+from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import WebSpec
 from minihuman.experiment.words import ENGLISH
 
@@ -52,9 +53,21 @@ def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> 
     return _ENDS.get(reason, "broken")
 
 
-def build_completion(online: WebSpec, end: WebEnding, *, person: str = "") -> Completion:
-    """The code and the address for an end; ``person`` is the participant's id on the platform."""
-    code = getattr(online.completion_codes, end, "")
+def get_session_code(protocol: Protocol, session: int) -> str:
+    """The completion code of a session's own; "" where it has none."""
+    return protocol.sessions[session - 1].completion_code if session <= len(protocol.sessions) else ""
+
+
+def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "", person: str = "") -> Completion:
+    """The code and the address for an end.
+
+    Args:
+        online: the study's codes, and where the page leads.
+        end: of the session.
+        session_code: of this session if it is complete; "": the study's.
+        person: the participant's id on the platform.
+    """
+    code = (end == "complete" and session_code) or getattr(online.completion_codes, end, "")
     url = ""
     if online.redirect and (code or "{code}" not in online.redirect):
         url = online.redirect.replace("{code}", quote(code, safe="")).replace("{id}", quote(person, safe=""))

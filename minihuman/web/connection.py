@@ -19,8 +19,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from weakref import WeakValueDictionary
 
+from minihuman.admin.lease import SUPERSEDED, SessionLeases
 from minihuman.admin.manifest import record_log_end
-from minihuman.admin.remote_store import RemoteStoreError
+from minihuman.admin.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
@@ -28,16 +29,17 @@ from minihuman.experiment.machine.pending_allocation import build_session
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.replay import resume_from_events
-from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder
+from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder, study_folder
 from minihuman.log.record.disk import GroupCommit, RecorderSettings
 from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
+from minihuman.log.record.finalization import put_aside
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.command_inbox import CommandInbox, inbox_path
 from minihuman.web import messages
-from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection
-from minihuman.web.completion import build_completion, classify_ending, get_page_texts
+from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor
+from minihuman.web.completion import Completion, build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.computed import PageWorld, kernels_digest
 from minihuman.web.eligibility import BrowserProperties, check_eligibility, collect_browser_facts
 from minihuman.web.messages import KEY_CODES, IncomingStream
@@ -178,11 +180,17 @@ class Connection:
         admission: whose it is.
         hosted: their session.
         inbox: the experimenter's commands.
+        leases: of this server; None where no other machine has this study.
     """
 
-    def __init__(self, admission: Admission, hosted: HostedSession, inbox: CommandInbox) -> None:
+    def __init__(
+        self, admission: Admission, hosted: HostedSession, inbox: CommandInbox, leases: SessionLeases | None = None
+    ) -> None:
         self.key = admission.key
         self.admission = admission
+        self.lease = admission.lease if leases is not None else None
+        self._leases = leases
+        self.dismissed = 0  # with this code its page was sent away: another server has the session
         self.segment = hosted.segment
         self.host: SessionHost = hosted.host
         self.changed = asyncio.Event()  # there is something to send
@@ -200,6 +208,7 @@ class Connection:
         self._inbox = inbox
         self._closed = False  # its log is
         self._zero_ns = time.perf_counter_ns() - (time.time_ns() - hosted.started_ns)
+        self._recorded = False  # in the enrolment log, and where finished logs are kept
         self._incoming = IncomingStream()
         self._stream = ""
         self.loop = asyncio.get_running_loop()
@@ -260,7 +269,7 @@ class Connection:
         Raises:
             MessageError: if it is out of order, or of another time.
         """
-        if not self._incoming.take(numbered.n):
+        if self.dismissed or not self._incoming.take(numbered.n):
             return
         now_ns = self.now_ns()
         if numbered.at > now_ns + _AHEAD_NS + now_ns // 1000:
@@ -334,13 +343,32 @@ class Connection:
             with suppress(Exception):
                 self.host.stop(stop)
 
+    def safe(self) -> int:
+        """The last of the page's messages that may be acknowledged: that no crash and no other server can undo."""
+        return self.host.safe(None if self.lease is None else self.lease.count_acknowledgeable(time.monotonic()))
+
+    def dismiss(self, code: int) -> None:
+        """Send the page away: this server does not host the session any more."""
+        self.dismissed = code
+        self.here = False
+        self.sockets += 1
+        self.changed.set()
+
     def finish(self) -> None:
         """Finish the log and seal it; blocks for the disk. After an ``OSError`` it can be called again.
 
         Raises:
-            OSError: if the enrolment log cannot be written; the log is whole.
+            LeaseLostError: if another server has the session: it did not end here.
+            OSError: if the enrolment log cannot be written, or the lease cannot be ended.
         """
+        reason = self.host.session.end_reason
+        is_final = self.agreed and reason in FINAL_END_REASONS
         if not self._closed:
+            if self._leases is not None and self.lease is not None:
+                with suppress(LogError):  # said below, where it is closed
+                    for file in self._hosted.files:
+                        file.drain()
+                self._leases.end(self.lease, str(reason) if is_final else "")
             self._closed = True
             try:
                 self.path = self._hosted.recorder.close()
@@ -348,26 +376,45 @@ class Connection:
                 self.broken = True
             finally:
                 self.host.close_agent()
-        if self.path is not None:
-            _record_end(self.path)
+        if self.path is not None and not self._recorded:
+            is_stored = _record_end(self.path)
+            self._recorded = True
+            if self._leases is not None and self.lease is not None:
+                has_store = (study_folder(self.path).parent / STORE_URL_FILE_NAME).is_file()
+                everywhere = is_stored if has_store else is_final
+                self._leases.store(self.lease, None if everywhere else self.path)
+        if self._leases is not None and self.lease is not None:
+            self._leases.release(self.lease)
         self.finished = True
 
     def leave(self) -> None:
-        """Make it durable and go: the next server goes on with it. Blocks for the disk."""
+        """Make it durable and go: the next server goes on with it. Blocks for the disk.
+
+        Of a session that was left to another server the log that is here is put aside.
+        """
         if not self._closed:
             self.host.close_agent()
             for file in self._hosted.files:
                 file.leave()
+            is_released = self._leases is not None and self.lease is not None and self._leases.release(self.lease)
+            for file in self._hosted.files if is_released and self.dismissed else ():
+                put_aside(file.where.part, SUPERSEDED)
 
 
-def _record_end(log: Path) -> None:
-    """Seal a log, and copy it to the remote store. A failure costs no participant their code, as the log is here."""
+def _record_end(log: Path) -> bool:
+    """Seal a log, and copy it to the remote store; False where that failed.
+
+    A failure costs no participant their code, as the log is here.
+    """
     try:
         record_log_end(log)
     except RemoteStoreError as error:
         LOG.warning("%s; `minihuman gather` puts it there later", error)
     except LogError as error:
         LOG.warning("%s is whole, but was not sealed: %s", log, error)
+    else:
+        return True
+    return False
 
 
 _FOR_GOOD = (
@@ -384,6 +431,8 @@ class TurnedAway:
 
     reason: str
     words: str
+    leave: str = ""  # the words of the link back
+    url: str = ""  # to where they were recruited
 
 
 class ConnectionFactory:
@@ -398,8 +447,10 @@ class ConnectionFactory:
     def __init__(self, arrivals: Arrivals, data: Path, connections: dict[str, Connection]) -> None:
         self.facts: Mapping[str, str] = {}  # of this machine
         self._arrivals, self._data, self._connections = arrivals, data, connections
+        arrivals.hosted = connections
         self._disk = HostStorage(arrivals.protocol, data, GroupCommit())
-        self._wakes = _WakeQueue()
+        self.recorded: set[Connection] = set()  # of leased sessions, whose logs have grown
+        self._wakes = _WakeQueue(self.recorded)
         web = arrivals.protocol.web
         self._web = web
         self._settings = PageSettings(web.image_size_px, web.image_encoding)
@@ -412,8 +463,10 @@ class ConnectionFactory:
         """Find or make the connection for a hello."""
         if hello.version != messages.MESSAGE_VERSION:
             return TurnedAway("old", self._words["busy"])  # it is loaded again by itself
-        if reason := check_eligibility(self._web, _browser_properties(hello.facts)):
-            return self._turned(reason)
+        has_blocks = bool(self._arrivals.protocol.blocks)  # which no touch screen can play
+        if reason := check_eligibility(self._web, _browser_properties(hello.facts), needs_keyboard=has_blocks):
+            who = identify_visitor(hello.platform, self._web.recruitment_platforms)
+            return self._turned(reason, person=who.id if who is not None else "")
         came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
         turn = self._turns.setdefault(came_with, asyncio.Lock())
         async with turn:
@@ -443,7 +496,7 @@ class ConnectionFactory:
         admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
         if isinstance(admission, Rejection):
             return self._refused(admission)
-        if admission.key in self._connections:
+        if admission.lease is None and admission.key in self._connections:
             return self._connections[admission.key]
         facts = {**self.facts, **collect_browser_facts(hello.facts)}
         facts["picture_px"] = "{} x {}".format(*self._settings.picture_px)
@@ -459,13 +512,27 @@ class ConnectionFactory:
         try:
             hosted = await asyncio.to_thread(self._hosted, admission, facts, wake)
         except (MinihumanError, OSError):
+            if admission.lease is not None and self._arrivals.leases is not None:
+                await asyncio.to_thread(self._arrivals.leases.release, admission.lease)
             return self._turned("broken")
-        connection = self._connections[admission.key] = Connection(admission, hosted, self._inbox(admission))
+        connection = Connection(admission, hosted, self._inbox(admission), self._arrivals.leases)
+        self._connections[admission.key] = connection
         opened.append(connection)
+        wake()
         return connection
 
     def _hosted(self, admission: Admission, facts: dict[str, str], wake: Callable[[], None]) -> HostedSession:
         """Start or resume a host; blocks for the disk."""
+        hosted = self._start_or_resume(admission, facts, wake)
+        if admission.lease is not None:
+            hosted.segment = _name(Path(admission.lease.grant.name), hosted.host.session.plan)
+            files = hosted.files
+            admission.lease.follow(
+                lambda: files[0].where.part if files else None, lambda: hosted.recorder.durable_writes
+            )
+        return hosted
+
+    def _start_or_resume(self, admission: Admission, facts: dict[str, str], wake: Callable[[], None]) -> HostedSession:
         if admission.part is not None:
             if is_being_recorded(admission.part):
                 raise LogError(f"{admission.part} is being written by another server")
@@ -473,6 +540,8 @@ class ConnectionFactory:
                 if time.time() - admission.part.stat().st_mtime <= self._web.reconnect_timeout_s:
                     return resume_host(admission.part, self._disk, facts, self._settings, at_sync=wake)
         plan = admission.plan or self._arrivals.plan(admission)
+        if admission.lease is not None and self._arrivals.leases is not None and admission.lease.grant.copied:
+            self._arrivals.leases.store(admission.lease, SegmentPath.of_plan(self._data, plan).log)
         return start_host(plan, self._disk, facts, self._settings, at_sync=wake)
 
     def _inbox(self, admission: Admission) -> CommandInbox:
@@ -484,24 +553,34 @@ class ConnectionFactory:
 
     def _refused(self, refused: Rejection) -> TurnedAway:
         """Whoever has taken part and comes again gets the code again."""
+        if refused.reason == "wait":
+            return TurnedAway("wait", "")
         if not refused.ended:
             return self._turned(refused.reason)
         end = classify_ending("complete" if refused.ended not in FINAL_END_REASONS else refused.ended, agreed=True)  # type: ignore[arg-type]
-        code, words = build_completion(self._web, end).code, self._words[end]
-        return TurnedAway(end, f"{words} {self._words['code']}: {code}" if code else words)
+        code = get_session_code(self._arrivals.protocol, refused.session)
+        done = build_completion(self._web, end, session_code=code, person=refused.person)
+        is_over = refused.reason == "finished"
+        return self._with_code(end if is_over else refused.reason, self._words[end if is_over else "not_today"], done)
 
-    def _turned(self, reason: str) -> TurnedAway:
+    def _with_code(self, reason: str, words: str, done: Completion) -> TurnedAway:
+        words = f"{words} {self._words['code']}: {done.code}" if done.code else words
+        return TurnedAway(reason, words, self._words["leave"], done.url)
+
+    def _turned(self, reason: str, *, person: str = "") -> TurnedAway:
         width, height = self._web.min_window_size_px
         fields = {"browsers": ", ".join(self._web.allowed_browsers), "width": width, "height": height}
         words = self._words[reason].format(**fields)
-        code = self._web.completion_codes.screened_out
-        return TurnedAway(reason, f"{words} {self._words['code']}: {code}" if code and reason in _FOR_GOOD else words)
+        if reason not in _FOR_GOOD:
+            return TurnedAway(reason, words)
+        return self._with_code(reason, words, build_completion(self._web, "screened_out", person=person))
 
 
 class _WakeQueue:
     """Wakes connections whose data became durable; one call of the loop wakes all that wait."""
 
-    def __init__(self) -> None:
+    def __init__(self, recorded: set[Connection]) -> None:
+        self._recorded = recorded
         self._woken: deque[Connection] = deque()
         self._called = False
 
@@ -516,7 +595,10 @@ class _WakeQueue:
     def _set_changed(self) -> None:
         self._called = False
         while self._woken:
-            self._woken.popleft().changed.set()
+            connection = self._woken.popleft()
+            connection.changed.set()
+            if connection.lease is not None:
+                self._recorded.add(connection)
 
 
 def _browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:

@@ -60,9 +60,15 @@ class BrowserProperties(msgspec.Struct, frozen=True):
     keyboard: bool = True  # not only a touch screen, as far as the browser can tell
 
 
-def check_eligibility(online: WebSpec, browser: BrowserProperties) -> Ineligibility:
-    """Why a browser is not eligible; "" if it is."""
-    if online.require_keyboard and not browser.keyboard:
+def check_eligibility(online: WebSpec, browser: BrowserProperties, *, needs_keyboard: bool = False) -> Ineligibility:
+    """Why a browser is not eligible; "" if it is.
+
+    Args:
+        online: what the study requires.
+        browser: what it is.
+        needs_keyboard: whether the study cannot be done without one, whatever it requires.
+    """
+    if (online.require_keyboard or needs_keyboard) and not browser.keyboard:
         return "keyboard"
     if online.allowed_browsers and browser.browser not in online.allowed_browsers:
         return "browser"

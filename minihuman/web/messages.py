@@ -211,6 +211,8 @@ class Refusal(msgspec.Struct, tag="refused", tag_field="t"):
 
     reason: str
     words: str
+    leave: str = ""  # the words of the link
+    url: str = ""  # where to go; "": nowhere
 
 
 class ServerAck(msgspec.Struct, tag="acked", tag_field="t"):

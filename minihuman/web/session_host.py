@@ -159,9 +159,13 @@ class SessionHost:
         """Whether a part may want something from outside."""
         return self._agent is not None
 
-    def safe(self) -> int:
-        """The last of the page's messages that is on the disk, and all before it: what may be acknowledged."""
-        durable = self.recorder.durable_writes
+    def safe(self, durable: int | None = None) -> int:
+        """The last of the page's messages that may be acknowledged, and all before it: those on the disk.
+
+        Args:
+            durable: how many of the recorder's writes count, if not all on the disk; -1: not even those before it.
+        """
+        durable = self.recorder.durable_writes if durable is None else durable
         while self._taken and self._taken[0].write <= durable:
             self._settled = self._taken.popleft().number
         return self._settled

@@ -27,8 +27,8 @@ def _programs() -> Path:
 
 
 @contextmanager
-def database() -> Iterator[str]:
-    """A database's address."""
+def database(*, port: int | None = None) -> Iterator[str]:
+    """A database's address; with a port it also listens there, on this machine."""
     pytest.importorskip("psycopg")
     programs = _programs()
     as_whom = ["runuser", "-u", "postgres", "--"] if os.getuid() == 0 else []  # it refuses to run as root
@@ -42,10 +42,11 @@ def database() -> Iterator[str]:
             assert done.returncode == 0, done.stdout + done.stderr
 
         told(f"{programs}/initdb", "-D", f"{name}/data", "-U", "tester", "-A", "trust", "--no-sync")
-        options = f"-c listen_addresses= -c unix_socket_directories={name} -c max_connections=60"
+        listening = "-c listen_addresses=" if port is None else f"-c listen_addresses=127.0.0.1 -c port={port}"
+        options = f"{listening} -c unix_socket_directories={name} -c max_connections=60"
         told(f"{programs}/pg_ctl", "-D", f"{name}/data", "-l", f"{name}/log", "-w", "-o", options, "start")
         try:
-            yield f"postgresql://tester@/postgres?host={name}"
+            yield f"postgresql://tester@/postgres?host={name}" + (f"&port={port}" if port else "")
         finally:
             told(f"{programs}/pg_ctl", "-D", f"{name}/data", "-m", "immediate", "stop")
 

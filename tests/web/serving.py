@@ -106,6 +106,7 @@ class Line:
         self.one_way_s = one_way_s
         self.bytes_down = 0
         self.deaf = False  # nothing comes down; what goes up arrives
+        self.stalled = False  # nothing arrives on either side, until it is again
         self._to = port
         self._open: set[socket.socket] = set()
         self._lock = threading.Lock()
@@ -171,6 +172,8 @@ class Line:
                         arrived.wait()
                     due_s, data = waiting.popleft()
                 time.sleep(max(0.0, due_s - time.monotonic()))
+                while self.stalled and data and not self._cut:
+                    time.sleep(0.02)
                 try:
                     if self._cut or not data:
                         raise OSError

@@ -34,10 +34,10 @@ HERE = """
 
 def caddyfile(folder: Path, *, port: int, first: int) -> str:
     """The docs' own for workers, for two of them and this machine's address."""
-    (block,) = re.findall(r"```\n(study\.example\.org \{\n.*?lb_policy.*?\n\}\n)```", DOCS.read_text(), re.S)
+    (block,) = re.findall(r"```\n(study\.example\.org \{\n[^`]*?lb_policy.*?\n\}\n)```", DOCS.read_text(), re.S)
     workers = f"127.0.0.1:{first} 127.0.0.1:{first + 1}"
     there, replaced = re.subn(r"127\.0\.0\.1:8000 .*127\.0\.0\.1:8003", workers, block)
-    assert replaced == 1
+    assert replaced == 2, "sockets and pages"
     site = there.replace("study.example.org {", f"https://localhost:{port} {{\n\ttls internal")
     return HERE.format(folder=folder / "certificates") + site
 
@@ -90,3 +90,22 @@ def test_people_come_by_tls_to_two_workers_and_each_stays_with_theirs(tmp_path: 
     assert [complaint for log in logs for complaint in find_log_differences(log, World)] == []
     written = [path.read_bytes() for path in (tmp_path / "tried").rglob("*") if path.is_file()]
     assert not any(b"127.0.0.1" in each or b"Mozilla" in each for each in written)
+
+
+def test_the_page_comes_from_whichever_worker_is_there(tmp_path: Path) -> None:
+    port = free_port(in_a_row=1)
+    protocol = study(tmp_path, web="image_size_px = [96, 96]")
+    served = Serving(protocol, tmp_path, links=1)  # one worker of two: the port beside it is refused
+    try:
+        for first in (served.port, served.port - 1):  # the one that is down is the second, then the first
+            text = caddyfile(tmp_path, port=port, first=first)
+            with caddy(tmp_path, text, port), browsing() as sit_down:
+                page = sit_down(f"https://localhost:{port}/", ignore_https_errors=True).page
+                loaded = page.evaluate(
+                    'Promise.all([...document.querySelectorAll(\'[href^="/static"], [src^="/static"]\')]'
+                    ".map((one) => fetch(one.href ?? one.src).then((answer) => answer.status)))"
+                )
+                assert set(loaded) == {200}
+                assert len(loaded) > 5
+    finally:
+        served.stop()

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.log.read.session_reader import read_log
+from minihuman.experiment.machine.events import KeyPressed
+from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.web.browser import browsing
@@ -121,3 +122,55 @@ def test_what_a_page_reports_while_it_is_left_does_not_keep_the_next_participant
         somebody.until("s.welcomed && s.kind === 'text'")
         assert len(list(tmp_path.glob("tried/sub-*"))) == 2
         assert somebody.errors == []
+
+
+def test_keys_that_come_before_the_welcome_of_a_page_that_was_loaded_again_have_their_names(tmp_path: Path) -> None:
+    holding = """
+        const send = WebSocket.prototype.send, held = [];
+        globalThis.isHeld = sessionStorage.getItem("stream") !== null;
+        WebSocket.prototype.send = function (...what) {
+            if (globalThis.isHeld) held.push([this, what]); else send.apply(this, what);
+        };
+        globalThis.letGo = () => {
+            globalThis.isHeld = false;
+            for (const [socket, what] of held) send.apply(socket, what);
+        };
+    """
+    with serving(study(tmp_path, episodes=1, max_steps=8), tmp_path) as served, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        somebody.to_play()
+        somebody.press("1")
+        somebody.until("s.unsafe === 0")
+        somebody.page.add_init_script(holding)
+        somebody.page.reload()
+        holds(somebody.page, "minihuman.state.now > 0")
+        somebody.press("3", "2", "1")
+        assert not somebody.state["welcomed"]
+        somebody.page.evaluate("letGo()")
+        somebody.until("s.welcomed && s.unsafe === 0")
+        somebody.press("1", "1", "1", "1")
+        somebody.until("!s.playing")
+        somebody.to_end()
+        assert somebody.errors == []
+    pressed = [event for event in read_events(the_log(tmp_path).path) if isinstance(event, KeyPressed) and event.down]
+    assert not [event.key for event in pressed if event.key.startswith("code_")]
+    assert [event.key for event in pressed if event.key in "123"] == ["1", "3", "2", "1", "1", "1", "1", "1"]
+
+
+def test_who_makes_the_window_larger_is_looked_at_again_without_a_reload(tmp_path: Path) -> None:
+    path = study(tmp_path, web="min_window_size_px = [900, 500]")
+    with serving(path, tmp_path) as served, browsing(size=(800, 400)) as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        somebody.until("s.finished")
+        assert "900 by 500" in somebody.screen()
+        somebody.page.set_viewport_size({"width": 1000, "height": 600})
+        holds(somebody.page, "minihuman.state.welcomed")
+
+
+def test_who_is_turned_away_with_a_code_has_a_link_back(tmp_path: Path) -> None:
+    back = "https://recruiting.example/done?cc={code}"
+    web = f'allowed_browsers = ["firefox"]\nredirect = "{back}"\ncodes = {{ screened_out = "S3" }}'
+    with serving(study(tmp_path, web=web), tmp_path) as served, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        somebody.until("s.finished")
+        assert somebody.page.get_attribute("#screen a", "href") == back.replace("{code}", "S3")

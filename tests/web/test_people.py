@@ -19,6 +19,7 @@ from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.finalization import find_leftovers
 from minihuman.runtime.command_inbox import CommandRequest, inbox_path, send_command
 from tests.counts import PATIENCE_S
+from tests.web import typed_page
 from tests.web.served import Served, served
 from tests.web.typed_page import TypedPage
 
@@ -79,6 +80,50 @@ def test_a_whole_session_ends_with_a_code_when_the_log_is_on_the_disk(tmp_path):
         again = TypedPage(anew.host, server.links[0])
         assert takes_part(again).refused == "complete"  # and so by a server that was started anew
         assert again.told["words"].endswith("Your code: C1")
+        assert again.told["url"] == "https://app.prolific.com/submissions/complete?cc=C1"
+
+
+TWO_DAYS = """
+[[blocks]]
+name = "again"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+episodes = 1
+max_steps = 5
+actions = ["left", "right", "forward"]
+[[sessions]]
+name = "one"
+parts = ["walk"]
+completion_code = "DAY1"
+[[sessions]]
+name = "two"
+parts = ["again"]
+days_after_previous = [1, 2]
+completion_code = "DAY2"
+"""
+
+
+def test_each_day_has_a_code_of_its_own_and_it_is_told_again_by_a_server_that_was_started_anew(tmp_path):
+    with served(tmp_path, web=f"{CODES}\n{REDIRECT}", parts="", more=TWO_DAYS) as server:
+        one = page(server)
+        assert takes_part(one).over == "complete"
+        assert (one.told["code"], one.told["url"][-4:]) == ("DAY1", "DAY1")
+        token = server.links[0]
+    with served(tmp_path, web=f"{CODES}\n{REDIRECT}", parts="", more=TWO_DAYS, links=0) as anew:
+        again = TypedPage(anew.host, token)
+        assert takes_part(again).refused == "not_today"
+        assert "not open yet" in again.told["words"]
+        assert again.told["words"].endswith("Your code: DAY1")
+        assert again.told["url"].endswith("DAY1")
+
+
+def test_who_has_only_a_touch_screen_is_told_so_where_keys_are_played_whatever_the_study_requires(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(typed_page, "FACTS", {**typed_page.FACTS, "mouse": False, "touch": True})
+    with served(tmp_path, web=f"require_keyboard = false\n{CODES}") as server:
+        one = page(server)
+        assert takes_part(one, within_s=60).refused == "keyboard"
+        assert one.told["words"].endswith("Your code: S3")
 
 
 def test_nothing_is_written_before_the_consent_and_who_declines_leaves_nothing(tmp_path):
@@ -164,11 +209,13 @@ def test_the_experimenters_note_and_abort_reach_the_page_and_the_log(tmp_path):
 
 
 def test_who_does_not_fit_is_told_why_and_gets_a_code_back(tmp_path):
-    with served(tmp_path, web=f'allowed_browsers = ["firefox"]\n{CODES}') as server:
+    with served(tmp_path, web=f'allowed_browsers = ["firefox"]\n{CODES}\n{REDIRECT}') as server:
         one = page(server)
         assert takes_part(one).refused == "browser"
         assert "firefox" in one.told["words"]
         assert "S3" in one.told["words"]
+        assert one.told["url"] == "https://app.prolific.com/submissions/complete?cc=S3"
+        assert one.told["leave"]
         assert not list(data(server).glob("sub-*"))
 
 

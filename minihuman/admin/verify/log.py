@@ -27,6 +27,7 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.admin.manifest import find_changed_files
 from minihuman.admin.policies import verify_advice
+from minihuman.admin.session_summary import find_double_sessions
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.activities.activity import WorldFactory
@@ -502,11 +503,13 @@ def verify_session(log: Path, *, trust: Collection[str] = (), policies: bool = F
 def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
     """Compare a study's enrolment log with its session logs; yield lines, each with whether it is good news.
 
-    Each chain head has its log, each segment of a finished log its chain head, and each slot that was taken a log.
+    Each chain head has its log, each segment of a finished log its chain head, and each slot that was taken a log. No
+    session was completed twice.
 
     Raises:
         LogError: if a line of the enrolment log is damaged.
     """
+    yield from ((double, False) for double in find_double_sessions(study))
     journal = open_enrolment_log(study)
     if not journal.begun:
         return

@@ -74,6 +74,7 @@ class SessionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     parts: tuple[str, ...]
     days_after_previous: tuple[int, int] | None = None  # earliest and latest
+    completion_code: str = ""  # for who completes it in a browser; "": web.completion_codes.complete
 
 
 Overridable = TypeVar("Overridable", "BlockSpec", PageSpec, QuestionnaireSpec)

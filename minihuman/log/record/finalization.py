@@ -294,7 +294,7 @@ def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | N
     """
     starts = read_segment_starts(where.part)
     if not starts:  # nothing was played yet, or the file's start is gone
-        aside = _put_aside(where.part, "unreadable")
+        aside = put_aside(where.part, "unreadable")
         return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
     earlier = read_segment_starts(where.log) if where.log.exists() else {}
     new = starts.items() - earlier.items()
@@ -311,7 +311,7 @@ def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | N
     finally:
         temporary.unlink(missing_ok=True)
     if result.damage:  # what could not be read may still be of use
-        return replace(result, damaged_copy_path=_put_aside(where.part, "as-found"))
+        return replace(result, damaged_copy_path=put_aside(where.part, "as-found"))
     remove_file(where.part)
     sync_folder(where.part.parent)
     return result
@@ -379,7 +379,7 @@ def _repaired(log: Path) -> FinalizedLog:
                 facts = copy.summarize_segment() if segment == last else {"reason": CUT_OFF}
                 copy.end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{lacks}")
             copy.metadata(names.REPAIRED_METADATA, {"damage": lacks})
-        aside = _put_aside(log, "as-found", linked=True)
+        aside = put_aside(log, "as-found", linked=True)
         replace_file(temporary, log)
         sync_folder(log.parent)
     except OSError as error:
@@ -445,7 +445,7 @@ def _written(target: Path) -> Iterator[LogCopier]:
         sync_file(file.fileno())
 
 
-def _put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
+def put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
     """Keep a file as it is under an unused name; ``linked``: under its own name, too."""
     for number in itertools.count(1):
         aside = part.with_name(f"{part.name}.{why}-{number}")

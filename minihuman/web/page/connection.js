@@ -3,7 +3,7 @@
 
 import { IncomingStream } from "./stream.js";
 
-/** @import { Control, Numbered, Pong, Texts, Welcome } from "./messages" */
+/** @import { Control, Numbered, Pong, Refusal, Texts, Welcome } from "./messages" */
 /** @import { Outbox } from "./stream.js" */
 /** @import { Picture } from "./pictures.js" */
 /** @typedef {{ token: string, platform: Texts, made: boolean }} Link */
@@ -17,19 +17,20 @@ import { IncomingStream } from "./stream.js";
  * @property {(picture: Picture) => void} picture
  * @property {(through: number) => void} acknowledged
  * @property {(text: string) => void} status
- * @property {(why: string) => void} leave
+ * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
 const VERSION = 4;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
+const RESIZE_PAUSE_MS = 500; // after the last change of size
 const utf8 = new TextDecoder();
 
 export class Connection {
   /** @type {WebSocket | null} */ #socket = null;
   #life = ""; // the server's numbering
   #retryMs = MIN_RETRY_MS;
-  #refusal = "";
+  /** @type {Refusal | null} */ #refusal = null;
   #incoming = new IncomingStream((heard) => { if (this.welcomed) this.#send({ t: "heard", n: heard }); });
   welcomed = false;
   kernels = ""; // the digest of the worlds' rules that the page has
@@ -88,7 +89,7 @@ export class Connection {
     if (code === 4001) this.#leave(this.words.elsewhere);
     else if (code === 4002) this.#reload(reason);
     else if (code >= 4003 && code < 4100) {
-      if (this.#refusal) this.#leave(this.#refusal);
+      if (this.#refusal) this.#leave(this.#refusal.words);
       else this.#reload(reason); // not a refusal of the person, but of what this page sent: an empty screen helps nobody
     }
     if (this.finished) return;
@@ -100,7 +101,7 @@ export class Connection {
   // The server speaks otherwise since it was updated: what is kept goes to it from its own page. Only once in a while.
   /** @param {string} reason */
   #reload(reason) {
-    if (performance.now() < 5000) { this.#leave(this.#refusal || reason); return; }
+    if (performance.now() < 5000) { this.#leave(this.#refusal?.words || reason); return; }
     this.finished = true;
     location.reload();
   }
@@ -109,7 +110,17 @@ export class Connection {
   #leave(why) {
     this.finished = true;
     this.listener.status("");
-    this.listener.leave(why);
+    this.listener.leave(why, this.#refusal);
+    if (this.#refusal?.reason === "window") this.#awaitLargerWindow();
+  }
+
+  // Whoever makes the window larger is looked at again.
+  #awaitLargerWindow() {
+    /** @type {ReturnType<typeof setTimeout> | undefined} */ let timer;
+    addEventListener("resize", () => {
+      clearTimeout(timer);
+      timer = setTimeout(() => location.reload(), RESIZE_PAUSE_MS);
+    });
   }
 
   /** End it for good, from this side. */
@@ -142,7 +153,7 @@ export class Connection {
     } else if (message.t === "welcome") this.#welcome(message);
     else if (message.t === "pong") this.latency.receive(message);
     else if (message.t === "refused") {
-      this.#refusal = message.words;
+      this.#refusal = message;
       this.outbox.state.facts = null; // whoever comes again has made the window larger, or sits elsewhere
       this.outbox.save();
     } else {

@@ -17,7 +17,8 @@ export interface Welcome {
   again: boolean; life: string;
 }
 export interface Pong { t: "pong"; sent: number; received: number; answered: number }
-export type Control = Welcome | Pong | { t: "refused"; words: string } | { t: "acked"; through: number };
+export interface Refusal { t: "refused"; reason: string; words: string; leave: string; url: string }
+export type Control = Welcome | Pong | Refusal | { t: "acked"; through: number };
 
 export interface Rules {
   t: "rules"; episode: number; keep: number; actions: Record<string, number>; most_steps: number; real_time: boolean;

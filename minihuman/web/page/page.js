@@ -47,7 +47,7 @@ class Page {
   });
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
-      this.#keyboard.codes = m.keys;
+      this.#keyboard.codes = this.#outbox.keys = m.keys;
       document.title = m.words.title;
     },
     reset: () => {
@@ -67,7 +67,7 @@ class Page {
       if (this.#prefetch.acknowledge(through) && this.#prefetch.serverScreen) this.#put(this.#prefetch.serverScreen);
     },
     status: (text) => { this.#status.textContent = text; },
-    leave: (why) => this.#view.showRefusal(why),
+    leave: (why, refusal) => this.#view.showRefusal(why, refusal),
   });
   /** @type {boolean | null} as the session knows it; null: it may have been told otherwise, by this tab before or by another */
   #focused = true;
@@ -79,6 +79,7 @@ class Page {
 
   constructor() {
     this.#connection.latency.report = (what) => this.#send(what);
+    this.#keyboard.codes = this.#outbox.keys; // for what is pressed before the welcome, after the page was loaded again
     listenToPointer(this.#main, { isActive: () => !this.#connection.finished, point: (point) => this.#point(point) });
     addEventListener("resize", () => {
       this.#player.view.fit();

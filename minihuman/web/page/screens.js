@@ -3,7 +3,7 @@
 import { buttonsOf, capOf, el, fit, flatten, paint, words } from "./elements.js";
 import { drawWidget } from "./questions.js";
 
-/** @import { BlankScreen, FilmScreen, Over, PageScreen, PairScreen, PlayScreen, QuestionScreen, ScreenMessage, TextScreen } from "./messages" */
+/** @import { BlankScreen, FilmScreen, Over, PageScreen, PairScreen, PlayScreen, QuestionScreen, Refusal, ScreenMessage, TextScreen } from "./messages" */
 /** @import { EpisodeView } from "./episode.js" */
 /** @import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js" */
 /** @import { TextEntry } from "./questions.js" */
@@ -115,10 +115,13 @@ export class ScreenView {
     }
   }
 
-  /** @param {string} why */
-  showRefusal(why) {
+  /** @param {string} why @param {Refusal | null} refusal */
+  showRefusal(why, refusal) {
     this.main.className = "text";
-    this.main.replaceChildren(el("p", { class: "body short", role: "alert", text: why }));
+    this.main.replaceChildren(...flatten([
+      el("p", { class: "body short", role: "alert", text: why }),
+      refusal?.url ? el("p", { class: "short" }, el("a", { href: refusal.url, text: refusal.leave })) : null,
+    ]));
   }
 
   /** @param {Over} m @param {string} leaving */

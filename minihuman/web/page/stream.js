@@ -49,6 +49,13 @@ export class Outbox {
 
   save() { this.#keep("stream", JSON.stringify(this.state)); }
 
+  /** @returns {Record<string, string>} the session's names of keys; none before its first welcome */
+  get keys() {
+    try { return JSON.parse(this.storage.getItem("keys") ?? "{}"); } catch { return {}; }
+  }
+
+  set keys(names) { this.#keep("keys", JSON.stringify(names)); }
+
   /** @param {string} name @param {string} text */
   #keep(name, text) { if (!this.#discarded) this.storage.setItem(name, text); }
 

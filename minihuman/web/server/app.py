@@ -12,6 +12,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -21,10 +22,12 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from minihuman.admin.lease import RENEWAL_INTERVAL_S, LeaseLostError
+from minihuman.errors import MinihumanError
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.completion import build_completion, classify_ending, get_page_texts
+from minihuman.web.completion import build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.computed import kernels_digest
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
 from minihuman.web.limits import (
@@ -156,6 +159,7 @@ LOG = logging.getLogger("minihuman")
 KEEP_FINISHED_S = 600.0  # a session that is over, for pages that come again
 CHECK_INTERVAL_S = 1.0
 LEARNER_POLL_INTERVAL_S = 0.1
+COPY_INTERVAL_S = 0.05  # between copies of what leased sessions record
 LOOK_AHEAD_SLICE_S = 0.01  # of one connection, before its page gets what was found and others have a turn
 MAX_LOOP_BLOCK_S = 0.002  # before messages have a turn
 MAX_BATCH_BYTES = 65_536  # of messages that are sent as one
@@ -180,7 +184,8 @@ class WebServer:
         self._web = arrivals.protocol.web
         self._factory = ConnectionFactory(arrivals, data, self.connections)
         self._routes = routes
-        self._waiting = 0  # sockets without a hello, or still connecting
+        self._silent: dict[PageSocket, None] = {}  # without a hello, the oldest first
+        self._connecting = 0  # sockets with a hello, without an answer
         self._growing: deque[Connection] = deque()
         self._to_grow = asyncio.Event()
 
@@ -202,7 +207,8 @@ class WebServer:
                 "the page's modules are of other rules, so none computes: run `python -m minihuman.worlds.build`"
             )
         self._factory.facts = {"player": "human", **await asyncio.to_thread(collect_machine_facts), **worlds}
-        tasks = [asyncio.create_task(work()) for work in (self._grow, self._look_after, self._poll)]
+        works = (self._grow, self._look_after, self._poll, self._keep_leases)
+        tasks = [asyncio.create_task(work()) for work in works]
         try:
             yield
         finally:
@@ -218,14 +224,22 @@ class WebServer:
         if not is_same_origin(socket.headers.get("origin"), socket.headers.get("host")):
             await page.close(FOREIGN)
             return
-        if self._waiting >= MAX_WAITING:
+        if self._connecting >= MAX_WAITING:
             await page.close(CLOSE_BUSY)
             return
         try:
             await page.accept()
+            if len(self._silent) >= MAX_WAITING:  # a page says hello at once: the oldest is the least likely to be one
+                oldest = next(iter(self._silent))
+                del self._silent[oldest]
+                await oldest.close(CLOSE_BUSY)
             hello, connection = await self._receive_hello(page)
+            if isinstance(connection, TurnedAway) and connection.reason == "wait":
+                await page.close(CLOSE_BUSY)
+                return
             if isinstance(connection, TurnedAway):
-                await page.send(messages.encode_unnumbered(messages.Refusal(connection.reason, connection.words)))
+                refusal = messages.Refusal(connection.reason, connection.words, connection.leave, connection.url)
+                await page.send(messages.encode_unnumbered(refusal))
                 await page.close(CLOSE_OLD if connection.reason == "old" else REFUSED)
                 return
             await self._serve(page, connection, hello)
@@ -238,14 +252,18 @@ class WebServer:
 
     async def _receive_hello(self, page: PageSocket) -> tuple[messages.Hello, Connection | TurnedAway]:
         """Wait for the hello, and connect its page."""
-        self._waiting += 1
+        self._silent[page] = None
         try:
             hello = messages.decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
-            if not isinstance(hello, messages.Hello):
-                raise messages.MessageError("the first message must be a hello")
+        finally:
+            self._silent.pop(page, None)
+        if not isinstance(hello, messages.Hello):
+            raise messages.MessageError("the first message must be a hello")
+        self._connecting += 1
+        try:
             return hello, await self._factory.connect(hello)
         finally:
-            self._waiting -= 1
+            self._connecting -= 1
 
     async def _serve(self, page: PageSocket, connection: Connection, hello: messages.Hello) -> None:
         welcome, after = connection.greet(hello)
@@ -307,11 +325,11 @@ class WebServer:
             connection.changed.clear()
             if connection.sockets != number or connection.host.outgoing is not outgoing:
                 connection.changed.set()  # for the newest
-                await page.close(ANOTHER)
+                await page.close(connection.dismissed or ANOTHER)
                 return
             if connection in self._growing and all(_can_wait(message) for _, message in outgoing.after(sent)):
                 continue  # it goes with what is found ahead, in a moment
-            safe = connection.host.safe()  # asked first: a page that hears of a safe key has heard where it led
+            safe = connection.safe()  # asked first: a page that hears of a safe key has heard where it led
             parts, size = [], 0
             for last, message in outgoing.after(sent):
                 parts.append(messages.encode_numbered(last, message))
@@ -334,6 +352,8 @@ class WebServer:
         connection.finishing = True
         try:
             await self._finish(connection)
+        except LeaseLostError:
+            await self._give_up(connection, CLOSE_BUSY)
         except OSError as error:
             if not connection.delayed:
                 LOG.warning("a session is over, but its page is not told yet: %s", error)
@@ -351,7 +371,8 @@ class WebServer:
             self._factory.isolate(connection)
             await asyncio.to_thread(self._arrivals.decline, admission, why)
         person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
-        found = build_completion(self._web, end, person=person)
+        code = get_session_code(self._arrivals.protocol, admission.session)
+        found = build_completion(self._web, end, session_code=code, person=person)
         words = get_page_texts(session.plan.language)
         connection.over = messages.SessionOver(end, words[end], words["code"], found.code, words["leave"], found.url)
         connection.host.outgoing.add(connection.over)
@@ -388,6 +409,64 @@ class WebServer:
             for connection in tuple(self.connections.values()):
                 if connection.poll():
                     self._want_more(connection)
+
+    # Leases
+
+    async def _keep_leases(self) -> None:
+        """Renew the leases of this server's sessions, and copy what they record; let go of those that others have."""
+        leases = self._arrivals.leases
+        if leases is None:
+            return
+        try:
+            await asyncio.to_thread(self._arrivals.finish_ended)
+        except (OSError, MinihumanError) as error:
+            LOG.warning("what a killed server left was not finished: %s", error)
+        renewed_s, is_away = -RENEWAL_INTERVAL_S, False
+        thread = ThreadPoolExecutor(1, "minihuman-leases")  # its own: those who arrive may wait for the database
+        while True:
+            await asyncio.sleep(COPY_INTERVAL_S)
+            now_s = time.monotonic()
+            due = now_s >= renewed_s + RENEWAL_INTERVAL_S
+            recorded = self._factory.recorded
+            some = set(self.connections.values()) if due else recorded.intersection(self.connections.values())
+            recorded.clear()
+            held = [one for one in some if one.lease is not None and not one.lease.lost and not one.finished]
+            if not held:
+                continue
+            try:
+                await asyncio.get_running_loop().run_in_executor(thread, leases.renew, [one.lease for one in held])
+            except OSError as error:
+                if not is_away:
+                    LOG.warning("leases are not renewed, and nothing is acknowledged: %s", error)
+                is_away = True
+                recorded.update(held)
+                await asyncio.sleep(CHECK_INTERVAL_S)
+                continue
+            is_away = False
+            renewed_s = now_s if due else renewed_s
+            for connection in held:
+                try:
+                    await self._look_at_lease(connection)
+                except Exception:  # of one connection; the others go on
+                    LOG.exception("a session could not be left to another server")
+
+    async def _look_at_lease(self, connection: Connection) -> None:
+        assert connection.lease is not None
+        connection.changed.set()  # there is something to acknowledge
+        if connection.finishing:
+            return
+        if connection.lease.lost:
+            await self._give_up(connection, CLOSE_BUSY)
+        elif connection.lease.wanted:
+            await self._give_up(connection, ANOTHER)
+
+    async def _give_up(self, connection: Connection, code: int) -> None:
+        """Leave a session to another server."""
+        if self.connections.get(connection.key) is connection:
+            del self.connections[connection.key]
+        connection.dismiss(code)
+        await asyncio.to_thread(connection.leave)
+        connection.host.close()
 
     # Looking ahead
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import uvicorn
 
+from minihuman.admin.lease import SessionLeases, open_lease_table
 from minihuman.errors import LogError, MinihumanError, ProtocolError
 from minihuman.experiment.activities.registry import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
@@ -66,7 +67,8 @@ def run_server(
 
     Sessions are left as they are, for the next server to resume.
     """
-    arrivals = Arrivals(protocol, data)
+    table = open_lease_table(data / protocol.study.name)
+    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table))
     address = f"{address.rstrip('/')}/" if address else f"http://{HOST}:{taken.getsockname()[1]}/"
     for token in arrivals.recruits.issue(links):
         say(build_link(address, token))

@@ -1,0 +1,285 @@
+"""Session leases: of several servers that share a database, one hosts a session, and the next resumes where it was.
+
+The holder renews its lease, and with it copies what it has recorded to the database. It acknowledges no input that is
+not copied, and none once it has not renewed for a while. A server that finds a session leased waits until the holder
+hands it over, or the lease has run out; then it takes the copy, and the page sends it what was not acknowledged. Each
+lease has a number (its fence) that grows: a holder with an older one can write nothing any more.
+
+Where a study's journals are files, all its servers are on one machine: the lock of the live log does instead.
+"""
+
+import abc
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from minihuman.dataset.journal import find_database_url
+from minihuman.errors import LogError
+from minihuman.log.paths import PART_SUFFIX
+from minihuman.log.record.file_lock import sync_folder
+from minihuman.log.record.finalization import put_aside
+
+TTL_S = 10.0
+RENEWAL_INTERVAL_S = 3.0
+SAFETY_MARGIN_S = 2.0  # before the lease runs out: from here on nothing is acknowledged
+SUPERSEDED = "superseded"  # in the name of a file that is another server's now
+
+
+class LeaseHeldError(LogError):
+    """Another server hosts the session; it was asked to hand it over."""
+
+
+class LeaseLostError(LogError):
+    """Another server has the session now."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseGrant:
+    """What the database says to whoever asks for a lease."""
+
+    fence: int
+    name: str  # of the session, for its page: random, the same for every holder
+    ended: str = ""  # why the session ended for good; then nothing is leased
+    copied: bool = False  # whether any server has copied a log of it
+    idle_s: float = 0.0  # since that was done last
+
+
+@dataclass(frozen=True, slots=True)
+class LogPiece:
+    """What a live log has from a byte on."""
+
+    file: str
+    start: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseRenewal:
+    """A lease to be renewed, and what is to be added to the copy."""
+
+    session: str
+    fence: int
+    piece: LogPiece | None = None
+
+
+class LeaseTable(abc.ABC):
+    """The leases of a study's sessions, and copies of their logs, on the database's clock.
+
+    Every method raises OSError where the database cannot be asked; it may then have been done or not, and can be
+    repeated.
+    """
+
+    @abc.abstractmethod
+    def acquire(self, session: str) -> LeaseGrant | None:
+        """Lease a session for ``TTL_S``; None where it is leased, whose holder hears of it at its next renewal."""
+
+    @abc.abstractmethod
+    def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
+        """Renew leases and add pieces to copies, all or none; a piece replaces what the copy has from its start on.
+
+        Returns:
+            The sessions that are still held, and whether another server wants each.
+        """
+
+    @abc.abstractmethod
+    def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
+        """Put files in the place of a session's copies; False, and nothing done, where the lease is another's."""
+
+    @abc.abstractmethod
+    def read_files(self, session: str) -> dict[str, bytes]:
+        """The copies of a session's files, by name."""
+
+    @abc.abstractmethod
+    def release(self, session: str, fence: int, *, ended: str = "") -> bool:
+        """End a lease; with why the session ended, if it did for good. False where the lease is another's."""
+
+    @abc.abstractmethod
+    def forget(self, prefix: str) -> None:
+        """Delete the copies of sessions whose names begin so, and take their leases from their holders."""
+
+
+def open_lease_table(study_dir: Path) -> LeaseTable | None:
+    """The leases of a study; None where its journals are files."""
+    url = find_database_url(study_dir)
+    if not url:
+        return None
+    from minihuman.admin.lease_postgres import PostgresLeaseTable
+
+    return PostgresLeaseTable(url)
+
+
+@dataclass(slots=True, eq=False)
+class Lease:
+    """A lease, as its holder knows it."""
+
+    session: str
+    grant: LeaseGrant
+    renewed_s: float  # on the holder's clock, before the database was asked
+    lost: bool = False
+    wanted: bool = False  # another server wants the session
+    copied_writes: int = -1  # of the recorder; -1: the copy may lack what an earlier holder recorded
+    _ended: bool = False  # its session has, and nobody may resume it
+    _copied: dict[str, int] = field(default_factory=dict)  # bytes, by file
+    _find_part: Callable[[], Path | None] = lambda: None
+    _count_writes: Callable[[], int] = lambda: 0
+
+    def count_acknowledgeable(self, now_s: float) -> int:
+        """How many of the recorder's writes may be acknowledged; -1: not even what was there before."""
+        held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
+        return self.copied_writes if held else -1
+
+    def follow(self, find_part: Callable[[], Path | None], count_writes: Callable[[], int]) -> None:
+        """Copy a live log from now on.
+
+        Args:
+            find_part: where it is; None before there is one.
+            count_writes: how many of the recorder's writes are durable.
+        """
+        self._find_part, self._count_writes = find_part, count_writes
+        self._copied = {}  # all of it once more: a torn end was taken off, and there may be more since
+
+    def _read(self) -> tuple[LogPiece | None, int]:
+        """What is not copied yet, and how many writes are durable with it."""
+        writes = self._count_writes()  # first: these are in the file
+        part = self._find_part()
+        if part is None:
+            return None, writes
+        copied = self._copied.get(part.name, 0)
+        with suppress(FileNotFoundError), part.open("rb") as file:
+            file.seek(copied)
+            data = file.read()
+            if data:
+                return LogPiece(part.name, copied, data), writes
+        return None, writes
+
+    def _confirm(self, piece: LogPiece | None, writes: int) -> None:
+        self.copied_writes = writes
+        if piece is not None:
+            self._copied[piece.file] = piece.start + len(piece.data)
+
+
+class SessionLeases:
+    """The leases of one server. Every method but ``count_acknowledgeable`` may wait for the database or the disk.
+
+    Args:
+        table: the database's.
+        clock: monotonic, seconds.
+    """
+
+    def __init__(self, table: LeaseTable, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._table, self._clock = table, clock
+        self._guard = threading.RLock()  # a copy grows at its end: one at a time
+
+    def acquire(self, session: str) -> Lease:
+        """Lease a session: "study/sub-07/ses-01".
+
+        Raises:
+            LeaseHeldError: if another server has it, or did within ``TTL_S``.
+            OSError: if the database cannot be asked.
+        """
+        began_s = self._clock()
+        grant = self._table.acquire(session)
+        if grant is None:
+            raise LeaseHeldError(f"{session} is on another server, which was asked to hand it over; try again")
+        return Lease(session, grant, began_s)
+
+    def restore(self, lease: Lease, folder: Path) -> None:
+        """Bring the files of a session to the state that the last holder acknowledged; what is here is kept aside.
+
+        Raises:
+            OSError: if the database cannot be asked, or the folder cannot be written.
+        """
+        if not lease.grant.copied:
+            return
+        copies = self._table.read_files(lease.session)
+        for part in folder.glob(f"*{PART_SUFFIX}"):
+            if part.name not in copies:
+                put_aside(part, SUPERSEDED)
+        for name, data in copies.items():
+            path = folder / name
+            here = path.read_bytes() if path.exists() else None
+            grows = name.endswith(PART_SUFFIX)
+            if here is None or not (here.startswith(data) if grows else here == data):
+                if here is not None:
+                    put_aside(path, SUPERSEDED)
+                _write_durably(path, data)
+                stamp_s = time.time() - lease.grant.idle_s
+                os.utime(path, (stamp_s, stamp_s))
+
+    def renew(self, leases: Sequence[Lease]) -> None:
+        """Renew leases, and copy what was recorded since.
+
+        Raises:
+            OSError: if the database cannot be asked.
+        """
+        with self._guard:
+            began_s = self._clock()
+            found = [(lease, *lease._read()) for lease in leases if not lease._ended]
+            renewals = [LeaseRenewal(lease.session, lease.grant.fence, piece) for lease, piece, _ in found]
+            held = self._table.renew(renewals)
+            for lease, piece, writes in found:
+                lease.lost = lease.session not in held
+                if not lease.lost:
+                    lease.renewed_s, lease.wanted = began_s, held[lease.session]
+                    lease._confirm(piece, writes)
+
+    def end(self, lease: Lease, reason: str) -> None:
+        """Copy the rest, and say that the session has ended; with a ``reason`` for good, so that no server resumes it.
+
+        Raises:
+            LeaseLostError: if another server has it: then this end is none.
+            OSError: if the database cannot be asked.
+        """
+        with self._guard:
+            self.renew([lease])
+            lease.follow(lambda: None, lambda: lease.copied_writes)
+            if lease.lost or (reason and not self._table.release(lease.session, lease.grant.fence, ended=reason)):
+                lease.lost = True
+                raise LeaseLostError(f"{lease.session} is on another server now")
+            lease._ended = bool(reason)
+
+    def store(self, lease: Lease, log: Path | None) -> None:
+        """Keep a finished log in the place of the copies, or none where every server can have it from elsewhere.
+
+        Raises:
+            LeaseLostError: if another server has the session.
+            OSError: if the database cannot be asked, or the log cannot be read.
+        """
+        files = {log.name: log.read_bytes()} if log is not None and log.exists() else {}
+        if not self._table.store(lease.session, lease.grant.fence, files):
+            lease.lost = True
+            raise LeaseLostError(f"{lease.session} is on another server now")
+        lease._copied = {}
+
+    def release(self, lease: Lease) -> bool:
+        """Hand a session over, after copying the rest; False where the database cannot be asked: the lease runs out."""
+        try:
+            if not lease.lost and not lease._ended and not lease.grant.ended:
+                self.renew([lease])
+                self._table.release(lease.session, lease.grant.fence)
+        except OSError:
+            return False
+        finally:
+            lease.lost = True
+        return True
+
+
+def name_session(study: str, participant: str, session: int) -> str:
+    """What a session is called in the database."""
+    return f"{study}/{participant}/ses-{session:02d}"
+
+
+def _write_durably(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    with beside.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)
+    for folder in path.parents[:4]:
+        sync_folder(folder)

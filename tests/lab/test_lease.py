@@ -1,0 +1,317 @@
+"""Leases: one server has a session, another gets it where the first one left it, and a late one can write nothing."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from minihuman.admin.lease import (
+    RENEWAL_INTERVAL_S,
+    TTL_S,
+    LeaseHeldError,
+    LeaseLostError,
+    LeaseRenewal,
+    LeaseTable,
+    LogPiece,
+    SessionLeases,
+)
+from tests.lab.database import database, fresh
+from tests.lab.lease_table import Clock, MemoryLeaseTable
+
+SESSION = "study/sub-01/ses-01"
+PART = "sub-01_ses-01.mcap.part"
+
+
+class Server:
+    """A server as the database sees it: leases, a folder, and a live log with the writes that are durable."""
+
+    def __init__(self, table: LeaseTable, folder: Path, clock: Clock) -> None:
+        self.leases = SessionLeases(table, clock=clock)
+        self.part = folder / PART
+        folder.mkdir()
+        self.writes = 0
+        self._clock = clock
+
+    def host(self) -> None:
+        """Take the session, with its files."""
+        self.lease = self.leases.acquire(SESSION)
+        self.leases.restore(self.lease, self.part.parent)
+        self.writes = 0
+        self.lease.follow(lambda: self.part, lambda: self.writes)
+
+    def record(self, data: bytes) -> None:
+        """One write to the live log."""
+        with self.part.open("ab") as file:
+            file.write(data)
+        self.writes += 1
+
+    def renew(self) -> None:
+        self.leases.renew([self.lease])
+
+    @property
+    def acknowledges(self) -> int:
+        return self.lease.count_acknowledgeable(self._clock())
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def table(clock: Clock) -> MemoryLeaseTable:
+    return MemoryLeaseTable(clock)
+
+
+@pytest.fixture
+def servers(table: MemoryLeaseTable, clock: Clock, tmp_path: Path) -> tuple[Server, Server]:
+    return Server(table, tmp_path / "one", clock), Server(table, tmp_path / "other", clock)
+
+
+def test_nothing_is_acknowledged_that_is_not_copied(servers: tuple[Server, Server]) -> None:
+    one, _ = servers
+    one.host()
+    one.record(b"a")
+    assert one.acknowledges == -1
+    one.renew()
+    one.record(b"b")
+    assert one.acknowledges == 1
+    one.renew()
+    assert one.acknowledges == 2
+
+
+def test_a_server_that_cannot_renew_acknowledges_nothing_two_seconds_before_its_lease_runs_out(
+    servers: tuple[Server, Server], table: MemoryLeaseTable, clock: Clock
+) -> None:
+    one, other = servers
+    one.host()
+    one.record(b"a")
+    one.renew()
+    table.is_away = True
+    clock.now_s += TTL_S - 2.01
+    with pytest.raises(OSError, match="away"):
+        one.renew()
+    assert one.acknowledges == 1
+    clock.now_s += 0.02
+    assert one.acknowledges == -1
+    table.is_away = False
+    with pytest.raises(LeaseHeldError):
+        other.host()
+    one.renew()
+    assert one.acknowledges == 1, "no other server has had the session"
+
+
+def test_the_time_that_a_renewal_took_counts_for_the_holder(
+    servers: tuple[Server, Server], table: MemoryLeaseTable, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, _ = servers
+    one.host()
+    answer = table.renew
+    monkeypatch.setattr(table, "renew", lambda renewals: (answer(renewals), clock.__setattr__("now_s", 109.0))[0])
+    one.renew()
+    assert one.acknowledges == -1, "the database counts from when it was asked"
+
+
+def test_the_next_server_waits_until_the_lease_has_run_out_and_has_all_that_was_acknowledged(
+    servers: tuple[Server, Server], clock: Clock
+) -> None:
+    one, other = servers
+    one.host()
+    one.record(b"acknowledged,")
+    one.renew()
+    one.record(b"not acknowledged")  # and killed
+    clock.now_s += TTL_S - 0.01
+    with pytest.raises(LeaseHeldError):
+        other.host()
+    clock.now_s += 0.02
+    other.host()
+    assert other.part.read_bytes() == b"acknowledged,"
+    other.record(b"gone on")
+    other.renew()
+    one.renew()
+    assert (one.lease.lost, one.acknowledges) == (True, -1)
+    one.record(b"too late")
+    with pytest.raises(LeaseLostError):
+        one.leases.end(one.lease, "complete")
+    assert other.leases._table.read_files(SESSION) == {PART: b"acknowledged,gone on"}
+
+
+def test_a_server_that_renews_hands_over_when_another_asks(servers: tuple[Server, Server], clock: Clock) -> None:
+    one, other = servers
+    one.host()
+    for _ in range(10):
+        clock.now_s += RENEWAL_INTERVAL_S
+        one.renew()
+    assert not one.lease.wanted
+    with pytest.raises(LeaseHeldError):
+        other.host()
+    one.record(b"the last")
+    one.renew()
+    assert one.lease.wanted
+    one.record(b" word")
+    one.leases.release(one.lease)
+    other.host()
+    assert other.part.read_bytes() == b"the last word"
+
+
+def test_a_killed_server_that_comes_back_first_keeps_what_it_wrote(
+    servers: tuple[Server, Server], clock: Clock
+) -> None:
+    one, _ = servers
+    one.host()
+    one.record(b"copied,")
+    one.renew()
+    one.record(b"not copied")
+    clock.now_s += TTL_S + 1
+    one.host()
+    assert one.part.read_bytes() == b"copied,not copied"
+    assert one.acknowledges == -1
+    one.renew()
+    assert one.acknowledges == 0, "what was there before is copied now"
+
+
+def test_what_a_late_server_has_is_put_aside_not_resumed(servers: tuple[Server, Server], clock: Clock) -> None:
+    one, other = servers
+    one.host()
+    one.record(b"copied,")
+    one.renew()
+    one.record(b"mine")
+    clock.now_s += TTL_S + 1
+    other.host()
+    other.record(b"theirs")
+    other.leases.release(other.lease)
+    one.host()
+    assert one.part.read_bytes() == b"copied,theirs"
+    [aside] = one.part.parent.glob("*superseded*")
+    assert aside.read_bytes() == b"copied,mine"
+
+
+def test_a_torn_end_that_was_taken_off_is_replaced_in_the_copy(servers: tuple[Server, Server], clock: Clock) -> None:
+    one, other = servers
+    one.host()
+    one.record(b"whole,to")
+    one.renew()
+    clock.now_s += TTL_S + 1
+    one.lease = one.leases.acquire(SESSION)
+    one.leases.restore(one.lease, one.part.parent)
+    one.part.write_bytes(b"whole,")  # as it is resumed
+    one.record(b"new")
+    one.lease.follow(lambda: one.part, lambda: one.writes)
+    one.leases.release(one.lease)
+    other.host()
+    assert other.part.read_bytes() == b"whole,new"
+
+
+def test_a_session_that_has_ended_for_good_is_leased_to_nobody(servers: tuple[Server, Server], clock: Clock) -> None:
+    one, other = servers
+    one.host()
+    one.record(b"all of it")
+    one.leases.end(one.lease, "complete")
+    one.renew()
+    assert not one.lease.lost
+    assert other.leases.acquire(SESSION).grant.ended == "complete"
+    one.leases.store(one.lease, None)
+    clock.now_s += 10 * TTL_S
+    assert other.leases.acquire(SESSION).grant.ended == "complete"
+
+
+def test_a_finished_segment_is_kept_for_the_next_server_where_there_is_no_other_store(
+    servers: tuple[Server, Server],
+) -> None:
+    one, other = servers
+    one.host()
+    one.record(b"live")
+    one.leases.end(one.lease, "")
+    log = one.part.with_name("sub-01_ses-01.mcap")
+    log.write_bytes(b"finished")
+    one.part.unlink()
+    one.leases.store(one.lease, log)
+    one.leases.release(one.lease)
+    other.host()
+    assert (other.part.parent / log.name).read_bytes() == b"finished"
+    assert not other.part.exists()
+
+
+def test_who_is_forgotten_is_taken_from_the_server_that_has_them(
+    servers: tuple[Server, Server], table: MemoryLeaseTable
+) -> None:
+    one, other = servers
+    one.host()
+    one.record(b"theirs")
+    one.renew()
+    table.forget("study/sub-01/")
+    one.renew()
+    assert one.lease.lost
+    other.host()
+    assert not other.part.exists()
+
+
+@pytest.fixture(scope="module")
+def url() -> Iterator[str]:
+    with database() as address:
+        yield address
+
+
+@pytest.fixture(params=["memory", pytest.param("database", marks=pytest.mark.program)])
+def any_table(
+    request: pytest.FixtureRequest, clock: Clock
+) -> Iterator[tuple[LeaseTable, LeaseTable, Callable[[float], None]]]:
+    """A table as two servers have it, and what lets time pass."""
+    if request.param == "memory":
+        made = MemoryLeaseTable(clock)
+        yield made, made, lambda s: clock.__setattr__("now_s", clock.now_s + s)
+        return
+    from minihuman.admin.lease_postgres import PostgresLeaseTable
+
+    address = fresh(request.getfixturevalue("url"))
+    one, other = PostgresLeaseTable(address), PostgresLeaseTable(address)
+
+    def let_pass(s: float) -> None:
+        with one._database.transaction() as cursor:
+            earlier = "update minihuman_leases set until = until - make_interval(secs => %s)"
+            cursor.execute(earlier, [s])
+
+    yield one, other, let_pass
+    for table in (one, other):
+        table._database.close()
+        table._renewals.close()
+
+
+def test_every_table_of_leases_keeps_the_contract(
+    any_table: tuple[LeaseTable, LeaseTable, Callable[[float], None]],
+) -> None:
+    one, other, let_pass = any_table
+    first = one.acquire(SESSION)
+    assert first is not None
+    assert (first.ended, first.copied) == ("", False)
+    assert other.acquire(SESSION) is None
+    assert other.acquire("study/sub-02/ses-01") is not None
+    renewal = LeaseRenewal(SESSION, first.fence, LogPiece(PART, 0, b"abcdef"))
+    assert one.renew([renewal]) == {SESSION: True}
+    assert one.renew([renewal]) == {SESSION: True}, "said twice it is done once"
+    assert one.renew([LeaseRenewal(SESSION, first.fence, LogPiece(PART, 4, b"EF"))]) == {SESSION: True}
+    assert one.renew([LeaseRenewal(SESSION, first.fence, LogPiece("second", 0, b"x"))]) == {SESSION: True}
+    assert other.read_files(SESSION) == {PART: b"abcdEF", "second": b"x"}
+    let_pass(TTL_S + 1)
+    second = other.acquire(SESSION)
+    assert second is not None
+    assert (second.fence > first.fence, second.name, second.copied) == (True, first.name, True)
+    late = LeaseRenewal(SESSION, first.fence, LogPiece(PART, 0, b"late"))
+    mine = LeaseRenewal("study/sub-02/ses-01", 1)
+    assert one.renew([late, mine]) == {"study/sub-02/ses-01": False}
+    assert not one.store(SESSION, first.fence, {})
+    assert not one.release(SESSION, first.fence, ended="complete")
+    assert other.read_files(SESSION) == {PART: b"abcdEF", "second": b"x"}
+    assert other.release(SESSION, second.fence, ended="complete")
+    assert other.release(SESSION, second.fence, ended="complete"), "said twice"
+    assert other.renew([LeaseRenewal(SESSION, second.fence)]) == {}
+    assert other.store(SESSION, second.fence, {"log": b"whole"})
+    over = one.acquire(SESSION)
+    assert over is not None
+    assert over.ended == "complete"
+    assert one.read_files(SESSION) == {"log": b"whole"}
+    one.forget("study/sub-01/")
+    assert one.read_files(SESSION) == {}
+    again = one.acquire(SESSION)
+    assert again is not None
+    assert (again.ended, again.copied, again.fence > second.fence) == ("", False, True)
