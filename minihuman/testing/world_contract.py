@@ -42,11 +42,11 @@ def check_world(
     """
     with _registered(make) as world_id:
         chance = np.random.default_rng(seeds[0])
-        world = World(world_id, options)
+        world = World(world_id, options, trusted=True)
         actions = chance.integers(len(world.action_names), size=steps).tolist()
         try:
             _says_what_it_is(world)
-            _plays_alike(world, World(world_id, options), seeds, actions)
+            _plays_alike(world, World(world_id, options, trusted=True), seeds, actions)
             _comes_back(world, seeds[0], actions)
             _is_drawn(world, seeds[0], actions)
             _ends(world, seeds[0])

@@ -24,6 +24,8 @@ from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, load_form
 from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
 
+MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
+
 CONSENT, KEYBOARD, CLOSING = "consent", "keyboard_check", "closing"
 
 
@@ -327,6 +329,8 @@ def expand_protocol(
     drawn, participant = participant, assign_slot(protocol, participant, slot)
     names = list_part_names(protocol, slot, participant.group, session)
     blocks = [protocol.block_for(name, participant.group) for name in names if _is_block(protocol, name)]
+    if (count := sum(block.episodes for block in blocks)) > MAX_SESSION_EPISODES:
+        raise ProtocolError(f"session {session} has {count} episodes; use {MAX_SESSION_EPISODES} at most")
     episodes: list[EpisodePlan] = []
     key_map: KeyMap | None = None
     for number, block in enumerate(blocks):
