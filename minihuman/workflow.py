@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from minihuman.errors import MinihumanError
+from minihuman.trust import Permission
 
 if TYPE_CHECKING:
     from minihuman.dataset.selection import Selection
@@ -77,6 +78,7 @@ def run(
     window: str = "auto",
     fullscreen: bool = True,
     lsl: bool = False,
+    trust: Permission = False,
     on_progress: Listener = _ignore,
     on_start: Listener = _ignore,
 ) -> Path | None:
@@ -95,6 +97,8 @@ def run(
         window: ``auto``, ``pygame``, ``pyglet`` or a plug-in's name.
         fullscreen: use the whole screen, not a window.
         lsl: send markers by the Lab Streaming Layer.
+        trust: trust the protocol's folder, now and from now on: run the Python in it. Or a function that is asked
+            this as a question.
         on_progress: is told what is being prepared; "" when the window is about to open.
         on_start: is told who has a slot and no log, then who begins, once the slot is taken.
 
@@ -102,7 +106,7 @@ def run(
         The session's log; None if it ended before anything was to be written, which leaves the slot free.
 
     Raises:
-        ProtocolError: if the protocol is not valid.
+        ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
         AllocationError: if no slot is free, this session may not be run now, or another is to be resumed first.
         WindowError: if no window can be opened.
         LogError: if the log cannot be written.
@@ -119,7 +123,7 @@ def run(
     from minihuman.runtime.warm_up import warm_up
 
     protocol, data = Path(protocol), Path(data)
-    study = read_protocol(protocol)
+    study = read_protocol(protocol, trust=trust)
     cut_off = None if participant or next_slot else find_interrupted_session(data / study.study.name)
     if cut_off is not None:
         day = f" --session {cut_off.session}" if cut_off.session > 1 else ""
@@ -159,6 +163,7 @@ def simulate(
     data: Path | str = "sessions",
     seed: int = 0,
     player: str = "human-like",
+    trust: Permission = False,
     on_progress: Listener = _ignore,
 ) -> Iterator[Path]:
     """Run a study with simulated participants, without a window and without waiting.
@@ -172,13 +177,14 @@ def simulate(
         seed: the seed of the simulated participants.
         player: ``human-like``, ``optimal``, ``random``, ``exploring``, ``supervisor``, ``policy:FILE`` or a plug-in's
             name, with parameters as in ``human-like:lapse=0.1``.
+        trust: as for ``run``.
         on_progress: is told how far it is.
 
     Yields:
         The log of each session.
 
     Raises:
-        ProtocolError: if the protocol is not valid.
+        ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
         AllocationError: if there are fewer free slots, before any session is played.
         SimulationError: if there is no such player, or it cannot play a block's world.
     """
@@ -187,7 +193,7 @@ def simulate(
     from minihuman.runtime.warm_up import share_compilation, warm_up
 
     protocol, data = Path(protocol), Path(data)
-    study = read_protocol(protocol)
+    study = read_protocol(protocol, trust=trust)
     on_progress(f"{player} plays {study.study.name}")
     with share_compilation(study.blocks, plans=not player.startswith("random")) as process:
         warm_up(study, str(protocol), process)
@@ -201,7 +207,7 @@ def simulate(
 def verify(
     *paths: Path | str,
     manifest: str | None = None,
-    trust: Collection[str] = (),
+    trust: bool = False,
     policies: bool = False,
     tables: bool = False,
     outputs: Collection[Path | str] = (),
@@ -211,7 +217,7 @@ def verify(
     Args:
         paths: session logs, or folders of them; with a manifest, study folders.
         manifest: a digest or manifest file; then only the files are compared with it.
-        trust: modules whose worlds may be imported.
+        trust: trust the modules of the logs' worlds, now and from now on.
         policies: compare the agents' actions with their policy files, too.
         tables: instead of replaying, recompute every table of study folders from their logs, and compare the caches.
         outputs: folders of reports and of CSV and Parquet exports, made of all that is included by default; they are

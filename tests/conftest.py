@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -14,6 +15,18 @@ settings.register_profile(
     "minihuman", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize="CI" in os.environ
 )
 settings.load_profile("minihuman")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def configuration(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of the user's configuration, for this process and those it starts; our test worlds are trusted."""
+    folder = tmp_path_factory.mktemp("configuration")
+    named = ("worlds.corridor", "worlds.compiled_corridor", "worlds.paddle", "worlds.wrapped", "export.changing")
+    named += ("export.test_any_session", "learn.test_clone_worlds", "study.test_activities")
+    (folder / "trust.jsonl").write_text("".join(f'{{"module": "tests.{name}"}}\n' for name in named))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("MINIHUMAN_CONFIG", str(folder))
+        yield folder
 
 
 @pytest.fixture(scope="session")

@@ -3,23 +3,32 @@
 Shipped protocols lie inside the package when it is installed, and beside it in a checkout.
 """
 
+import errno
+import io
 import re
-import sys
+import stat
 import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+from PIL import Image
 
-from minihuman.agents.agent import is_registered_agent
-from minihuman.errors import ProtocolError
+from minihuman.agents.agent import is_registered_agent, make_policy_agent
+from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.activities.block_plans import LATEST_POLICY
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
+from minihuman.trust import NamedWorld, Permission, admit_worlds
 from minihuman.worlds.adapters.world import World
 
 _STEPS = 100  # where the world has no limit of its own
 _MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
 SCHEMA_FILE = "minihuman.schema.json"
+MAX_PROTOCOL_BYTES = 2**20
+MAX_PICTURE_BYTES = 2**24
+MAX_PICTURE_PIXELS = 4096 * 4096
+MAX_POLICY_BYTES = 2**25
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,7 @@ class ProtocolDraft:
             ProtocolError: if the answers make no study.
             WorldError: if there is no such world.
         """
-        world = World(self.world)
+        world = World(self.world, trusted=True)
         names, limit = world.action_names, world.step_limit
         world.close()
         moves = [name for name in names if name in _MOVES] or list(names)
@@ -105,60 +114,122 @@ feedback = "{{outcome}}, {{steps}} steps."
 """
 
 
-def read_protocol(path: Path) -> Protocol:
-    """Read and check a protocol file; Python files beside it can be the modules of its worlds from then on.
+def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
+    """Read and check a protocol file with its pictures and policies, all in its folder once links are followed.
 
+    Python files in the folder can be the modules of its worlds from then on, if the user trusts the folder.
     Warns (``FutureWarning``) of each field or value under an old name.
 
+    Args:
+        path: the TOML file.
+        trust: whether to trust the folder if it is not trusted yet, or what asks the user.
+
     Raises:
-        ProtocolError: if it cannot be read, or says something impossible; one line with the way out.
+        ProtocolError: if it cannot be read, says something impossible, or runs Python that is not trusted; one line
+            with the way out.
     """
     try:
-        toml = path.read_bytes()
+        toml = _read_file(path, MAX_PROTOCOL_BYTES)
     except OSError as error:
         raise ProtocolError(f"{path} cannot be read: {error.strerror}; name a protocol's TOML file") from error
-    folder = str(path.resolve().parent)
-    if folder not in sys.path:
-        sys.path.append(folder)  # the last: nothing in it takes the place of a library
     protocol = decode_protocol(toml, str(path))
     for line in list_old_names(protocol, str(path)):
         warnings.warn(line, FutureWarning, stacklevel=2)
-    return msgspec.structs.replace(protocol, files=_read_pictures(protocol, path) | _read_policies(protocol, path))
+    folder = path.resolve().parent
+    if refused := admit_worlds(_find_worlds(msgspec.to_builtins(protocol)), folder, trust):
+        raise ProtocolError(
+            f"{path} runs Python or reads files from {refused}, which you do not trust yet; read its code, then add "
+            "--trust"
+        )
+    pictures, policies = _find_pictures(protocol), _find_policies(protocol)
+    files = {name: _read_picture(folder, name, f"{path}: {where}") for name, where in pictures.items()}
+    files |= {name: _read_policy(folder, name, f"{path}: {where}") for name, where in policies.items()}
+    return msgspec.structs.replace(protocol, files=files)
 
 
-def _read_policies(protocol: Protocol, path: Path) -> dict[str, bytes]:
-    """The policy files of its agents, which lie beside it, by name."""
-    found: dict[str, bytes] = {}
-    for number, block in enumerate(protocol.blocks):
-        name = block.agent.policy if block.agent is not None else ""
-        if name and name != LATEST_POLICY and not is_registered_agent(name):
-            try:
-                found[name] = (path.parent / name).read_bytes()
-            except OSError as error:
-                where = f"{path}: $.blocks[{number}].agent.policy"
-                reason = f"{path.parent / name} cannot be read: {error.strerror}"
-                raise ProtocolError(
-                    f"{where}: {reason}; copy the policy file into the protocol's folder, or name a registered agent"
-                ) from error
-    return found
+def _find_worlds(value: object) -> Iterator[NamedWorld]:
+    """Every world that a table of a protocol names, in the overrides of a group too."""
+    if isinstance(value, Mapping):
+        if isinstance(value.get("world"), str) or isinstance(value.get("options"), Mapping):
+            world, options = value.get("world"), value.get("options")
+            yield world if isinstance(world, str) else "", options if isinstance(options, Mapping) else {}
+        value = tuple(value.values())
+    if isinstance(value, list | tuple):
+        for each in value:
+            yield from _find_worlds(each)
 
 
-def _read_pictures(protocol: Protocol, path: Path) -> dict[str, bytes]:
-    """The pictures of its pages, which lie beside it, by name."""
-    found: dict[str, bytes] = {}
-    for number, page in enumerate(protocol.pages):
-        for name in page.images:
-            picture = path.parent / name
-            try:
-                found[name] = picture.read_bytes()
-            except OSError as error:
-                where = f"{path}: $.pages[{number}].pictures"
-                raise ProtocolError(
-                    f"{where}: {picture} cannot be read: {error.strerror}; copy it into the protocol's folder"
-                ) from error
-            if not found[name].startswith(b"\x89PNG"):
-                raise ProtocolError(f"{path}: $.pages[{number}].pictures: {picture} is not a PNG; save it as one")
-    return found
+def _find_pictures(protocol: Protocol) -> dict[str, str]:
+    """The pictures of its pages, each with the field that names it."""
+    return {name: f"$.pages[{number}].images" for number, page in enumerate(protocol.pages) for name in page.images}
+
+
+def _find_policies(protocol: Protocol) -> dict[str, str]:
+    """The policy files of its agents, each with the field that names it."""
+    named = ((number, block.agent.policy) for number, block in enumerate(protocol.blocks) if block.agent is not None)
+    return {
+        name: f"$.blocks[{number}].agent.policy"
+        for number, name in named
+        if name and name != LATEST_POLICY and not is_registered_agent(name)
+    }
+
+
+def _read_picture(folder: Path, name: str, where: str) -> bytes:
+    content = _read_beside(folder, name, where, MAX_PICTURE_BYTES, "copy it into the protocol's folder")
+    try:
+        with warnings.catch_warnings(), Image.open(io.BytesIO(content), formats=("PNG",)) as image:
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # larger ones are refused here
+            if image.width * image.height <= MAX_PICTURE_PIXELS:
+                image.load()
+                return content
+            problem = f"has {image.width} x {image.height} pixels; use {MAX_PICTURE_PIXELS} at most"
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        cut = "damaged" if content.startswith(b"\x89PNG") else "not a PNG"
+        problem = f"is {cut} ({type(error).__name__}); save it as a PNG"
+    raise ProtocolError(f"{where}: {folder / name} {problem}")
+
+
+def _read_policy(folder: Path, name: str, where: str) -> bytes:
+    cure = "copy the policy file into the protocol's folder, or name a registered agent"
+    content = _read_beside(folder, name, where, MAX_POLICY_BYTES, cure)
+    try:
+        make_policy_agent(folder / name)
+    except MinihumanError as error:
+        raise ProtocolError(f"{where}: {error}") from error
+    return content
+
+
+def _read_beside(folder: Path, name: str, where: str, limit: int, cure: str) -> bytes:
+    """Read a file of the protocol's folder, which is given without links.
+
+    Raises:
+        ProtocolError: if it is no regular file in it, is larger than ``limit``, or cannot be read.
+    """
+    try:
+        path = (folder / name).resolve(strict=True)
+        if not path.is_relative_to(folder):
+            raise ProtocolError(f"{where}: {name!r} leads out of the protocol's folder; {cure}")
+        return _read_file(path, limit)
+    except (OSError, ValueError, RuntimeError) as error:
+        if isinstance(error, ProtocolError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise ProtocolError(f"{where}: {folder / name} cannot be read: {reason}; {cure}") from error
+
+
+def _read_file(path: Path, limit: int) -> bytes:
+    """Read a regular file of a limited size.
+
+    Raises:
+        OSError: if it is a device or the like, is too large, or cannot be read.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "it is not a regular file")
+    with path.open("rb") as file:
+        content = file.read(limit + 1)
+    if len(content) > limit:
+        raise OSError(errno.EFBIG, f"it is larger than {limit} bytes")
+    return content
 
 
 _PACKAGE = Path(__file__).parents[1]

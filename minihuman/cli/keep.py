@@ -27,7 +27,9 @@ def verify(
         str | None,
         Option("--manifest", "--seal", help="Compare the files with this digest or manifest file."),
     ] = None,
-    trust: Annotated[list[str] | None, Option(help="A module whose worlds may be imported; repeatable.")] = None,
+    trust: Annotated[
+        bool, Option("--trust", help="Trust the modules of the logs' worlds from now on: import them.")
+    ] = False,
     policies: Annotated[
         bool, Option("--policies", help="Compare the agents' actions with their policy files.")
     ] = False,
@@ -50,9 +52,7 @@ def verify(
     from minihuman.workflow import verify as verify_logs
 
     code = 0
-    checks = verify_logs(
-        *logs, manifest=manifest, trust=trust or (), policies=policies, tables=tables, outputs=report or ()
-    )
+    checks = verify_logs(*logs, manifest=manifest, trust=trust, policies=policies, tables=tables, outputs=report or ())
     for found in checks:
         code = max(code, found.error.exit_code if found.error else int(not found.ok))
         if json:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from minihuman.errors import escape_control_characters, escape_line
+from minihuman.trust import Permission
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,7 @@ ReasonOption = Annotated[
     str, Option("--reason", help="The reason, for the audit trail; if omitted on a terminal, you are asked for it.")
 ]
 ExperimenterOption = Annotated[str, Option("--experimenter", help="The experimenter's code, for the audit trail.")]
+TrustOption = Annotated[bool, Option("--trust", help="Trust the protocol's folder from now on: run the Python in it.")]
 JsonOption = Annotated[bool, Option("--json", help="Print JSON instead of plain text.")]
 
 _HELP = {
@@ -104,6 +106,15 @@ def ask_reason(given: str) -> str:
     import click
 
     return str(click.prompt("Reason"))
+
+
+def ask_trust(given: bool) -> Permission:
+    """Trust what the option says; on a terminal, ask where it is not given."""
+    if given or not sys.stdin.isatty():
+        return given
+    import click
+
+    return lambda question: bool(click.confirm(escape_line(question), default=False, err=True))
 
 
 def print_json(value: object) -> None:

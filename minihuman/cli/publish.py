@@ -10,6 +10,8 @@ from minihuman.cli.options import (
     ProtocolFile,
     StudyFolder,
     StudyOrLog,
+    TrustOption,
+    ask_trust,
     print_account,
     print_json,
     selection_options,
@@ -66,6 +68,7 @@ def power(
     ] = "human-like",
     seed: Annotated[int, Option(min=0, help="The random seed.")] = 1,
     out: Annotated[Path | None, Option(help="The folder of the table and the figure.")] = None,
+    trust: TrustOption = False,
     json: JsonOption = False,
 ) -> None:
     """Estimate the power of a study by simulation.
@@ -74,6 +77,7 @@ def power(
 
     Example: minihuman power protocols/fourrooms-transfer.toml --effect excess=0.7 --groups 10,20,30,40
     """
+    from minihuman.admin.protocol_file import read_protocol
     from minihuman.planning.pool import parse_group_sizes, simulate_pool
     from minihuman.planning.power import (
         MEASURES,
@@ -86,7 +90,8 @@ def power(
     )
 
     sizes, wanted = parse_group_sizes(groups), Effect.parse(effect)
-    pool = simulate_pool(protocol.read_bytes(), people=people, player=player, seed=seed, block=block)
+    toml = read_protocol(protocol, trust=ask_trust(trust)).toml
+    pool = simulate_pool(toml, people=people, player=player, seed=seed, block=block)
     found = tuple(
         one
         for name in ((*MEASURES, TWO_PARTS) if measure == "all" else (measure,))

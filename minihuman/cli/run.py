@@ -12,9 +12,12 @@ from minihuman.cli.options import (
     ProtocolFile,
     ReasonOption,
     StudyFolder,
+    TrustOption,
     ask_reason,
+    ask_trust,
     show_progress,
 )
+from minihuman.trust import Permission
 
 
 def run(
@@ -34,6 +37,7 @@ def run(
     window: Annotated[str, Option(help="The kind of window: auto, pygame, pyglet or a plug-in's name.")] = "auto",
     fullscreen: Annotated[bool, Option("--fullscreen/--windowed", help="Use the whole screen or a window.")] = True,
     lsl: Annotated[bool, Option("--lsl", help="Send markers through the Lab Streaming Layer.")] = False,
+    trust: TrustOption = False,
 ) -> None:
     """Run a participant's session, or resume one.
 
@@ -45,7 +49,7 @@ def run(
     from minihuman.runtime.host import describe_ending
     from minihuman.workflow import run as run_session
 
-    if participant is None and not next_slot and (found := _ask_interrupted(protocol, data)):
+    if participant is None and not next_slot and (found := _ask_interrupted(protocol, data, ask_trust(trust))):
         participant, session = found
     next_slot = next_slot or sys.stdin.isatty()  # who was asked has answered
     if group is not None or any_day:
@@ -65,6 +69,7 @@ def run(
             window=window,
             fullscreen=fullscreen,
             lsl=lsl,
+            trust=ask_trust(trust),
             on_progress=lambda line: show(line) if line else stack.close(),
             on_start=lambda line: print(line, flush=True),
         )
@@ -75,7 +80,7 @@ def run(
     print(log)
 
 
-def _ask_interrupted(protocol: Path, data: Path) -> tuple[str, int] | None:
+def _ask_interrupted(protocol: Path, data: Path, trust: Permission) -> tuple[str, int] | None:
     """Ask on a terminal whether to resume a session that was cut off: the participant and the session, or None."""
     if not sys.stdin.isatty():
         return None
@@ -84,7 +89,7 @@ def _ask_interrupted(protocol: Path, data: Path) -> tuple[str, int] | None:
     from minihuman.admin.next_session import find_interrupted_session
     from minihuman.admin.protocol_file import read_protocol
 
-    found = find_interrupted_session(data / read_protocol(protocol).study.name)
+    found = find_interrupted_session(data / read_protocol(protocol, trust=trust).study.name)
     done = found and f"{found.episodes_completed} of {found.episodes_planned} episodes"
     if found is None or not click.confirm(
         f"Session {found.session} of {found.participant} was cut off after {done}. Resume it?", default=True
@@ -105,6 +110,7 @@ def serve(
         int, Option(min=1, max=64, help="The number of server processes; they use this port and the ones after it.")
     ] = 1,
     watch: Annotated[bool, Option("--watch", help="Also serve the experimenter's page.")] = False,
+    trust: TrustOption = False,
 ) -> None:
     """Serve a study to participants in a browser.
 
@@ -123,7 +129,7 @@ def serve(
         run_server,
     )
 
-    study = read_protocol(protocol)
+    study = read_protocol(protocol, trust=ask_trust(trust))
     require_browser_support(study)
     with show_progress(f"getting the worlds of {study.study.name} ready"):
         warm_up(study, str(protocol))
@@ -147,6 +153,7 @@ def simulate(
             "settings as in human-like:lapse=0.1."
         ),
     ] = "human-like",
+    trust: TrustOption = False,
 ) -> None:
     """Run a study with simulated participants.
 
@@ -158,7 +165,13 @@ def simulate(
 
     with show_progress("") as progress:
         played = simulate_sessions(
-            protocol, participants=participants, data=data, seed=seed, player=player, on_progress=progress
+            protocol,
+            participants=participants,
+            data=data,
+            seed=seed,
+            player=player,
+            trust=ask_trust(trust),
+            on_progress=progress,
         )
         for path in played:
             print(path, flush=True)

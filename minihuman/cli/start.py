@@ -6,7 +6,17 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from minihuman.cli.options import Argument, DataFolder, JsonOption, Option, ProtocolFile, print_json, show_progress
+from minihuman.cli.options import (
+    Argument,
+    DataFolder,
+    JsonOption,
+    Option,
+    ProtocolFile,
+    TrustOption,
+    ask_trust,
+    print_json,
+    show_progress,
+)
 from minihuman.errors import MinihumanError, escape_control_characters, name_output_when_full
 
 if TYPE_CHECKING:
@@ -64,6 +74,7 @@ def new(
     from minihuman.admin.protocol_file import SCHEMA_FILE, ProtocolDraft, make_study_name
     from minihuman.errors import ProtocolError
     from minihuman.experiment.protocol.schema import build_json_schema
+    from minihuman.trust import Trust, list_foreign_modules
 
     usual = ProtocolDraft()
     usual = replace(usual, name=make_study_name(name or usual.name), world=world or usual.world)
@@ -73,7 +84,9 @@ def new(
         raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
     text = draft.toml()
     folder.mkdir(parents=True, exist_ok=True)
+    ours = not any(folder.iterdir())  # a folder with files in it may hold a stranger's Python
     path.write_text(text, encoding="utf-8", newline="\n")
+    Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules([draft.world])).record()
     (folder / SCHEMA_FILE).write_text(json.dumps(build_json_schema(), indent=1) + "\n", encoding="utf-8", newline="\n")
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman run {path} --windowed")
 
@@ -105,6 +118,7 @@ def check(
     pictures: Annotated[Path | None, Option(help="Save a picture of every screen to this folder.")] = None,
     preregistration: Annotated[Path | None, Option(help="Write a preregistration to this file.")] = None,
     effect: Annotated[str, Option(help="Compute power for this effect; needs --preregistration.")] = "",
+    trust: TrustOption = False,
 ) -> None:
     """Check a protocol and its worlds, and print a session plan.
 
@@ -118,7 +132,7 @@ def check(
 
     if effect and preregistration is None:
         raise MinihumanError(f"--effect is {effect!r}, which goes into a preregistration; add --preregistration FILE")
-    study = read_protocol(protocol)
+    study = read_protocol(protocol, trust=ask_trust(trust))
     check_exclusion_measures(study.exclusions, str(protocol))
     check_worlds(study, str(protocol))
     who = enrol_participant(study, parse_participant_code(participant), group, stratum=stratum)
@@ -138,7 +152,7 @@ def check(
         from minihuman.planning.preregistration import describe_planned_power, write_preregistration
 
         with show_progress("writing the preregistration"):
-            power = describe_planned_power(protocol.read_bytes(), effect) if effect else ""
+            power = describe_planned_power(study.toml, effect) if effect else ""
         print(write_preregistration(study, plan, preregistration, power))
 
 
@@ -152,6 +166,7 @@ def doctor(
             "--fullscreen/--windowed", help="Test in full screen (the default if a protocol is given) or in a window."
         ),
     ] = None,
+    trust: TrustOption = False,
     json: JsonOption = False,
 ) -> None:
     """Check whether this machine can run sessions with participants.
@@ -163,7 +178,7 @@ def doctor(
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.runtime.doctor import examine_machine, format_verdict
 
-    study = None if protocol is None else read_protocol(protocol)
+    study = None if protocol is None else read_protocol(protocol, trust=ask_trust(trust))
     whole = study is not None if fullscreen is None else fullscreen
     findings = []
     for finding in examine_machine(window=window, data=data, fullscreen=whole, protocol=study):

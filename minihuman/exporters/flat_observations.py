@@ -29,7 +29,7 @@ from minihuman.exporters.study_metadata import get_step_limit
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
-from minihuman.worlds.adapters.world import ResetResult, StepResult, World, trusted_world_factory
+from minihuman.worlds.adapters.world import ResetResult, StepResult, World
 
 _CHARACTERS = frozenset(string.printable)
 
@@ -224,7 +224,7 @@ class Resimulator:
         made_from = (episode.plan.world, episode.plan.options)
         if self._world is None or self._made_from != made_from:
             try:
-                self._world, self._made_from = trusted_world_factory()(*made_from), made_from
+                self._world, self._made_from = World(*made_from), made_from
             except WorldError as error:
                 raise ExportError(f"{chosen.log.path}: {episode.name}: {error}") from error
         return self._world

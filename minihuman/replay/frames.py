@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from minihuman.errors import LogError, WorldError
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.observations import is_picture, verify_observations
-from minihuman.worlds.adapters.world import World, trusted_world_factory
+from minihuman.worlds.adapters.world import World
 
 SIZE_PX = (240, 180)
 
@@ -29,7 +29,7 @@ def render_frames(episode: EpisodeLog) -> list[NDArray[np.uint8]]:
     """
     plan = episode.plan
     try:
-        with closing(trusted_world_factory()(plan.world, plan.options)) as world:
+        with closing(World(plan.world, plan.options)) as world:
             return list(_redrawn(episode, world))
     except (LogError, WorldError):
         stored = episode.observations

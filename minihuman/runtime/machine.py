@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterable
 from datetime import datetime, timedelta
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 
 import minihuman
@@ -18,6 +17,7 @@ from minihuman.experiment.machine.pending_allocation import is_allocation_pendin
 from minihuman.experiment.machine.session import CONSENT_RULES
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
+from minihuman.trust import SOURCE_FACT, list_world_sources
 from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 from minihuman.worlds.source_digest import rules_digest
 
@@ -84,17 +84,14 @@ def list_world_ids(plan: SessionPlan) -> set[str]:
 
 
 def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
-    """The SHA-256 of every file that a world id names as its module, "lab_worlds:lab/Corridor-v0"; by name.
+    """The SHA-256 of every file of a module that a world id names, "lab_worlds:lab/Corridor-v0", and of its imports.
 
     Installed packages are left to their versions.
     """
-    facts = {}
-    for module in sorted({world.partition(":")[0] for world in worlds if ":" in world}):
-        spec = find_spec(module)
-        origin = Path(spec.origin) if spec and spec.origin and spec.has_location else None
-        if origin is not None and not {"site-packages", "dist-packages"}.intersection(origin.parts):
-            facts[f"world_sha256_{module}"] = hashlib.sha256(origin.read_bytes()).hexdigest()
-    return facts
+    return {
+        f"{SOURCE_FACT}{module}": hashlib.sha256(path.read_bytes()).hexdigest()
+        for module, path in list_world_sources(worlds).items()
+    }
 
 
 def _numbers(release: str) -> str:

@@ -6,9 +6,10 @@ The clock is virtual and no picture is drawn, so that a session takes as long as
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from itertools import product
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -46,6 +47,7 @@ from minihuman.experiment.machine.screens import (
     TextScreen,
 )
 from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
@@ -329,8 +331,8 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
         SimulationError: if there is no such player; ``PlayerFailedError`` if it fails, or cannot play a block's world.
     """
     facts = {"player": player, "player_seed": str(seed), **collect_machine_facts()}
-    make_participant(player, np.random.default_rng(seed))  # an unknown name must not cost a slot
     require_free_slots(protocol, data / protocol.study.name, participants)
+    _require_player(protocol, player, seed)  # one that cannot play must not cost a slot
     left = Counter[int]()  # by place: who left no data
     for _ in range(participants):
         plan = plan_next_session(protocol, data)
@@ -352,6 +354,25 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
                 yield log
 
 
+def _require_player(protocol: Protocol, player: str, seed: int) -> None:
+    """Let a player press its first key in each world of the study that it plays alone.
+
+    Raises:
+        SimulationError: if there is no such player, or it cannot play one of the worlds.
+    """
+    person, tried = make_participant(player, np.random.default_rng(seed)), list[tuple[str, dict[str, Any]]]()
+    for group, session in product(protocol.groups, range(1, max(1, len(protocol.sessions)) + 1)):
+        plan = expand_protocol(protocol, enrol_participant(protocol, 0, group.name), session=session, overridden=True)
+        for episode in plan.episodes:
+            made_from = episode.world, episode.options
+            if protocol.block(episode.block_name).kind == "play" and made_from not in tried:
+                tried.append(made_from)
+                with closing(World(*made_from)) as world:
+                    world.reset(episode.seed)
+                    person.begin(episode, plan.key_pool, world)
+                    person.press(world)
+
+
 def _play(
     protocol: Protocol,
     plan: SessionPlan,
@@ -368,12 +389,11 @@ def _play(
     log = DeferredRecorder(plan, lambda: McapRecorder(data, session.plan, started_ns=time.time_ns()))
     recorder = BufferedRecorder(log)
     window = SimulatedWindow(player, session, clock, before=before, at_rest=recorder.flush)
+    agent = make_agent_host(protocol, plan, data, patient=True)
     try:
-        path = run_session(session, window, recorder, clock, agent=make_agent_host(protocol, plan, data, patient=True))
+        path = run_session(session, window, recorder, clock, agent=agent, finished=record_log_end)
     except PlayerFailedError as error:
         raise PlayerFailedError(f"{facts['player']}: {error}; {_free(data, plan, error)}", error.reason) from error
-    if path is not None:
-        record_log_end(path)
     if session.failure is not None:
         raise session.failure
     return path, session.end_reason

@@ -47,7 +47,7 @@ def check_agent(
     protocol = build_short_study(world, options or {}, episodes=episodes, max_steps=max_steps)
     plans = expand_protocol(protocol, enrol_participant(protocol, 0)).episodes
     agent = _make(make, argument)
-    with closing(World(world, options or {})) as env:
+    with closing(World(world, options or {}, trusted=True)) as env:
         advice = [_play(agent, plan, env) for plan in plans]
         for again, of in ((_make(make, argument), "a new one"), (agent, "the same one")):
             same = [_play(again, plan, env) for plan in plans]

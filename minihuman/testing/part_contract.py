@@ -29,7 +29,7 @@ from minihuman.runtime.simulated_session import SimulatedWindow, simulate
 from minihuman.simulation.participant import make_participant
 from minihuman.testing.checks import build_study, require
 from minihuman.web.screen_values import convert_screen
-from minihuman.worlds.adapters.world import World, trusted_world_factory
+from minihuman.worlds.adapters.world import World
 
 _SIZE_PX = (1280, 720)
 _PLAYER = "random"
@@ -102,7 +102,7 @@ def _check_part(protocol: Protocol) -> Iterator[Event]:
     require(complete, f"the session did not come to its end: {ended[-1]}")
     with TemporaryDirectory() as folder:
         for log in simulate(protocol, Path(folder), participants=1, seed=1, player=_PLAYER):
-            for difference in find_log_differences(log, trusted_world_factory()):
+            for difference in find_log_differences(log, World):
                 require(False, f"the log of a session does not replay: {difference}")
     yield from first
 

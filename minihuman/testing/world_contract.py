@@ -92,11 +92,11 @@ def check_world(
     """
     with _registered(make) as world_id:
         chance = np.random.default_rng(seeds[0])
-        world = World(world_id, options)
+        world = World(world_id, options, trusted=True)
         actions = chance.integers(len(world.action_names), size=steps).tolist()
         try:
             _says_what_it_is(world)
-            played = _plays_alike(world, World(world_id, options), seeds, actions)
+            played = _plays_alike(world, World(world_id, options, trusted=True), seeds, actions)
             _comes_back(world, seeds[0], actions)
             search = _search(world, seeds[0], search_steps)
             _is_drawn(world, seeds[0], actions)

@@ -37,6 +37,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.command_inbox import CommandInbox, inbox_path
+from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor
 from minihuman.web.completion import Completion, build_completion, classify_ending, get_page_texts, get_session_code
@@ -55,7 +56,6 @@ _RULES = (
     "consent_rules",
     "agent_rules",
 )  # facts that say by what a session was played
-_OF_A_WORLD = "world_sha256_"
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,7 @@ def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str,
     """Refuse what another release began, or another state of the worlds."""
     began = events[0].facts if events and isinstance(events[0], SessionStarted) else {}
     for name in {*began, *facts}:
-        if (name in _RULES or name.startswith(_OF_A_WORLD)) and began.get(name) != facts.get(name):
+        if (name in _RULES or name.startswith(SOURCE_FACT)) and began.get(name) != facts.get(name):
             raise LogError(
                 f"{part} was recorded with {name} {began.get(name)!r}, but this server has {facts.get(name)!r}"
             )

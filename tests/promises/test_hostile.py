@@ -40,29 +40,9 @@ from minihuman.reporting.build import build_report
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import GRID_WORLDS
 from tests.counts import count
+from tests.promises.hostile_protocols import mutated
 from tests.promises.sessions import TOML, play, study
 from tests.promises.tampering import Record, messages_changed, moved, others_changed, rewritten
-
-PLANTED = (
-    "[" * 5000,
-    "x = " + "[" * 3000 + "]" * 3000,
-    "x = " + "9" * 5000,
-    'feedback = "{steps[0]}"',
-    'feedback = "{outcome[a]}"',
-    'feedback = "{steps:>99999999999}"',
-    'feedback = "{steps!r}"',
-    'version = "\\u001b[31mred"',
-    "episodes = 99999999999999999999",
-    "participants = -1",
-    "max_steps = 1e400",
-    "seeds = [1, 2",
-    "a.b.c.d = 1979-05-27T07:32:00Z",
-    "seed = nan",
-    '"" = 1',
-)
-
-
-VALUES = ("-1", "0", "1e9", "[]", "{}", "true", '"x"', "[[1]]", "10000000")
 
 
 @pytest.mark.long
@@ -71,7 +51,7 @@ def test_any_protocol_is_read_or_refused_in_one_line() -> None:
     texts = [find_shipped_protocol("demo").read_text(), TOML.format(episodes=3, steps=20)]
     read = refused = 0
     for _ in range(count(150, 10_000)):
-        toml = _mutated(rng.choice(texts), rng)
+        toml = mutated(rng.choice(texts), rng)
         try:
             protocol = decode_protocol(toml, "p.toml")
             expand_protocol(protocol, enrol_participant(protocol, 0))
@@ -80,30 +60,6 @@ def test_any_protocol_is_read_or_refused_in_one_line() -> None:
             refused += 1
     assert read > 0
     assert refused > 0
-
-
-def _mutated(text: str, rng: random.Random) -> bytes:
-    lines = text.splitlines()
-    for _ in range(rng.randint(1, 3)):
-        place = rng.randrange(len(lines))
-        match rng.randrange(6):
-            case 0:
-                lines.insert(place, rng.choice(PLANTED))
-            case 1:
-                lines.pop(place)
-            case 2:
-                lines.insert(place, rng.choice(lines))
-            case 3:
-                key, _, _ = lines[place].partition("=")
-                lines[place] = f"{key}= {rng.choice(VALUES)}"
-            case 4:
-                line = lines[place]
-                at = rng.randrange(len(line) + 1)
-                lines[place] = line[:at] + rng.choice(['"', "\\", "\u202e", "=", "[", "\0", "é"]) + line[at:]
-            case 5:
-                key, equals, value = lines[place].partition("=")
-                lines[place] = f"{key}{equals}{value * rng.choice([2, 50])}"
-    return "\n".join(lines).encode(errors="surrogatepass")
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from minihuman.experiment.machine.events import EpisodeStarted, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError
 from minihuman.experiment.replay import renders_same_images
 from minihuman.log.model.session_log import EpisodeLog, SessionLog, pose_as_row
-from minihuman.worlds.adapters.world import World, trusted_world_factory
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.source_digest import rules_digest
 
 
@@ -36,17 +36,14 @@ def describe_other_rules(log: SessionLog) -> str:
     return f"recorded by rules {' and '.join(recorded)}, checked by rules {rules_digest()}" if recorded else ""
 
 
-def verify_episodes(log: SessionLog, make_world: WorldFactory | None = None) -> EpisodeVerification:
+def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> EpisodeVerification:
     """Play every episode of a log again, up to the first number that differs.
 
     Pictures in first person that an earlier renderer drew are not compared; states, rewards and ends are all the same.
 
-    ``make_world`` makes the worlds; without it only modules that are known or imported already are trusted.
-
     Raises:
         WorldError: if a world of the log cannot be made here.
     """
-    make_world = make_world or trusted_world_factory()
     episodes = steps = n_other_renderer = 0
     same = all(renders_same_images(segment.facts) for segment in log.segments)
     for (world_id, options), group in groupby(log.episodes, lambda episode: (episode.plan.world, episode.plan.options)):

@@ -8,7 +8,7 @@ the replay of the episodes first.
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,7 +64,8 @@ from minihuman.log.record.live_log import build_attachments, build_segment_metad
 from minihuman.log.salvage.chunk import ChunkMessages, LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.log.salvage.summary_section import read_summary
-from minihuman.worlds.adapters.world import trusted_world_factory
+from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
+from minihuman.worlds.adapters.world import World
 
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 
@@ -464,21 +465,25 @@ def find_sessions(given: Path, *, required: bool = True) -> list[Path]:
     return sorted(found)
 
 
-def verify_session(log: Path, *, trust: Collection[str] = (), policies: bool = False) -> Iterator[tuple[str, bool]]:
+def verify_session(log: Path, *, trust: bool = False, policies: bool = False) -> Iterator[tuple[str, bool]]:
     """Yield lines on a session, each with whether it is good news; with ``policies`` on what its agents thought, too.
 
-    ``log`` is a log, or the folder of the one session that is in it, in as many files as it may be.
+    ``log`` is a log, or the folder of the one session that is in it, in as many files as it may be. With ``trust`` the
+    modules of its worlds are trusted from now on.
 
     Raises:
         LogError: if the log cannot be read, or the file of a policy.
         WorldError: if a world of it cannot be made here, or is in a module that is not trusted.
     """
     session = read_log(log)
-    make_world = trusted_world_factory(trust)
+    if trust:
+        Trust(modules=list_foreign_modules(episode.plan.world for episode in session.episodes)).record()
     if other := describe_other_rules(session):
         yield other, True
     with raise_as_log_error(log, "played again"):
-        steps = verify_episodes(session, make_world)
+        steps = verify_episodes(session)
+    for module in find_changed_sources(session.facts):
+        yield f"recorded with another file of the module {module}", True
     if steps.difference:
         yield steps.difference, False
     if steps.n_other_renderer:
@@ -489,13 +494,13 @@ def verify_session(log: Path, *, trust: Collection[str] = (), policies: bool = F
     differences: list[str] = []
     for file in list_session_files(log):
         with raise_as_log_error(file, "proven"):
-            differences += find_log_differences(file, make_world)
+            differences += find_log_differences(file, World)
     for difference in differences[:MAX_DIFFERENCES]:
         yield difference, False
     if len(differences) > MAX_DIFFERENCES:
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
     if policies:
-        yield from verify_advice(session, make_world)
+        yield from verify_advice(session, World)
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 

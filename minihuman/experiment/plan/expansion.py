@@ -25,6 +25,8 @@ from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, loa
 from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
 from minihuman.worlds.catalogue import is_compiled_grid
 
+MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
+
 CONSENT, KEYBOARD, CLOSING = "consent", "keyboard_check", "closing"
 
 
@@ -335,6 +337,8 @@ def expand_protocol(
     drawn, participant = participant, assign_slot(protocol, participant, slot)
     names = list_part_names(protocol, slot, participant.group, session)
     blocks = [protocol.block_for(name, participant.group) for name in names if _is_block(protocol, name)]
+    if (count := sum(block.episodes for block in blocks)) > MAX_SESSION_EPISODES:
+        raise ProtocolError(f"session {session} has {count} episodes; use {MAX_SESSION_EPISODES} at most")
     episodes: list[EpisodePlan] = []
     key_map: KeyMap | None = None
     for number, block in enumerate(blocks):

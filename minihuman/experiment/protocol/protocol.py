@@ -40,6 +40,7 @@ from minihuman.experiment.protocol.validation_errors import (
 from minihuman.worlds.contract import Palette, View
 
 MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
+MAX_ALLOCATED_BLOCKS = 1_000_000  # of all participants: the allocation list draws keys for each
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
@@ -277,6 +278,7 @@ def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
     return [
         *check_each_override("blocks", protocol.blocks, lambda block: _check_block(block, protocol)),
         *check_carried_key_maps(protocol),
+        *_check_allocation_size(protocol),
         *check_newer_design_rules(protocol),
     ]
 
@@ -292,6 +294,16 @@ def _check_study(study: StudySpec) -> list[FieldError]:
     if not 0 <= study.min_rest_s <= 86_400:
         found.append(("$.study.min_rest_s", f"is {study.min_rest_s}; a rest is 0 to 86400 s"))
     return found
+
+
+def _check_allocation_size(protocol: Protocol) -> list[FieldError]:
+    count, blocks = (
+        protocol.study.participants,
+        max(len(protocol.blocks), *(len(one.blocks) for one in protocol.groups)),
+    )
+    if count * blocks <= MAX_ALLOCATED_BLOCKS:
+        return []
+    return [("$.study.participants", f"is {count} with {blocks} blocks each; ask for {MAX_ALLOCATED_BLOCKS // blocks}")]
 
 
 def _check_keys(keys: KeysSpec) -> list[FieldError]:

@@ -1,11 +1,15 @@
 """A policy file: its weights, and everything needed to know where it may play and how it was made."""
 
+import math
 import platform
+import warnings
+import zipfile
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import torch
 from gymnasium import spaces
@@ -13,11 +17,19 @@ from stable_baselines3.common.policies import BasePolicy
 
 from minihuman import __version__
 from minihuman.errors import LearnError
-from minihuman.learn.policy.network import ACTOR_HEAD, EncoderName, Policy, build_policy
+from minihuman.learn.policy.network import (
+    ACTOR_HEAD,
+    EncoderName,
+    MissionImageExtractor,
+    Policy,
+    build_policy,
+)
 from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.operating_system import replace_file, sync_file
 
 FORMAT = 1
+MAX_FILE_BYTES = 2**25
+MAX_VALUES = 2**23  # of a policy's weights together, and of an image
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,18 +77,46 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
         LearnError: if the file is missing or is not a policy of ours.
     """
     content = read_policy_file(path)
-    card = _card(content, path)
-    weights = content["weights"]
-    policy = build_policy(card.observation_space, len(weights[ACTOR_HEAD + "bias"]), card.eyes)
+    card, weights = _read_card(content, path), content.get("weights")
     try:
-        policy.load_state_dict(weights)
-    except RuntimeError as error:
-        problem = str(error).splitlines()[0]
-        raise LearnError(
-            f"{path}: the weights do not fit the network on its card ({problem}); train it again"
-        ) from None
-    policy.set_training_mode(False)
-    return policy, card
+        if (misfit := _find_misfit(card, weights)) is None:
+            policy = build_policy(card.observation_space, len(card.action_names), card.eyes)
+            policy.load_state_dict(weights)
+            policy.set_training_mode(False)
+            return policy, card
+    except (ArithmeticError, AssertionError, RuntimeError, TypeError, ValueError) as error:  # of shapes of any size
+        misfit = (str(error).splitlines() or [type(error).__name__])[0]
+    raise LearnError(f"{path}: the weights do not fit the network on its card ({misfit}); train it again")
+
+
+def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
+    """Why no network of a policy's card can have these weights, found without making one of a size that may be huge."""
+    if not isinstance(weights, dict) or not weights:
+        return f"weights is a {type(weights).__name__}"
+    for name, value in weights.items():
+        if not isinstance(name, str) or not _is_plain_tensor(value):
+            return f"{name!r} is not a tensor of finite 32-bit floats"
+    if sum(value.numel() for value in weights.values()) > MAX_VALUES:
+        return f"more than {MAX_VALUES} weights"
+    if min(card.image_shape) < 1 or math.prod(card.image_shape) > MAX_VALUES:
+        return f"an image of {' x '.join(map(str, card.image_shape))}"
+    with torch.device("meta"):
+        extractor = MissionImageExtractor(card.observation_space, card.eyes).state_dict()
+    shapes = {f"features_extractor.{name}": tuple(value.shape) for name, value in extractor.items()}
+    shapes[f"{ACTOR_HEAD}bias"] = (len(card.action_names),)
+    found = {name: tuple(weights[name].shape) if name in weights else "absent" for name in shapes}
+    return next(
+        (f"{name} is {found[name]}, not {shape}" for name, shape in shapes.items() if found[name] != shape), None
+    )
+
+
+def _is_plain_tensor(value: Any) -> bool:
+    return (
+        isinstance(value, torch.Tensor)
+        and (value.dtype, value.layout, value.device.type) == (torch.float32, torch.strided, "cpu")
+        and value.numel() <= MAX_VALUES
+        and bool(torch.isfinite(value).all())
+    )
 
 
 def read_policy_file(path: Path) -> dict[str, Any]:
@@ -88,8 +128,11 @@ def read_policy_file(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise LearnError(f"policy file {path} does not exist; `minihuman learn` writes one")
     try:
-        # weights_only: a policy file from elsewhere must not be able to run code
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        _require_small_archive(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a pickle that is none of ours, which is refused
+            # weights_only: a policy file from elsewhere must not be able to run code
+            content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:
         raise LearnError(
             f"{path} is not a policy file ({type(error).__name__}); `minihuman learn` writes one"
@@ -99,14 +142,24 @@ def read_policy_file(path: Path) -> dict[str, Any]:
     return content
 
 
-def _card(content: dict[str, Any], path: Path) -> PolicyCard:
+def _require_small_archive(path: Path) -> None:
+    """Refuse what is not a ZIP archive as PyTorch writes it, of a bounded size once it is unpacked.
+
+    Raises:
+        ValueError: if it is something else.
+        OSError: if it cannot be read.
+        zipfile.BadZipFile: if it is no archive.
+    """
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+    if path.stat().st_size > MAX_FILE_BYTES or sum(entry.file_size for entry in entries) > MAX_FILE_BYTES:
+        raise ValueError(f"larger than {MAX_FILE_BYTES} bytes")
+
+
+def _read_card(content: dict[str, Any], path: Path) -> PolicyCard:
     try:
-        values = dict(content["card"])
-        values["action_names"] = tuple(values["action_names"])
-        values["image_shape"] = tuple(values["image_shape"])
-        values["eyesight"] = ObservationEncoder(**values["eyesight"])
-        return PolicyCard(**values)
-    except (KeyError, TypeError) as error:
+        return msgspec.convert(content.get("card"), PolicyCard)
+    except (msgspec.ValidationError, RecursionError) as error:
         raise LearnError(
             f"{path}: its card cannot be read ({error}); train the policy again with this version"
         ) from None

@@ -42,6 +42,7 @@ from minihuman.log.read.protobuf_columns import FieldColumn, MessageColumns, rea
 from minihuman.log.read.reader import LogReader
 from minihuman.log.salvage.chunk import TopicMessages
 from minihuman.log.salvage.summary_section import all_ended_cleanly
+from minihuman.trust import find_logged_sources
 
 
 class SampleSequence(Sequence[events.Sampled]):
@@ -498,6 +499,8 @@ def read_log(path: Path | str) -> SessionLog:
             gathered.read(reading)
     if not gathered.started:
         raise LogError(f"{path} holds no session plan; it was cut off before the session started")
+    for started in gathered.started:
+        find_logged_sources(started.facts)
     try:
         with raise_as_log_error(path):
             return _session(path, gathered, readings)

@@ -1,15 +1,12 @@
 """World: any Gymnasium environment with discrete actions, as a session needs it.
 
 Native worlds answer for themselves; worlds built like Minigrid's or Miniworld's are read from their attributes; any
-other world plays too, without pose and map. Knows no keys and no time. A world that a log names is imported only from
-trusted modules.
+other world plays too, without pose and map. Knows no keys and no time. A world is imported only from a trusted module.
 """
 
 import copy
-import os
-import sys
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import EnumMeta
 from typing import Any
@@ -20,6 +17,7 @@ from gymnasium import wrappers
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.trust import locate_world
 from minihuman.worlds.adapters.upstream import MinigridAdapter, MiniworldAdapter, is_minigrid_like, is_miniworld_like
 from minihuman.worlds.contract import UNKNOWN_BOUNDS, NativeWorld, Palette, PathLengthBounds, View, answer_to_old_names
 from minihuman.worlds.hashing import hash64
@@ -53,15 +51,16 @@ class World:
     Args:
         world_id: a Gymnasium id, with the module that registers it before a colon where needed.
         options: keyword arguments of ``gymnasium.make``.
+        trusted: the user named it, not a protocol or a log: import it from any module.
 
     Raises:
-        WorldError: if it cannot be made, has no discrete actions or cannot draw itself.
+        WorldError: if it cannot be made, is not trusted, has no discrete actions or cannot draw itself.
     """
 
-    def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
+    def __init__(self, world_id: str, options: dict[str, Any] | None = None, *, trusted: bool = False) -> None:
         self.id = world_id
         self.options = options or {}
-        self._env = _make(world_id, self.options)
+        self._env = _make(world_id, self.options if trusted else locate_world(world_id, self.options))
         native = self._env.unwrapped
         self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
         space = self._env.action_space
@@ -269,7 +268,10 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
     try:
         env = gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **options)
     except ModuleNotFoundError as error:
-        raise WorldError(f"{world_id}: {error}; install the package that provides this world") from error
+        raise WorldError(
+            f"{world_id}: {error}; install the package that provides this world, or trust the protocol's folder that "
+            "has it: minihuman check PROTOCOL"
+        ) from error
     except gymnasium.error.Error as error:
         raise WorldError(f"{world_id}: {error}") from error
     except WorldError as error:
@@ -402,27 +404,3 @@ def _plain(value: Any) -> Any:
             return value.bit_generator.state
         case _:
             return value
-
-
-TRUSTED_MODULES = frozenset({"minihuman", "gymnasium", "minigrid", "miniworld", "ale_py"})
-TRUST_VARIABLE = "MINIHUMAN_TRUST"  # modules that are trusted on this machine, with commas between
-
-
-def trusted_world_factory(modules: Collection[str] = ()) -> Callable[[str, dict[str, Any]], World]:
-    """A maker of worlds that imports only known modules, these, and those in the environment's MINIHUMAN_TRUST.
-
-    A module that is imported already may be used: its code has run.
-    """
-    trusted = {*modules, *filter(None, os.environ.get(TRUST_VARIABLE, "").split(","))}
-
-    def make(world_id: str, options: dict[str, Any]) -> World:
-        module = world_id.partition(":")[0] if ":" in world_id else ""
-        known = module.partition(".")[0] in TRUSTED_MODULES or module in trusted or module in sys.modules
-        if module and not known:
-            raise WorldError(
-                f"{world_id}: the log names the module {module!r}, which is not trusted; to import it, "
-                f"pass --trust {module} to a command that takes it, or set {TRUST_VARIABLE}={module}"
-            )
-        return World(world_id, options)
-
-    return make

@@ -1,0 +1,313 @@
+"""Which study folders and modules the user trusts: only their Python runs, and only their files are read by worlds.
+
+A protocol or a log can name any module and, in a world's options, any file. Modules of known packages are imported
+always, others only if the user trusts them or the folder that they lie in; a link counts where it leads. The record is
+a file of the user's configuration, never of a study's folder, which may come from a stranger: one JSON object a line.
+"""
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib import invalidate_caches
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from minihuman.errors import MinihumanError, WorldError
+
+KNOWN_PACKAGES = frozenset({"minihuman", "gymnasium", "minigrid", "miniworld", "ale_py"})
+TRUST_VARIABLE = "MINIHUMAN_TRUST"  # modules that are trusted in this environment, with commas between
+CONFIG_VARIABLE = "MINIHUMAN_CONFIG"  # the folder of the user's configuration, instead of the platform's
+SOURCE_FACT = "world_sha256_"  # before a module's name: the fact of a session that is its file's SHA-256
+_FOLDER_OPTIONS = frozenset({"assets", "patterns"})  # of our worlds: a folder of meshes and textures, of pictures
+
+Permission = bool | Callable[[str], bool]  # whether to trust, or what asks the user
+NamedWorld = tuple[str, Mapping[str, Any]]  # id and options
+
+
+def find_config_folder() -> Path:
+    """The folder of the user's configuration of minihuman; it need not exist."""
+    if chosen := os.environ.get(CONFIG_VARIABLE):
+        return Path(chosen)
+    if sys.platform == "win32":
+        place = Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming")
+    elif sys.platform == "darwin":
+        place = Path.home() / "Library" / "Application Support"
+    else:
+        place = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+    return place / "minihuman"
+
+
+@dataclass(frozen=True, slots=True)
+class Trust:
+    """What is trusted, or what would have to be.
+
+    Attributes:
+        folders: absolute paths without links.
+        modules: installed modules, by their full names.
+    """
+
+    folders: frozenset[Path] = frozenset()
+    modules: frozenset[str] = frozenset()
+
+    @classmethod
+    def read(cls) -> "Trust":
+        """What the user trusts, by the record and the environment.
+
+        Raises:
+            MinihumanError: if a line of the record cannot be read.
+            OSError: if the file cannot be.
+        """
+        path = find_trust_record()
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
+        found = [_read_line(path, number, line) for number, line in enumerate(lines, 1) if line.strip()]
+        modules = filter(None, os.environ.get(TRUST_VARIABLE, "").split(","))
+        return cls(
+            frozenset(Path(name) for kind, name in found if kind == "folder"),
+            frozenset({*modules, *(name for kind, name in found if kind == "module")}),
+        )
+
+    def record(self) -> None:
+        """Add this to what the user trusts.
+
+        Raises:
+            OSError: if the record cannot be written.
+        """
+        path, known = find_trust_record(), Trust.read()
+        new: list[dict[str, str]] = [{"folder": str(folder)} for folder in sorted(self.folders - known.folders)]
+        new += [{"module": module} for module in sorted(self.modules - known.modules)]
+        if new:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with path.open("a", encoding="utf-8") as file:  # appended, so that two programs lose nothing
+                file.write("".join(f"{json.dumps(line)}\n" for line in new))
+
+    def holds(self, path: Path) -> bool:
+        """Whether a file or folder lies in a trusted folder, once its links are followed."""
+        return any(path.resolve().is_relative_to(folder) for folder in self.folders)
+
+    def allows(self, module: str, spec: ModuleSpec) -> bool:
+        """Whether a module, of whose first part this is the specification, may be imported."""
+        return _is_known(module) or module in self.modules or any(map(self.holds, _places(spec)))
+
+    def __bool__(self) -> bool:
+        return bool(self.folders or self.modules)
+
+    def __str__(self) -> str:
+        return " and ".join((*map(str, sorted(self.folders)), *(f"the module {name}" for name in sorted(self.modules))))
+
+
+def find_trust_record() -> Path:
+    """The file that says what the user trusts; it need not exist."""
+    return find_config_folder() / "trust.jsonl"
+
+
+def _read_line(path: Path, number: int, line: str) -> tuple[str, str]:
+    try:
+        ((kind, name),) = json.loads(line).items()
+    except (ValueError, AttributeError):
+        raise MinihumanError(f"{path}:{number}: {line[:60]!r} names no folder or module; delete the line") from None
+    return str(kind), str(name)
+
+
+def admit_worlds(worlds: Iterable[NamedWorld], folder: Path, permission: Permission) -> str:
+    """Let a protocol's worlds run code and read files from its folder, if the user trusts it.
+
+    Args:
+        worlds: those that the protocol names.
+        folder: the protocol's, without links.
+        permission: whether to trust what is not trusted yet, or what asks.
+
+    Returns:
+        What is not trusted and was refused, such as the folder's path; "" if there is nothing.
+
+    Raises:
+        OSError: if the record cannot be read or written.
+    """
+    worlds = list(worlds)
+    trusted = Trust.read()
+    missing = _find_untrusted(worlds, folder, trusted)
+    if missing:
+        question = f"This protocol runs Python or reads files from {missing}. Trust it?"
+        if not (permission(question) if callable(permission) else permission):
+            return str(missing)
+        missing.record()
+    if any(_find_in_folder(_module_of(world), folder) for world, _ in worlds):
+        _search_folder(folder)
+    return ""
+
+
+def _find_untrusted(worlds: Iterable[NamedWorld], folder: Path, trusted: Trust) -> Trust:
+    """What of these worlds would have to be trusted besides."""
+    folders, modules = set[Path](), set[str]()
+    for world, options in worlds:
+        module = _module_of(world)
+        if module and not _is_known(module) and module not in trusted.modules:
+            spec = _find_first_part(module)
+            beside = _find_in_folder(module, folder)
+            places = _places(spec) if spec else [beside] if beside else []
+            if spec is None and beside is not None:
+                folders.add(folder)
+            for place in places:
+                if place.resolve().is_relative_to(folder):
+                    folders.add(folder)
+                elif spec is None:
+                    folders.add(place.resolve().parent)
+                elif not trusted.holds(place):
+                    modules.add(module)
+        if any(_paths_in(options)) and _is_known(module):
+            folders.add(folder)
+    return Trust(frozenset(one for one in folders if not trusted.holds(one)), frozenset(modules))
+
+
+def locate_world(world: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Make sure that a world's module may be imported and can be found; give its options with the paths of its files.
+
+    A module that is imported already may be used: its code has run.
+
+    Raises:
+        WorldError: if the module or a file is not trusted.
+    """
+    module = _module_of(world)
+    if module and not _is_known(module) and module not in sys.modules:
+        _locate_module(world, module)
+    if not _is_known(module):
+        return dict(options)  # its own code decides what it reads
+    return dict(options) | {name: str(_locate_file(world, name, path)) for name, path in _paths_in(options)}
+
+
+def _locate_module(world: str, module: str) -> None:
+    if not all(part.isidentifier() and not part.startswith("_") for part in module.split(".")):
+        raise WorldError(f"{world}: {module!r} is not a module of worlds; write my_worlds:My-World-v0")
+    trusted, spec = Trust.read(), _find_first_part(module)
+    if spec is None and module not in trusted.modules:
+        holders = {path.read_bytes(): folder for folder, path in _find_holders(module, trusted)}
+        if len(holders) > 1:
+            places = " and ".join(map(str, sorted(holders.values())))
+            raise WorldError(f"{world}: {places} have different modules {module!r}; rename one, or trust only one")
+        for folder in holders.values():
+            _search_folder(folder)
+        spec = _find_first_part(module)
+    if spec is not None and not trusted.allows(module, spec):
+        raise WorldError(
+            f"{world}: the module {module!r} is not trusted; read its code, then pass --trust to `minihuman check` or "
+            f"`minihuman verify`, or set {TRUST_VARIABLE}={module}"
+        )
+
+
+def _locate_file(world: str, name: str, path: str) -> Path:
+    trusted = Trust.read()
+    for found in (folder / path for folder in sorted(trusted.folders)):
+        if found.exists() and trusted.holds(found):
+            return found
+    raise WorldError(
+        f"{world}: {name} is {path!r}, which is in no trusted folder; put it beside the protocol, name it from there, "
+        "and pass --trust to `minihuman check`"
+    )
+
+
+def find_logged_sources(facts: Mapping[str, str]) -> None:
+    """Make the modules findable that a session was played with, from the trusted folder that has the same files."""
+    for fact, digest in facts.items():
+        module = fact.removeprefix(SOURCE_FACT)
+        if module == fact or module in sys.modules or _find_first_part(module) is not None:
+            continue
+        for folder, path in _find_holders(module, Trust.read()):
+            if hashlib.sha256(path.read_bytes()).hexdigest() == digest:
+                _search_folder(folder)
+                break
+
+
+def list_world_sources(worlds: Iterable[str]) -> dict[str, Path]:
+    """The files of the modules that provide these worlds, and of what these imported from their folder, by module.
+
+    Installed packages are left out: their versions say what they are.
+    """
+    modules = {module for module in map(_module_of, worlds) if module}
+    found = {module: path for module in modules if (path := _source_of(find_spec(module))) is not None}
+    roots = {path.parents[name.count(".") + (path.name == "__init__.py")] for name, path in found.items()}
+    trusted = Trust.read() if roots else Trust()
+    roots = {root for root in roots if trusted.holds(root)}
+    for name, module in list(sys.modules.items()) if roots else ():
+        path = _source_of(getattr(module, "__spec__", None))
+        if path is not None and any(path.is_relative_to(root) for root in roots):
+            found[name] = path
+    return dict(sorted(found.items()))
+
+
+def find_changed_sources(facts: Mapping[str, str]) -> list[str]:
+    """The imported modules whose files are not those that a session was played with."""
+    found = []
+    for fact, digest in facts.items():
+        spec = getattr(sys.modules.get(fact.removeprefix(SOURCE_FACT)), "__spec__", None)
+        path = _source_of(spec) if fact.startswith(SOURCE_FACT) else None
+        if path is not None and hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            found.append(fact.removeprefix(SOURCE_FACT))
+    return found
+
+
+def _source_of(spec: ModuleSpec | None) -> Path | None:
+    if spec is None or not spec.origin or not spec.has_location:
+        return None
+    path = Path(spec.origin)
+    return None if {"site-packages", "dist-packages"}.intersection(path.parts) else path
+
+
+def list_foreign_modules(worlds: Iterable[str]) -> frozenset[str]:
+    """The modules that these worlds are in, but for those of known packages."""
+    return frozenset(module for module in map(_module_of, worlds) if not _is_known(module))
+
+
+def _module_of(world: str) -> str:
+    return world.partition(":")[0] if ":" in world else ""
+
+
+def _is_known(module: str) -> bool:
+    """Whether a module is a known package or a part of one; so is "", for a world that is registered already."""
+    return not module or (module.partition(".")[0] in KNOWN_PACKAGES and "__" not in module)
+
+
+def _paths_in(options: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The options that name a file or a folder."""
+    for name, value in options.items():
+        if isinstance(value, str) and (name in _FOLDER_OPTIONS or "/" in value or "\\" in value):
+            yield name, value
+
+
+def _find_first_part(module: str) -> ModuleSpec | None:
+    """The specification of a module's outermost package, which finding does not run."""
+    try:
+        return find_spec(module.partition(".")[0])
+    except (ImportError, ValueError):
+        return None
+
+
+def _places(spec: ModuleSpec) -> list[Path]:
+    """Where a module or package lies; nowhere if it is part of Python itself."""
+    if spec.has_location and spec.origin:
+        return [Path(spec.origin)]
+    return [Path(place) for place in spec.submodule_search_locations or ()]
+
+
+def _find_in_folder(module: str, folder: Path) -> Path | None:
+    """A module's file in a folder."""
+    if not all(part.isidentifier() for part in module.split(".")):
+        return None
+    base = folder.joinpath(*module.split("."))
+    return next((path for path in (base / "__init__.py", base.with_suffix(".py")) if path.is_file()), None)
+
+
+def _find_holders(module: str, trusted: Trust) -> list[tuple[Path, Path]]:
+    """The trusted folders that have a module, each with its file."""
+    found = [(folder, _find_in_folder(module, folder)) for folder in sorted(trusted.folders)]
+    return [(folder, path) for folder, path in found if path is not None and trusted.holds(path)]
+
+
+def _search_folder(folder: Path) -> None:
+    """Let Python find a folder's modules, after all others: nothing in it takes the place of a library."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+    invalidate_caches()
