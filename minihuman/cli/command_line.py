@@ -28,6 +28,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "serve": "Serve a study to participants in a browser.",
         "simulate": "Run a study with simulated participants.",
         "watch": "Watch running sessions on a local web page.",
+        "deploy": "Write a folder from which a study is served.",
     },
     "look": {
         "status": "Print the progress of a study's sessions.",

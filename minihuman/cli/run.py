@@ -141,6 +141,31 @@ def serve(
     print("ended; unfinished sessions resume at the same step when the study is served again", flush=True)
 
 
+def deploy(
+    protocol: ProtocolFile,
+    address: Annotated[str, Option(help="The public base URL, such as https://study.example.org.")],
+    out: Annotated[Path, Option(help="The folder to write.")] = Path("deployment"),
+    workers: Annotated[int, Option(min=1, max=64, help="The number of server processes.")] = 1,
+    postgres: Annotated[bool, Option("--postgres", help="Keep enrolment and arrivals in a database.")] = False,
+    bucket: Annotated[str, Option(help="Copy finished logs to an object store, such as s3://logs/study.")] = "",
+) -> None:
+    """Write a folder from which a study is served.
+
+    It holds a container file, a compose file with Caddy, a Caddyfile, a systemd unit and what to do with them. Nothing
+    is started.
+
+    Example: minihuman deploy protocols/online.toml --address https://study.example.org --out online
+    """
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.web.deployment import Deployment, write_deployment
+    from minihuman.web.server.process import require_browser_support
+
+    study = read_protocol(protocol)
+    require_browser_support(study)
+    for path in write_deployment(study, out, Deployment(address, workers, postgres, bucket)):
+        print(path)
+
+
 def simulate(
     protocol: ProtocolFile,
     participants: Annotated[int, Option(min=1, help="The number of participants; they take the next free slots.")] = 10,

@@ -1,0 +1,94 @@
+"""Write a folder from which a study is served: container file, compose file, Caddyfile, systemd unit.
+
+Nothing here starts anything. The templates beside this file are Jinja's; images are parameters of what is written.
+"""
+
+import secrets
+import stat
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from jinja2 import Environment, StrictUndefined
+
+from minihuman.admin.policies import POLICY_SUFFIX
+from minihuman.errors import ProtocolError
+from minihuman.experiment.protocol.protocol import Protocol
+
+FILE_NAMES = ("Containerfile", "compose.yaml", "Caddyfile", "minihuman.service", "README.md")
+SECRETS_FILE_NAME = ".env"
+
+
+@dataclass(frozen=True, slots=True)
+class Deployment:
+    """How a study is served.
+
+    Args:
+        address: the public base URL, https.
+        workers: server processes; Caddy routes each participant to one of them.
+        postgres: the enrolment log and arrivals are in a database of the folder's own.
+        bucket: "s3://bucket/prefix", to which finished logs are copied; "" keeps them on the machine.
+
+    Raises:
+        ProtocolError: if the address or the bucket is none.
+    """
+
+    address: str
+    workers: int = 1
+    postgres: bool = False
+    bucket: str = ""
+
+    def __post_init__(self) -> None:
+        url = urlsplit(self.address)
+        if url.scheme != "https" or not url.hostname or url.path.strip("/") or url.port is not None:
+            raise ProtocolError(f"--address is {self.address!r}; give a host, as in https://study.example.org")
+        if self.bucket and not self.bucket.startswith("s3://"):
+            raise ProtocolError(f"--bucket is {self.bucket!r}; give an object store's, as in s3://logs/study")
+
+    @property
+    def host(self) -> str:
+        """The host name of the address."""
+        return str(urlsplit(self.address).hostname)
+
+
+def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> list[Path]:
+    """Write the folder; passwords that are there are kept, everything else is written anew.
+
+    Returns:
+        The files written.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    agents = [block.agent for block in protocol.blocks if block.agent is not None]
+    wanted = {
+        "web": True,
+        "postgres": deployment.postgres,
+        "s3": bool(deployment.bucket),
+        "learn": any(agent.learner or agent.policy.endswith(POLICY_SUFFIX) for agent in agents),
+    }
+    jinja = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    contents = {"study.toml": protocol.toml, **protocol.files}
+    for name in FILE_NAMES:
+        template = files(__package__).joinpath("templates", f"{name}.j2").read_text(encoding="utf-8")
+        text = jinja.from_string(template).render(
+            deployment=deployment,
+            study=protocol.study.name,
+            extras=",".join(name for name in wanted if wanted[name]),
+            files=sorted(contents),
+        )
+        contents[name] = text.encode()
+    if deployment.postgres:
+        contents["register.url"] = b"postgresql://minihuman@postgres/studies\n"
+    if deployment.bucket:
+        contents["logs.url"] = f"{deployment.bucket}\n".encode()
+    for name, content in contents.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_bytes(content)
+    secret = out / SECRETS_FILE_NAME
+    if deployment.postgres and not secret.exists():
+        secret.touch(mode=stat.S_IRUSR | stat.S_IWUSR)
+        secret.write_text(f"POSTGRES_PASSWORD={secrets.token_urlsafe(24)}\n", encoding="ascii", newline="\n")
+    return [out / name for name in contents] + ([secret] if deployment.postgres else [])

@@ -1,0 +1,112 @@
+"""A folder that serves a study: every file is read by a parser, and says what the study needs."""
+
+import configparser
+import json
+import re
+import shlex
+import shutil
+import stat
+import subprocess
+from pathlib import Path
+
+import click
+import pytest
+import yaml
+
+from minihuman.cli.command_line import make_command_line
+from minihuman.errors import ProtocolError
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.web.deployment import Deployment, write_deployment
+
+PROTOCOL = Path(__file__).parents[2] / "protocols" / "online.toml"
+ADDRESS = "https://study.example.org"
+ALONE = Deployment(ADDRESS)
+WHOLE = Deployment(ADDRESS, workers=3, postgres=True, bucket="s3://logs/online")
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    study = decode_protocol(PROTOCOL.read_bytes())
+    out = {}
+    for name, deployment in (("alone", ALONE), ("whole", WHOLE)):
+        out[name] = tmp_path_factory.mktemp(name) / "folder"
+        assert {path.exists() for path in write_deployment(study, out[name], deployment)} == {True}
+    return out
+
+
+def _served(words):
+    """What our own command line makes of the words behind `minihuman`."""
+    assert words[0].endswith("minihuman")
+    assert words[1] == "serve"
+    command = make_command_line().get_command(click.Context(click.Group()), "serve")
+    return command.make_context("serve", list(words[2:]), resilient_parsing=False).params
+
+
+@pytest.mark.parametrize(("name", "workers"), [("alone", 1), ("whole", 3)])
+def test_container_and_unit_start_the_server_with_options_that_there_are(folders, name, workers, monkeypatch):
+    monkeypatch.chdir(folders[name])
+    text = (folders[name] / "Containerfile").read_text()
+    started = [json.loads(re.search(r"^CMD (.*)$", text, re.MULTILINE)[1])]
+    unit = configparser.ConfigParser(interpolation=None)
+    unit.optionxform = str
+    unit.read(folders[name] / "minihuman.service")
+    started.append(shlex.split(unit["Service"]["ExecStart"]))
+    for words in started:
+        params = _served(words)
+        assert (str(params["protocol"]), params["links"], params["workers"]) == ("study.toml", 0, workers)
+        assert params["address"] == ADDRESS
+    assert unit["Install"]["WantedBy"] == "multi-user.target"
+    copied = re.findall(r"^COPY (\S+)", text, re.MULTILINE)
+    assert copied[0] == "minihuman-*.whl"
+    assert all((folders[name] / one).is_file() for one in copied[1:])
+    assert (folders[name] / "study.toml").read_bytes() == PROTOCOL.read_bytes()
+
+
+def test_compose_has_the_services_that_were_asked_for(folders):
+    alone, whole = (yaml.safe_load((folders[name] / "compose.yaml").read_text()) for name in ("alone", "whole"))
+    assert alone["services"].keys() == {"study", "caddy"}
+    assert whole["services"].keys() == {"study", "caddy", "postgres"}
+    for compose in (alone, whole):
+        assert compose["services"]["caddy"]["network_mode"] == "service:study"
+        named = {mount.partition(":")[0] for one in compose["services"].values() for mount in one.get("volumes", ())}
+        assert {name for name in named if not name.startswith("./")} == compose["volumes"].keys()
+    mounted = {mount.split(":")[0] for one in whole["services"].values() for mount in one["volumes"] if mount[0] == "."}
+    assert all((folders["whole"] / mount).is_file() for mount in mounted)
+    assert {"./register.url", "./logs.url"} <= mounted
+    assert not {"register.url", "logs.url", ".env"} & {path.name for path in folders["alone"].iterdir()}
+    password = whole["services"]["postgres"]["environment"]["POSTGRES_PASSWORD"]
+    assert whole["services"]["study"]["environment"]["PGPASSWORD"] == password
+
+
+@pytest.mark.skipif(shutil.which("caddy") is None, reason="caddy is not installed")
+def test_caddy_reads_its_file_and_routes_each_participant_to_one_worker(folders):
+    said = subprocess.run(
+        ["caddy", "adapt", "--config", folders["whole"] / "Caddyfile"], capture_output=True, text=True, check=True
+    )
+    assert re.findall(r'"dial":"([^"]+)"', said.stdout) == [f"127.0.0.1:{port}" for port in (8000, 8001, 8002)]
+    assert '"policy":"uri_hash"' in said.stdout
+    assert '"host":["study.example.org"]' in said.stdout
+
+
+def test_a_second_time_keeps_the_password_which_only_its_owner_reads(folders):
+    secret = folders["whole"] / ".env"
+    before = secret.read_bytes()
+    assert stat.S_IMODE(secret.stat().st_mode) == 0o600
+    write_deployment(decode_protocol(PROTOCOL.read_bytes()), folders["whole"], WHOLE)
+    assert secret.read_bytes() == before
+    password = before.partition(b"=")[2].strip()
+    assert [path.name for path in folders["whole"].iterdir() if password in path.read_bytes()] == [".env"]
+
+
+@pytest.mark.parametrize("address", ["study.example.org", "http://study.example.org", f"{ADDRESS}/a", f"{ADDRESS}:444"])
+def test_an_address_that_caddy_cannot_answer_is_refused(address):
+    with pytest.raises(ProtocolError, match=r"--address is .*; give a host"):
+        Deployment(address)
+    with pytest.raises(ProtocolError, match="--bucket is 'logs'; give an object store's"):
+        Deployment(ADDRESS, bucket="logs")
+
+
+def test_a_study_with_a_trained_agent_brings_what_plays_it(tmp_path):
+    study = decode_protocol(PROTOCOL.with_name("teach-fourrooms.toml").read_bytes())
+    write_deployment(study, tmp_path, ALONE)
+    assert "[web,learn]" in (tmp_path / "Containerfile").read_text()
