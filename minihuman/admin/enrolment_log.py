@@ -5,7 +5,6 @@ slot: a slot is taken under an exclusive lock of the file. Lines of kinds that o
 """
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 
@@ -38,6 +37,7 @@ from minihuman.experiment.plan.expansion import (
 )
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.log.system import wall_time
 
 
 def take_slot(
@@ -300,4 +300,4 @@ def _check_list(lines: tuple[SlotTaken, ...], study_dir: Path, protocol: Protoco
 
 def now_text() -> str:
     """The time for an entry: ISO 8601, UTC, whole seconds."""
-    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    return wall_time().isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -21,6 +21,7 @@ import msgspec
 
 from minihuman.errors import LogError, name_file_in_errors
 from minihuman.log.record.file_lock import is_file_at, lock_file, sync_folder
+from minihuman.log.system import current_system, write_durably
 
 Line = TypeVar("Line")
 LineDecoder = Callable[[bytes, int], Line | None]  # a line's bytes and its number; None for one that is passed over
@@ -181,9 +182,10 @@ class FileJournal(Journal[Line]):
     def hold(self) -> Iterator[LockedJournal[Line]]:
         """Keep others out by a lock, which ends with the process."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        disk = current_system().disk
         while True:
             with name_file_in_errors(self._path):
-                fd = os.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND | os.O_CLOEXEC, self._mode)
+                fd = disk.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)
                 try:
                     lock_file(fd, self._path)
                     if is_file_at(
@@ -202,12 +204,9 @@ class FileJournal(Journal[Line]):
         with self.hold():
             kept = [line for line in self._path.read_bytes().splitlines() if wanted(line)]
             beside = self._path.with_name(f"{self._path.name}.new")
-            fd = os.open(beside, os.O_CREAT | os.O_TRUNC | os.O_WRONLY | os.O_CLOEXEC, self._mode)
-            with os.fdopen(fd, "wb") as file:
+            with write_durably(beside, self._mode) as file:
                 file.write(b"".join(line + b"\n" for line in kept))
-                file.flush()
-                os.fsync(file.fileno())
-            beside.replace(self._path)
+            current_system().disk.rename(beside, self._path)
             sync_folder(self._path.parent)
 
     def _forget(self) -> None:
@@ -277,13 +276,14 @@ class _LockedFile(LockedJournal[Line]):
         if self._chain is not None:
             encoded = [self._chain.seal(line) for line in encoded]
         data = end + b"".join(line + b"\n" for line in encoded)
+        disk = current_system().disk
         try:
             while data:
-                data = data[os.write(self._fd, data) :]
-            os.fsync(self._fd)
+                data = data[disk.write(self._fd, data) :]
+            disk.sync(self._fd)
         except OSError:
             with suppress(OSError):
-                os.ftruncate(self._fd, size)
+                disk.truncate(self._fd, size)
             raise
         self.lines += lines
 
@@ -326,6 +326,8 @@ def _in_file(path: Path, decode: Callable[..., Any], mode: int, chained: bool) -
 
 @cache
 def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool) -> Journal[Any]:
+    if (open_journal := current_system().open_database_journal) is not None:
+        return open_journal(url, name, decode, chained=chained)  # type: ignore[no-any-return]
     from minihuman.dataset.journal_postgres import PostgresJournal
 
     return PostgresJournal(url, name, decode, chained=chained)

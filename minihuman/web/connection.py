@@ -11,7 +11,6 @@ import itertools
 import logging
 import re
 import secrets
-import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -33,6 +32,7 @@ from minihuman.log.record.disk import GroupCommit, RecorderSettings
 from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
+from minihuman.log.system import current_system, monotonic_s
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.command_inbox import CommandInbox, inbox_path
 from minihuman.web import messages
@@ -99,7 +99,7 @@ def start_host(
     Raises:
         LogError: if the log exists already or cannot be written.
     """
-    started_ns = time.time_ns()
+    started_ns = current_system().clock.wall_ns()
     files: list[McapRecorder] = []
 
     def opened() -> Recorder:
@@ -186,7 +186,7 @@ class Connection:
         self.finishing = False
         self.delayed = False  # its end is, since the enrolment log is unavailable
         self.finished = False  # its log is on the disk, or never will be
-        self.seen_s = time.monotonic()  # when a socket was here last
+        self.seen_s = monotonic_s()  # when a socket was here last
         self.acted_s = self.seen_s  # when something was pressed last
         self.sockets = 0  # how many there have been; the newest counts
         self.here = False  # the newest is open
@@ -196,7 +196,7 @@ class Connection:
         self._hosted = hosted
         self._inbox = inbox
         self._closed = False  # its log is
-        self._zero_ns = time.monotonic_ns() - (time.time_ns() - hosted.started_ns)
+        self._zero_ns = current_system().clock.monotonic_ns() - (current_system().clock.wall_ns() - hosted.started_ns)
         self._incoming = IncomingStream()
         self._stream = ""
         self.loop = asyncio.get_running_loop()
@@ -219,13 +219,13 @@ class Connection:
 
     def now_ns(self) -> int:
         """The session's time, by the server's clock."""
-        return time.monotonic_ns() - self._zero_ns
+        return current_system().clock.monotonic_ns() - self._zero_ns
 
     def greet(self, hello: messages.Hello) -> tuple[messages.Welcome, int]:
         """Welcome a page on a new socket; return the answer and the last of our messages that it has."""
         self.sockets += 1
         self.here = True
-        self.seen_s = time.monotonic()
+        self.seen_s = monotonic_s()
         if hello.stream != self._stream:
             self._stream, self._incoming = hello.stream, IncomingStream(hello.first - 1)
         again = bool(self.life) and hello.life == self.life and hello.heard <= self.host.outgoing.last_number
@@ -267,7 +267,7 @@ class Connection:
         if self.host.over:
             return
         if isinstance(numbered.what, messages.KeyMessage | messages.PointerMessage | messages.TextMessage):
-            self.acted_s = time.monotonic()
+            self.acted_s = monotonic_s()
         self._guarded(lambda: self.host.receive(numbered.n, numbered.at, numbered.what))
         self.changed.set()
 
@@ -390,12 +390,15 @@ class ConnectionFactory:
         arrivals: the study, and who comes.
         data: where sessions are kept.
         connections: the open ones; new ones are added.
+        group: writes their logs; None: a thread of its own.
     """
 
-    def __init__(self, arrivals: Arrivals, data: Path, connections: dict[str, Connection]) -> None:
+    def __init__(
+        self, arrivals: Arrivals, data: Path, connections: dict[str, Connection], *, group: GroupCommit | None = None
+    ) -> None:
         self.facts: Mapping[str, str] = {}  # of this machine
         self._arrivals, self._data, self._connections = arrivals, data, connections
-        self._disk = HostStorage(arrivals.protocol, data, GroupCommit())
+        self._disk = HostStorage(arrivals.protocol, data, group or GroupCommit())
         self._wakes = _WakeQueue()
         web = arrivals.protocol.web
         self._web = web
@@ -465,7 +468,8 @@ class ConnectionFactory:
             if is_being_recorded(admission.part):
                 raise LogError(f"{admission.part} is being written by another server")
             with contextlib.suppress(LogError, FileNotFoundError):
-                if time.time() - admission.part.stat().st_mtime <= self._web.reconnect_timeout_s:
+                left_ns = current_system().clock.wall_ns() - admission.part.stat().st_mtime_ns
+                if left_ns <= self._web.reconnect_timeout_s * 1e9:
                     return resume_host(admission.part, self._disk, facts, self._settings, at_sync=wake)
         plan = admission.plan or self._arrivals.plan(admission)
         return start_host(plan, self._disk, facts, self._settings, at_sync=wake)
