@@ -166,6 +166,7 @@ def _name(data: Path, plan: SessionPlan) -> str:
 
 LOG = logging.getLogger("minihuman")
 _AHEAD_NS = 5_000_000_000  # a page's clock may be so far before ours, and a thousandth more with time
+_MAX_OUTAGE_NS = 86_400_000_000_000
 
 
 class Connection:
@@ -196,7 +197,8 @@ class Connection:
         self._hosted = hosted
         self._inbox = inbox
         self._closed = False  # its log is
-        self._zero_ns = current_system().clock.monotonic_ns() - (current_system().clock.wall_ns() - hosted.started_ns)
+        clock = current_system().clock  # the wall clock may have been set back since a session began
+        self._zero_ns = clock.monotonic_ns() - max(clock.wall_ns() - hosted.started_ns, hosted.host.last_at_ns)
         self._incoming = IncomingStream()
         self._stream = ""
         self.loop = asyncio.get_running_loop()
@@ -228,6 +230,10 @@ class Connection:
         self.seen_s = monotonic_s()
         if hello.stream != self._stream:
             self._stream, self._incoming = hello.stream, IncomingStream(hello.first - 1)
+            self.host.begin_stream(hello.first - 1)
+        ahead_ns = hello.last - self.now_ns()
+        if hello.segment == self.segment and 0 < ahead_ns < _MAX_OUTAGE_NS:
+            self._zero_ns -= ahead_ns  # the page's clock ran on while there was no server
         again = bool(self.life) and hello.life == self.life and hello.heard <= self.host.outgoing.last_number
         if again:
             self.host.outgoing.acknowledge(hello.heard)
@@ -257,8 +263,16 @@ class Connection:
         Raises:
             MessageError: if it is out of order, or of another time.
         """
+        before = self._incoming.received
         if not self._incoming.take(numbered.n):
             return
+        try:
+            self._take_new(numbered)
+        except messages.MessageError:
+            self._incoming.received = before  # it was refused, so that the page must not hear that it was taken
+            raise
+
+    def _take_new(self, numbered: messages.NumberedMessage) -> None:
         now_ns = self.now_ns()
         if numbered.at > now_ns + _AHEAD_NS + now_ns // 1000:
             raise messages.MessageError(
@@ -440,7 +454,11 @@ class ConnectionFactory:
         self._connections[own] = connection
 
     async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
-        admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+        try:
+            admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+        except OSError as error:
+            LOG.warning("a page is asked to come again: %s", error)
+            raise TimeoutError("the study's folder or database cannot be used now") from error
         if isinstance(admission, Rejection):
             return self._refused(admission)
         if admission.key in self._connections:
