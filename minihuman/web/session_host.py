@@ -120,7 +120,8 @@ class SessionHost:
         self.recorder = recorder
         self.presses = 0
         self._mark_ns = logged[-1].t_ns if logged else 0  # what is not later is in the log, or never will be
-        self._keys_down = {(event.t_ns, event.key) for event in logged if isinstance(event, KeyPressed) and event.down}
+        known = (event for event in (*logged, *unwritten) if isinstance(event, KeyPressed))
+        self._keys_down = {(event.t_ns - event.waited_ns, event.key) for event in known if event.down}
         self.last_at_ns = self._mark_ns
         self._outbox = Outbox(session, make_world, settings, logged)
         self._agent = agent

@@ -93,6 +93,7 @@ class ServerLoop(asyncio.BaseEventLoop):
         super().__init__()
         self.schedule = schedule
         self.idle_until_ns: int | None = None
+        self.turns_left: int | None = None  # the process is killed then, between two callbacks
         self.errors: list[str] = []
         self.is_abandoned = False  # its process was killed
         self._left: list[asyncio.Task[Any]] = []  # tasks of then: nothing of them runs, not even its end
@@ -109,6 +110,10 @@ class ServerLoop(asyncio.BaseEventLoop):
 
     def select(self, timeout: float | None) -> list[Any]:
         """Stop where a loop would wait."""
+        if self.turns_left is not None:
+            self.turns_left -= 1
+            if self.turns_left < 0:
+                raise ProcessKilled
         if timeout is None or timeout > 0:
             self.idle_until_ns = None if timeout is None else self.schedule.now_ns + max(1, round(timeout * 1e9))
             self.stop()
@@ -135,7 +140,7 @@ class ServerLoop(asyncio.BaseEventLoop):
 
     def abandon(self) -> None:
         """Be killed: no task goes on."""
-        self.is_abandoned = True
+        self.is_abandoned, self.turns_left = True, None
         self._left = list(asyncio.all_tasks(self))
         for task in self._left:
             task._log_destroy_pending = False  # type: ignore[attr-defined]

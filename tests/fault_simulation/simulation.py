@@ -172,6 +172,8 @@ class Simulation:
             ops_left = rng.randint(0, 60)
         self.disk = self.parts.disk(self.volume, ops_left=ops_left)
         self.loop = ServerLoop(self.schedule)
+        if not self.faults_over and ops_left is None and self.schedule.chance(0.2):
+            self.loop.turns_left = rng.randint(20, 1000)
         self.schedule.note("server starts")
         self._in_server(self._begin)
 
@@ -194,7 +196,7 @@ class Simulation:
                 do()
                 self.loop.run_until_idle()
         except ProcessKilled:
-            self.outcome.happened["killed in an operation"] += 1
+            self.outcome.happened["killed at a step of its own"] += 1
             self.kill_server()
 
     def kill_server(self, *, power: bool = False, away_s: float | None = None) -> None:
@@ -221,7 +223,7 @@ class Simulation:
 
         def leave() -> None:
             for connection in self._server.connections.values():
-                connection.leave()
+                connection.leave()  # as at the end of its lifespan
 
         self._in_server(leave)
         if self.loop is loop:
@@ -229,6 +231,9 @@ class Simulation:
             self._abandoned.append(loop)
             self.disk.kill()
             self.loop = None
+            for socket in self.sockets:
+                socket.server_died()
+            self.sockets = []
 
     def _connect(self, tab: Tab) -> Socket | None:
         if self.loop is None:
@@ -303,7 +308,7 @@ class Simulation:
         what = rng.choice(
             [
                 "kill",
-                "kill",
+                "restart",
                 "power",
                 "power",
                 "cut",
@@ -323,6 +328,9 @@ class Simulation:
         match what:
             case "kill":
                 self.kill_server()
+            case "restart":
+                self.stop_server()
+                self.schedule.after(rng.random() * 3, self.start_server)
             case "power":
                 self.kill_server(power=True)
             case "cut":
@@ -360,6 +368,8 @@ class Simulation:
         self.faults_over = True
         self.disk.full = self.disk.failing = self.database.away = False
         self.disk.ops_left, self.disk.short = None, 0.0
+        if self.loop is not None:
+            self.loop.turns_left = None
         self.database.lost_commits = self.database.lost_answers = 0.0
         self._twice = self._swapped = 0.0
         self.schedule.note("faults are over")
@@ -421,7 +431,7 @@ class Simulation:
                     for event in read_events(file):
                         match event:
                             case KeyPressed(down=True):
-                                presses[event.key, event.t_ns] += 1
+                                presses[event.key, event.t_ns - event.waited_ns] += 1
                             case Stepped():
                                 seen[event.episode, event.step, event.t_ns] += 1
                             case Noted(text=text) if text.startswith("not taken: "):
