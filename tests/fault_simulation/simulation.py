@@ -63,12 +63,11 @@ blocks = ["walk"]
 [[blocks]]
 name = "walk"
 world = "minihuman/MiniGrid-Empty-5x5-v0"
-episodes = 2
-max_steps = 3
+episodes = 1
+max_steps = 4
 final_frame_ms = 0
 actions = ["left", "right", "forward"]
 """
-CONSENT = b'consent = "May we?"\n[keys]'
 FAULTS_S = 5.0  # so long things go wrong
 PATIENCE_S = 400.0  # so long everybody has to come to an end afterwards
 _MEMORY = Path("/dev/shm")
@@ -116,8 +115,9 @@ class _Server(WebServer):
 
 
 @cache
-def _protocol(consent: bool) -> Protocol:
-    return decode_protocol(STUDY.replace(b"[keys]", CONSENT, 1) if consent else STUDY)
+def _protocol(consent: bool, episodes: int) -> Protocol:
+    text = STUDY.replace(b"episodes = 1", b"episodes = %d" % episodes)
+    return decode_protocol(text.replace(b"[keys]", b'consent = "May we?"\n[keys]', 1) if consent else text)
 
 
 class Simulation:
@@ -133,7 +133,7 @@ class Simulation:
         self.parts = parts
         self.outcome = Outcome(seed, trace=self.schedule.trace)
         rng = self.schedule.rng
-        self.protocol = _protocol(rng.random() < 0.4)
+        self.protocol = _protocol(rng.random() < 0.4, rng.choice([1, 1, 2]))
         self.clock = MachineClock(self.schedule)
         self.data = Path(tempfile.mkdtemp(dir=_MEMORY if _MEMORY.is_dir() else None)) / "data"
         self.data.mkdir()
