@@ -6,7 +6,6 @@ slot: a slot is taken under an exclusive lock of the file. Lines of kinds that o
 
 import os
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 
@@ -39,6 +38,7 @@ from minihuman.experiment.plan.expansion import (
 )
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.log.system import wall_time
 from minihuman.operating_system import find_case_twin
 
 
@@ -307,4 +307,4 @@ def _check_list(lines: tuple[SlotTaken, ...], study_dir: Path, protocol: Protoco
 
 def now_text() -> str:
     """The time for an entry: ISO 8601, UTC, whole seconds."""
-    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    return wall_time().isoformat(timespec="seconds").replace("+00:00", "Z")

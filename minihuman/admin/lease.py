@@ -20,8 +20,8 @@ from pathlib import Path
 from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX
-from minihuman.log.record.file_lock import sync_folder
 from minihuman.log.record.finalization import put_aside
+from minihuman.log.system import sync_folder
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0

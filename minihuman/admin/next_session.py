@@ -29,6 +29,7 @@ from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.log.record.finalization import find_leftovers, recover_log
+from minihuman.log.system import wall_time
 
 
 def plan_next_session(
@@ -156,7 +157,7 @@ def _utc_offset_min(log: SessionLog) -> int | None:
 
 def _today(before: SessionLog) -> date:
     """Today, on the calendar of the session before: a server may stand in another time zone than its participants."""
-    return (datetime.now(UTC) + timedelta(minutes=_utc_offset_min(before) or 0)).date()
+    return (wall_time() + timedelta(minutes=_utc_offset_min(before) or 0)).date()
 
 
 def _check_day(protocol: Protocol, before: SessionLog, session: int) -> None:

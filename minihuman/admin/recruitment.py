@@ -12,13 +12,13 @@ import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from minihuman.dataset.journal import ARRIVALS_FILE_NAME, Journal, LockedJournal, find_database_url, open_journal
+from minihuman.log.system import wall_time
 from minihuman.operating_system import open_file, sync_file
 
 IDS_FILE_NAME = "platform-ids.jsonl"
@@ -246,4 +246,4 @@ def _secret(line: bytes, number: int) -> PlatformSecret | None:
 
 
 def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    return wall_time().isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -21,7 +21,8 @@ import msgspec
 
 from minihuman.errors import LogError, name_file_in_errors
 from minihuman.log.record.file_lock import is_file_at, lock_file
-from minihuman.operating_system import open_file, read_at, replace_file, sync_file, sync_folder
+from minihuman.log.system import current_system, sync_folder, write_durably
+from minihuman.operating_system import read_at
 
 Line = TypeVar("Line")
 LineDecoder = Callable[[bytes, int], Line | None]  # a line's bytes and its number; None for one that is passed over
@@ -200,9 +201,10 @@ class FileJournal(Journal[Line]):
     def hold(self) -> Iterator[LockedJournal[Line]]:
         """Keep others out by a lock, which ends with the process."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        disk = current_system().disk
         while True:
             with name_file_in_errors(self._path):
-                fd = open_file(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)
+                fd = disk.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)
                 try:
                     lock_file(fd, self._path)
                     if is_file_at(
@@ -222,12 +224,9 @@ class FileJournal(Journal[Line]):
         with self.hold():
             kept = [line for line in self._path.read_bytes().splitlines() if wanted(line)]
             beside = self._path.with_name(f"{self._path.name}.new")
-            fd = open_file(beside, os.O_CREAT | os.O_TRUNC | os.O_WRONLY, self._mode)
-            with os.fdopen(fd, "wb") as file:
+            with write_durably(beside, self._mode) as file:
                 file.write(b"".join(line + b"\n" for line in kept))
-                file.flush()
-                sync_file(file.fileno())
-            replace_file(beside, self._path)
+            current_system().disk.rename(beside, self._path)
             sync_folder(self._path.parent)
 
     def _forget(self) -> None:
@@ -297,13 +296,14 @@ class _LockedFile(LockedJournal[Line]):
         if self._chain is not None:
             encoded = [self._chain.seal(line) for line in encoded]
         data = end + b"".join(line + b"\n" for line in encoded)
+        disk = current_system().disk
         try:
             while data:
-                data = data[os.write(self._fd, data) :]
-            sync_file(self._fd)
+                data = data[disk.write(self._fd, data) :]
+            disk.sync(self._fd)
         except OSError:
             with suppress(OSError):
-                os.ftruncate(self._fd, size)
+                disk.truncate(self._fd, size)
             raise
 
 
@@ -351,6 +351,8 @@ def _in_file(path: Path, decode: Callable[..., Any], mode: int, chained: bool, d
 
 @cache
 def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool, declaration: Any) -> Journal[Any]:
+    if (open_journal := current_system().open_database_journal) is not None:
+        return open_journal(url, name, decode, chained=chained, declaration=declaration)  # type: ignore[no-any-return]
     from minihuman.dataset.journal_postgres import PostgresJournal
 
     return PostgresJournal(url, name, decode, chained=chained, declaration=declaration)

@@ -7,6 +7,7 @@ import subprocess
 import time
 from collections.abc import Iterable
 from datetime import datetime, timedelta
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -100,6 +101,7 @@ def _numbers(release: str) -> str:
     return found[0] if found else ""
 
 
+@cache
 def _git_commit(folder: Path) -> str:
     """The commit that a checkout is at, with "+" where files were changed; "" where the folder is none.
 

@@ -11,7 +11,6 @@ import itertools
 import logging
 import re
 import secrets
-import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -35,6 +34,7 @@ from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
+from minihuman.log.system import current_system, monotonic_s
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.command_inbox import CommandInbox, inbox_path
 from minihuman.trust import SOURCE_FACT
@@ -102,7 +102,7 @@ def start_host(
     Raises:
         LogError: if the log exists already or cannot be written.
     """
-    started_ns = time.time_ns()
+    started_ns = current_system().clock.wall_ns()
     files: list[McapRecorder] = []
 
     def opened() -> Recorder:
@@ -171,6 +171,7 @@ def _name(data: Path, plan: SessionPlan) -> str:
 
 LOG = logging.getLogger("minihuman")
 _AHEAD_NS = 5_000_000_000  # a page's clock may be so far before ours, and a thousandth more with time
+_MAX_OUTAGE_NS = 86_400_000_000_000
 
 
 class Connection:
@@ -197,7 +198,7 @@ class Connection:
         self.finishing = False
         self.delayed = False  # its end is, since the enrolment log is unavailable
         self.finished = False  # its log is on the disk, or never will be
-        self.seen_s = time.monotonic()  # when a socket was here last
+        self.seen_s = monotonic_s()  # when a socket was here last
         self.acted_s = self.seen_s  # when something was pressed last
         self.sockets = 0  # how many there have been; the newest counts
         self.here = False  # the newest is open
@@ -207,8 +208,9 @@ class Connection:
         self._hosted = hosted
         self._inbox = inbox
         self._closed = False  # its log is
-        self._zero_ns = time.perf_counter_ns() - (time.time_ns() - hosted.started_ns)
         self._recorded = False  # in the enrolment log, and where finished logs are kept
+        clock = current_system().clock  # the wall clock may have been set back since a session began
+        self._zero_ns = clock.monotonic_ns() - max(clock.wall_ns() - hosted.started_ns, hosted.host.last_at_ns)
         self._incoming = IncomingStream()
         self._stream = ""
         self.loop = asyncio.get_running_loop()
@@ -231,15 +233,19 @@ class Connection:
 
     def now_ns(self) -> int:
         """The session's time, by the server's clock."""
-        return time.perf_counter_ns() - self._zero_ns
+        return current_system().clock.monotonic_ns() - self._zero_ns
 
     def greet(self, hello: messages.Hello) -> tuple[messages.Welcome, int]:
         """Welcome a page on a new socket; return the answer and the last of our messages that it has."""
         self.sockets += 1
         self.here = True
-        self.seen_s = time.monotonic()
+        self.seen_s = monotonic_s()
         if hello.stream != self._stream:
             self._stream, self._incoming = hello.stream, IncomingStream(hello.first - 1)
+            self.host.begin_stream(hello.first - 1)
+        ahead_ns = hello.last - self.now_ns()
+        if hello.segment == self.segment and 0 < ahead_ns < _MAX_OUTAGE_NS:
+            self._zero_ns -= ahead_ns  # the page's clock ran on while there was no server
         again = bool(self.life) and hello.life == self.life and hello.heard <= self.host.outgoing.last_number
         if again:
             self.host.outgoing.acknowledge(hello.heard)
@@ -269,8 +275,16 @@ class Connection:
         Raises:
             MessageError: if it is out of order, or of another time.
         """
+        before = self._incoming.received
         if self.dismissed or not self._incoming.take(numbered.n):
             return
+        try:
+            self._take_new(numbered)
+        except messages.MessageError:
+            self._incoming.received = before  # it was refused, so that the page must not hear that it was taken
+            raise
+
+    def _take_new(self, numbered: messages.NumberedMessage) -> None:
         now_ns = self.now_ns()
         if numbered.at > now_ns + _AHEAD_NS + now_ns // 1000:
             raise messages.MessageError(
@@ -279,7 +293,7 @@ class Connection:
         if self.host.over:
             return
         if isinstance(numbered.what, messages.KeyMessage | messages.PointerMessage | messages.TextMessage):
-            self.acted_s = time.monotonic()
+            self.acted_s = monotonic_s()
         self._guarded(lambda: self.host.receive(numbered.n, numbered.at, numbered.what))
         self.changed.set()
 
@@ -345,7 +359,7 @@ class Connection:
 
     def safe(self) -> int:
         """The last of the page's messages that may be acknowledged: that no crash and no other server can undo."""
-        return self.host.safe(None if self.lease is None else self.lease.count_acknowledgeable(time.monotonic()))
+        return self.host.safe(None if self.lease is None else self.lease.count_acknowledgeable(monotonic_s()))
 
     def dismiss(self, code: int) -> None:
         """Send the page away: this server does not host the session any more."""
@@ -442,13 +456,16 @@ class ConnectionFactory:
         arrivals: the study, and who comes.
         data: where sessions are kept.
         connections: the open ones; new ones are added.
+        group: writes their logs; None: a thread of its own.
     """
 
-    def __init__(self, arrivals: Arrivals, data: Path, connections: dict[str, Connection]) -> None:
+    def __init__(
+        self, arrivals: Arrivals, data: Path, connections: dict[str, Connection], *, group: GroupCommit | None = None
+    ) -> None:
         self.facts: Mapping[str, str] = {}  # of this machine
         self._arrivals, self._data, self._connections = arrivals, data, connections
         arrivals.hosted = connections
-        self._disk = HostStorage(arrivals.protocol, data, GroupCommit())
+        self._disk = HostStorage(arrivals.protocol, data, group or GroupCommit())
         self.recorded: set[Connection] = set()  # of leased sessions, whose logs have grown
         self._wakes = _WakeQueue(self.recorded)
         web = arrivals.protocol.web
@@ -493,7 +510,11 @@ class ConnectionFactory:
         self._connections[own] = connection
 
     async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
-        admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+        try:
+            admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+        except OSError as error:
+            LOG.warning("a page is asked to come again: %s", error)
+            raise TimeoutError("the study's folder or database cannot be used now") from error
         if isinstance(admission, Rejection):
             return self._refused(admission)
         if admission.lease is None and admission.key in self._connections:
@@ -537,7 +558,8 @@ class ConnectionFactory:
             if is_being_recorded(admission.part):
                 raise LogError(f"{admission.part} is being written by another server")
             with contextlib.suppress(LogError, FileNotFoundError):
-                if time.time() - admission.part.stat().st_mtime <= self._web.reconnect_timeout_s:
+                left_ns = current_system().clock.wall_ns() - admission.part.stat().st_mtime_ns
+                if left_ns <= self._web.reconnect_timeout_s * 1e9:
                     return resume_host(admission.part, self._disk, facts, self._settings, at_sync=wake)
         plan = admission.plan or self._arrivals.plan(admission)
         if admission.lease is not None and self._arrivals.leases is not None and admission.lease.grant.copied:

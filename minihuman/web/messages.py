@@ -144,7 +144,7 @@ class Hello(msgspec.Struct, tag="hello", tag_field="t", forbid_unknown_fields=Tr
     version: int
     token: Annotated[str, Meta(max_length=200)] = ""
     platform: Annotated[dict[ShortText, Annotated[str, Meta(max_length=200)]], Meta(max_length=12)] = {}
-    stream: ShortText = ""  # names the page's numbering; the same over reloads
+    stream: ShortText = ""  # names the page's numbering; another after each reload
     first: Number = 1  # the first message that was not acknowledged
     life: ShortText = ""  # the server's numbering that the page follows; "" after a reload
     heard: Number = 0  # the last message of that numbering that it has

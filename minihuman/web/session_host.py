@@ -13,7 +13,7 @@ from minihuman.experiment.activities.activity import RequestHandler, WorldFactor
 from minihuman.experiment.activities.agent_blocks import NewPolicy, PolicyRequest
 from minihuman.experiment.activities.preferences import ClipRequest
 from minihuman.experiment.machine import inputs
-from minihuman.experiment.machine.events import Event, Linked, Noted
+from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted
 from minihuman.experiment.machine.pending_allocation import awaits_allocation
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.replay import BROWSER_NOTE
@@ -119,7 +119,9 @@ class SessionHost:
         self.session = session
         self.recorder = recorder
         self.presses = 0
-        self._mark_ns = logged[-1].t_ns if logged else 0
+        self._mark_ns = logged[-1].t_ns if logged else 0  # what is not later is in the log, or never will be
+        known = (event for event in (*logged, *unwritten) if isinstance(event, KeyPressed))
+        self._keys_down = {(event.t_ns - event.waited_ns, event.key) for event in known if event.down}
         self.last_at_ns = self._mark_ns
         self._outbox = Outbox(session, make_world, settings, logged)
         self._agent = agent
@@ -172,6 +174,18 @@ class SessionHost:
 
     # Inputs
 
+    def begin_stream(self, settled: int) -> None:
+        """Another stream of the page's leads from here on: it was loaded again, or is open in another tab.
+
+        What of it is not later than the session was taken under another number, or never will be.
+
+        Args:
+            settled: the last of its messages that were acknowledged.
+        """
+        self._settled = self._outbox.through = self._outbox.moved = settled
+        self._taken.clear()
+        self._mark_ns = self.last_at_ns
+
     def receive(self, number: int, at_ns: int, message: messages.PageMessage) -> None:
         """Take a numbered message of the page's.
 
@@ -182,8 +196,9 @@ class SessionHost:
         self._outbox.through = number
         if self._outbox.waits_for(message):
             self._outbox.moved = number
-        if at_ns <= self._mark_ns:  # it is in the log that the session was resumed from
-            self._taken.append(_PendingMessage(number, 0))
+        if at_ns <= self._mark_ns:
+            self._write(self._passed_over(message, at_ns))
+            self._taken.append(_PendingMessage(number, self._writes + awaits_allocation(self.session)))
             return
         if at_ns <= self.last_at_ns:
             raise messages.MessageError(
@@ -284,6 +299,14 @@ class SessionHost:
                 return self._step_shown(message, at_ns)
         return self._played(message, at_ns)
 
+    def _passed_over(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
+        """A message of a time that has passed: what is not in the log was done in a tab that did not lead."""
+        if not isinstance(message, messages.KeyMessage) or not message.down:
+            return []
+        if (min(message.stamp, at_ns), message.key) in self._keys_down:
+            return []
+        return [Noted(self.last_at_ns, BROWSER_NOTE, f"not taken: {message.key} at {message.stamp} ns")]
+
     def _played(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
         happened = self._input(message, at_ns)
         return [] if happened is None else self.session.receive(happened, at_ns=at_ns)
@@ -294,6 +317,7 @@ class SessionHost:
                 stamp_ns = min(message.stamp, at_ns)
                 if not message.down:
                     return inputs.KeyUp(stamp_ns, message.key, message.symbol)
+                self._keys_down.add((stamp_ns, message.key))
                 self.presses += not message.repeat
                 self._rate.pressed(stamp_ns)
                 return inputs.KeyDown(stamp_ns, message.key, message.symbol, repeat=message.repeat)

@@ -25,7 +25,8 @@ from minihuman.errors import LogError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.log.record.file_lock import is_file_at
 from minihuman.log.record.live_log import AppendBlock
-from minihuman.operating_system import lock_descriptor, open_file, read_at, sync_file, sync_file_system, sync_folder
+from minihuman.log.system import current_system, sync_folder
+from minihuman.operating_system import lock_descriptor, open_file, read_at, sync_file, sync_file_system
 
 STEP_BYTES = 2_048  # a step with its key events, frame and pose takes about 900 bytes live; twice that, to be safe
 OBSERVATION_BYTES = 32_768  # a picture of 80 x 60 is in a live log twice, as PNG of up to 15,000 bytes
@@ -65,16 +66,16 @@ class RecorderSettings:
         backlog: how many writes may wait for the disk before the recorder gives up.
         group: writes and syncs many recorders' files, where no picture waits for a write; None: threads of its own.
         on_sync: called, by another thread, whenever more has become durable.
-        put: writes to a file descriptor and returns how many bytes it took.
-        sync: makes a file descriptor's writes durable.
+        put: writes to a file descriptor and returns how many bytes it took; the system's disk, if not given.
+        sync: makes a file descriptor's writes durable; likewise.
     """
 
     bound_s: float = WRITE_BOUND_S
     backlog: int = MAX_PENDING_WRITES
     group: "GroupCommit | None" = None
     on_sync: Callable[[], None] = lambda: None
-    put: Callable[[int, memoryview], int] = os.write
-    sync: Callable[[int], None] = sync_file
+    put: Callable[[int, memoryview], int] = field(default_factory=lambda: current_system().disk.write)
+    sync: Callable[[int], None] = field(default_factory=lambda: current_system().disk.sync)
 
 
 class LiveFile:
@@ -388,7 +389,7 @@ class GroupCommit:
     def _run(self) -> None:
         while True:
             self._wait()
-            self._round(self._next())
+            self.commit(self._next())
 
     def _wait(self) -> None:
         """Return when a file's turn has come."""
@@ -412,7 +413,8 @@ class GroupCommit:
             found[self._due.popleft()[1]] = None
         return list(found)
 
-    def _round(self, files: Sequence[FileWriter]) -> None:
+    def commit(self, files: Sequence[FileWriter]) -> None:
+        """Write what waits for these files, and make it durable."""
         written = []
         for file in files:
             with _isolate_failures():

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.log.paths import SegmentPath
-from minihuman.operating_system import lock_descriptor, open_file, remove_file, sync_folder
+from minihuman.log.system import current_system, sync_folder
+from minihuman.operating_system import lock_descriptor
 
 
 def create_live_file(where: SegmentPath) -> int:
@@ -19,10 +20,11 @@ def create_live_file(where: SegmentPath) -> int:
     Raises:
         LogError: if the live file or a finished log with this segment exists, or the folder cannot be written.
     """
+    disk = current_system().disk
     while True:
         try:
             where.part.parent.mkdir(parents=True, exist_ok=True)
-            fd = open_file(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
+            fd = disk.open(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
         except FileExistsError:
             raise _running_error(where) from None
         except OSError as error:
@@ -32,14 +34,15 @@ def create_live_file(where: SegmentPath) -> int:
         try:
             lock_file(fd, where.part)
         except LogError:
-            remove_file(where.part, missing_ok=True)
+            with contextlib.suppress(FileNotFoundError):
+                disk.unlink(where.part)
             os.close(fd)
             raise
         if is_file_at(fd, where.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
     if (refusal := _recorded_error(where)) is not None:
-        remove_file(where.part)
+        disk.unlink(where.part)
         os.close(fd)
         raise refusal
     for folder in where.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
@@ -83,7 +86,7 @@ def open_leftover(part: Path, flags: int = os.O_RDONLY) -> int:
         LogError: if a living process still writes it, it is gone, or it cannot be opened.
     """
     try:
-        fd = open_file(part, flags)
+        fd = current_system().disk.open(part, flags)
     except FileNotFoundError:
         raise LogError(f"{part} does not exist; it may have been recovered already") from None
     except OSError as error:

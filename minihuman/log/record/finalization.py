@@ -30,7 +30,7 @@ from minihuman.log.record.file_lock import hold_leftover, is_being_recorded
 from minihuman.log.record.live_log import LIBRARY_NAME
 from minihuman.log.salvage.chunk import LogMessage
 from minihuman.log.salvage.scan import LogScanner, MissingMessages
-from minihuman.operating_system import remove_file, replace_file, sync_file, sync_folder
+from minihuman.log.system import current_system, sync_folder, write_durably
 
 UNNUMBERED = 0  # the sequence of a preview
 EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
@@ -306,13 +306,13 @@ def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | N
     try:
         result = _rewrite(where, temporary, with_log=bool(earlier), clean=clean, promised=promised)
         if new:  # else a finish that was cut off before it removed the live file
-            replace_file(temporary, where.log)
+            current_system().disk.rename(temporary, where.log)
             sync_folder(where.log.parent)
     finally:
-        temporary.unlink(missing_ok=True)
+        _remove(temporary)
     if result.damage:  # what could not be read may still be of use
         return replace(result, damaged_copy_path=put_aside(where.part, "as-found"))
-    remove_file(where.part)
+    current_system().disk.unlink(where.part)
     sync_folder(where.part.parent)
     return result
 
@@ -380,12 +380,12 @@ def _repaired(log: Path) -> FinalizedLog:
                 copy.end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{lacks}")
             copy.metadata(names.REPAIRED_METADATA, {"damage": lacks})
         aside = put_aside(log, "as-found", linked=True)
-        replace_file(temporary, log)
+        current_system().disk.rename(temporary, log)
         sync_folder(log.parent)
     except OSError as error:
         raise LogError(f"{log} could not be rewritten and is unchanged: {error.strerror}") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        _remove(temporary)
     steps, episodes = copy.total[topics.STEP], copy.total[topics.EPISODE_START]
     ended = copy.end_reason or CUT_OFF
     return FinalizedLog(log, True, steps, episodes, ended, lacks, damaged_copy_path=aside, was_finished=True)
@@ -436,13 +436,16 @@ def _rewrite(
 @contextmanager
 def _written(target: Path) -> Iterator[LogCopier]:
     """Write a new finished log; it is durable on exit."""
-    with target.open("wb") as file:
+    with write_durably(target) as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         writer.start(profile=names.PROFILE, library=LIBRARY_NAME)
         yield LogCopier(writer)
         writer.finish()
-        file.flush()
-        sync_file(file.fileno())
+
+
+def _remove(temporary: Path) -> None:
+    with suppress(FileNotFoundError):
+        current_system().disk.unlink(temporary)
 
 
 def put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
@@ -454,6 +457,6 @@ def put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
     if linked:
         os.link(part, aside)
     else:
-        part.rename(aside)
+        current_system().disk.rename(part, aside)
     sync_folder(part.parent)
     return aside

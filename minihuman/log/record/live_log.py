@@ -128,7 +128,10 @@ class LiveLogEncoder:
         return self._bytes.take()
 
     def _start(self, event: SessionStarted) -> bytes:
-        """The bytes of a segment's start: the plan has a chunk of its own, and a copy before it."""
+        """The bytes of a segment's start: the plan has a chunk of its own, and a copy before it.
+
+        The copy comes behind the attachments: where a write was torn, a plan that can be read has all that is its own.
+        """
         writer, started_ns = self._writer, self._started_ns
         writer.start(profile=PROFILE, library=LIBRARY_NAME)
         head = [
@@ -140,6 +143,7 @@ class LiveLogEncoder:
         begin = self._flushed()
         for name, media_type, content in build_attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
+        begin += self._flushed()
         channels = self._number(event.plan)
         plan = self._add_plan(event)
         rest = self._flushed()

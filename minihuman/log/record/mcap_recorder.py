@@ -27,7 +27,7 @@ from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.recorder import Recorder
 from minihuman.log.salvage.chunk import LogMessage
 from minihuman.log.salvage.scan import LogScanner
-from minihuman.operating_system import sync_file
+from minihuman.log.system import current_system
 
 _SETTINGS = RecorderSettings()
 _TORN = re.compile(r"cut off at byte (\d+)")
@@ -71,8 +71,9 @@ def _cut_torn_end(part: Path, fd: int) -> None:
     for _ in scan.records():
         pass
     if torn := _TORN.fullmatch(scan.damage):
-        os.ftruncate(fd, int(torn[1]))
-        sync_file(fd)
+        disk = current_system().disk
+        disk.truncate(fd, int(torn[1]))
+        disk.sync(fd)
     elif scan.damage:
         raise LogError(f"{part} is {scan.damage}; run: minihuman recover {part}")
 

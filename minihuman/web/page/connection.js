@@ -171,7 +171,7 @@ export class Connection {
     if (m.token || this.link.made) history.replaceState(null, "", `#t=${this.link.token}`);
     this.outbox.setTime(m.segment, m.now, fresh, m.heard);
     this.taken = m.taken;
-    this.outbox.skipTo(m.heard, m.taken);
+    this.outbox.catchUp(m.taken);
     if (!m.again) {
       this.#incoming.reset();
       this.#life = m.life;

@@ -3,7 +3,7 @@
 /** @import { Input, Facts } from "./messages" */
 /** @typedef {{ n: number, at: number, what: Input }} Message */
 /**
- * What a tab keeps over reloads.
+ * What a tab keeps over reloads, but for the stream's name.
  * @typedef {{ stream: string, next: number, segment: string, last: number, zero: number, facts: Facts | null, pin?: string,
  * token?: string }} StreamState
  */
@@ -36,6 +36,7 @@ export class Outbox {
     const stream = Array.from(randomBytes(8), (b) => b.toString(16).padStart(2, "0")).join("");
     /** @type {StreamState} */ this.state = { stream, next: 1, segment: "", last: 0, zero: 0, facts: null };
     try { Object.assign(this.state, JSON.parse(storage.getItem("stream") ?? "{}")); } catch { /* nothing kept */ }
+    this.state.stream = stream; // each page that is loaded has its own: a tab may be a copy of another that goes on
     for (let i = 0; i < storage.length; i++) {
       const name = storage.key(i) ?? "";
       if (name.startsWith("m")) this.#messages.set(Number(name.slice(1)), storage.getItem(name) ?? "");
@@ -128,10 +129,9 @@ export class Outbox {
     return this.#numbers().filter((n) => n > received).map((n) => this.#messages.get(n) ?? "");
   }
 
-  /** A copy of this tab has sent more since. @param {number} received @param {number} taken */
-  skipTo(received, taken) {
-    if (received < this.state.next) return;
-    Object.assign(this.state, { next: received + 1, last: Math.max(this.state.last, taken) });
+  /** What happens from here on is later than what the session has, of this tab or of another. @param {number} taken */
+  catchUp(taken) {
+    this.state.last = Math.max(this.state.last, taken);
     this.save();
   }
 

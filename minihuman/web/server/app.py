@@ -9,7 +9,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,6 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from minihuman.admin.lease import RENEWAL_INTERVAL_S, LeaseLostError
 from minihuman.errors import MinihumanError
+from minihuman.log.system import monotonic_s
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
@@ -271,16 +271,16 @@ class WebServer:
         connection.changed.set()
         self._want_more(connection)
         writing = asyncio.create_task(self._write(page, connection, number, welcome, after))
-        allowance = RateLimit(time.monotonic())
+        allowance = RateLimit(monotonic_s())
         try:
             while connection.sockets == number:
                 for text in (await page.receive()).split("\n"):  # several as one
-                    while not allowance.take(time.monotonic()):
+                    while not allowance.take(monotonic_s()):
                         await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
                     await self._receive(page, connection, messages.decode_page_message(text))
         finally:
             writing.cancel()
-            connection.seen_s = time.monotonic()
+            connection.seen_s = monotonic_s()
             connection.gone(number)
             await asyncio.gather(writing, return_exceptions=True)
 
@@ -389,7 +389,7 @@ class WebServer:
                     LOG.exception("a connection could not be looked after")
 
     async def _look_after_one(self, connection: Connection) -> None:
-        now_s = time.monotonic()
+        now_s = monotonic_s()
         gone_s = 0.0 if connection.here else now_s - connection.seen_s
         if not connection.host.over:
             connection.read_inbox()
@@ -425,7 +425,7 @@ class WebServer:
         thread = ThreadPoolExecutor(1, "minihuman-leases")  # its own: those who arrive may wait for the database
         while True:
             await asyncio.sleep(COPY_INTERVAL_S)
-            now_s = time.monotonic()
+            now_s = monotonic_s()
             due = now_s >= renewed_s + RENEWAL_INTERVAL_S
             recorded = self._factory.recorded
             some = set(self.connections.values()) if due else recorded.intersection(self.connections.values())
@@ -480,16 +480,16 @@ class WebServer:
             if not self._growing:
                 self._to_grow.clear()
                 await self._to_grow.wait()
-            connection, began_s = self._growing.popleft(), time.monotonic()
+            connection, began_s = self._growing.popleft(), monotonic_s()
             turn_s = began_s
             while connection.here and connection.grow():
-                now_s = time.monotonic()
+                now_s = monotonic_s()
                 if now_s > began_s + LOOK_AHEAD_SLICE_S:
                     self._want_more(connection)
                     break
                 if now_s > turn_s + MAX_LOOP_BLOCK_S:
                     await asyncio.sleep(0)
-                    turn_s = time.monotonic()
+                    turn_s = monotonic_s()
             connection.send_prefetched()
             await asyncio.sleep(0)
 

@@ -1,0 +1,186 @@
+"""What a program asks of its machine to record a study, as ports: the disk that it writes, clocks, a database.
+
+``use_system`` puts others in place for a block of code and all that it awaits, so that a test can let each of them
+fail. Files are read directly: a ``Disk`` has only what changes them or makes a change last.
+"""
+
+import abc
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from io import BufferedWriter, RawIOBase
+from pathlib import Path
+from typing import Any, cast
+
+from minihuman import operating_system
+from minihuman.errors import name_file_in_errors
+
+
+class Disk(abc.ABC):
+    """Changes files; each method raises ``OSError`` where it cannot."""
+
+    @abc.abstractmethod
+    def open(self, path: Path, flags: int, mode: int = 0o644) -> int:
+        """Open a file or a folder, as ``os.open`` does, and return its descriptor, which ``os.close`` closes."""
+
+    @abc.abstractmethod
+    def write(self, fd: int, data: bytes | memoryview) -> int:
+        """Append bytes; return how many were taken, which may be fewer."""
+
+    @abc.abstractmethod
+    def sync(self, fd: int) -> None:
+        """Make a file's bytes durable, or a folder's entries."""
+
+    @abc.abstractmethod
+    def truncate(self, fd: int, size_bytes: int) -> None:
+        """Cut a file's end off."""
+
+    @abc.abstractmethod
+    def rename(self, source: Path, target: Path) -> None:
+        """Give a file another name in its folder, whole or not at all; a file of that name is replaced."""
+
+    @abc.abstractmethod
+    def unlink(self, path: Path) -> None:
+        """Remove a file."""
+
+    def sync_folder(self, folder: Path) -> None:
+        """Make a folder's entries durable: a new or renamed file is safe only when its folder is."""
+        fd = self.open(folder, os.O_RDONLY)
+        try:
+            self.sync(fd)
+        finally:
+            os.close(fd)
+
+
+class OperatingSystemDisk(Disk):
+    """The disk that there is."""
+
+    def open(self, path: Path, flags: int, mode: int = 0o644) -> int:
+        """Open it."""
+        return operating_system.open_file(path, flags, mode)
+
+    def write(self, fd: int, data: bytes | memoryview) -> int:
+        """Hand bytes to the operating system."""
+        return os.write(fd, data)
+
+    def sync(self, fd: int) -> None:
+        """Wait for the device."""
+        operating_system.sync_file(fd)
+
+    def truncate(self, fd: int, size_bytes: int) -> None:
+        """Cut it off."""
+        os.ftruncate(fd, size_bytes)
+
+    def rename(self, source: Path, target: Path) -> None:
+        """Rename it."""
+        operating_system.replace_file(source, target)
+
+    def unlink(self, path: Path) -> None:
+        """Remove it."""
+        operating_system.remove_file(path)
+
+    def sync_folder(self, folder: Path) -> None:
+        """Make its entries durable, where the system can."""
+        operating_system.sync_folder(folder)
+
+
+class SystemClock:
+    """Both of a machine's clocks; a subclass may let the wall clock jump."""
+
+    def wall_ns(self) -> int:
+        """The wall clock, ns since 1970; it is set now and then."""
+        return time.time_ns()
+
+    def monotonic_ns(self) -> int:
+        """A clock that never goes back, from an arbitrary zero."""
+        return time.perf_counter_ns()
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """The machine as a program has it.
+
+    Args:
+        disk: what it writes to.
+        clock: its clocks.
+        open_database_journal: opens a journal of the database at a URL; None: in PostgreSQL.
+    """
+
+    disk: Disk = field(default_factory=OperatingSystemDisk)
+    clock: SystemClock = field(default_factory=SystemClock)
+    open_database_journal: Callable[..., Any] | None = None
+
+
+_SYSTEM: ContextVar[System] = ContextVar("system", default=System())  # noqa: B039  (frozen)
+
+
+def current_system() -> System:
+    """The machine's, or what ``use_system`` put in its place."""
+    return _SYSTEM.get()
+
+
+@contextmanager
+def use_system(system: System) -> Iterator[None]:
+    """Put another system in place for a while."""
+    before = _SYSTEM.set(system)
+    try:
+        yield
+    finally:
+        _SYSTEM.reset(before)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a folder's entries durable.
+
+    Raises:
+        OSError: if it cannot be done; it names the folder.
+    """
+    with name_file_in_errors(folder):
+        current_system().disk.sync_folder(folder)
+
+
+def wall_time() -> datetime:
+    """The wall clock's time, UTC."""
+    return datetime.fromtimestamp(current_system().clock.wall_ns() / 1e9, UTC)
+
+
+def monotonic_s() -> float:
+    """The monotonic clock, seconds."""
+    return current_system().clock.monotonic_ns() / 1e9
+
+
+class _RawFile(RawIOBase):
+    def __init__(self, fd: int, disk: Disk) -> None:
+        self._fd, self._disk = fd, disk
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._fd
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return os.lseek(self._fd, offset, whence)
+
+    def write(self, data: Any) -> int:
+        return self._disk.write(self._fd, memoryview(data))
+
+    def close(self) -> None:
+        if not self.closed:
+            super().close()
+            os.close(self._fd)
+
+
+@contextmanager
+def write_durably(path: Path, mode: int = 0o644) -> Iterator[BufferedWriter]:
+    """Make or replace a file's content; all of it is durable on exit, but not yet its name in its folder."""
+    disk = current_system().disk
+    raw = _RawFile(disk.open(path, os.O_CREAT | os.O_TRUNC | os.O_WRONLY, mode), disk)
+    with BufferedWriter(cast(Any, raw)) as file:
+        yield file
+        file.flush()
+        disk.sync(raw.fileno())

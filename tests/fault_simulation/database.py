@@ -1,0 +1,110 @@
+"""A database that holds journals: it may be away, or lose a commit or the word of it. Rows in memory."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+
+from minihuman.dataset.journal import Journal, LineChain, LineDecoder, LockedJournal
+from tests.fault_simulation.schedule import Schedule
+
+URL = "postgresql://simulated/study"
+
+
+class DatabaseError(OSError):
+    """As the real one's: it cannot be asked."""
+
+
+class Database:
+    """Rows, by journal; they outlive every process.
+
+    Args:
+        schedule: the time.
+    """
+
+    def __init__(self, schedule: Schedule) -> None:
+        self.schedule = schedule
+        self.rows: dict[str, list[bytes]] = {}
+        self.away = False
+        self.lost_commits = 0.0  # probability that a commit is undone, and the program is told so
+        self.lost_answers = 0.0  # that it is done, and the program hears that it failed
+
+    def open_journal(
+        self, url: str, name: str, decode: LineDecoder[Any], *, chained: bool = False
+    ) -> "DatabaseJournal":
+        """A journal as one process has it."""
+        return DatabaseJournal(self, name, decode, chained)
+
+    def ask(self) -> None:
+        """Refuse where it is away."""
+        if self.away:
+            raise DatabaseError("the database cannot be queried: connection refused")
+
+    def commit(self, name: str, rows: list[bytes]) -> None:
+        """End a transaction."""
+        self.ask()
+        if self.schedule.chance(self.lost_commits):
+            self.schedule.note(f"commit of {name} lost")
+            raise DatabaseError("the database cannot be queried: the connection was lost")
+        self.schedule.note(f"commit of {name}: {len(rows)} rows")
+        self.rows[name] = rows
+        if self.schedule.chance(self.lost_answers):
+            self.schedule.note(f"answer of {name} lost")
+            raise DatabaseError("the database cannot be queried: the connection was lost")
+
+
+class DatabaseJournal(Journal[Any]):
+    """A journal in the database; the same contract as PostgreSQL's."""
+
+    def __init__(self, database: Database, name: str, decode: LineDecoder[Any], chained: bool) -> None:
+        self._database, self._name, self._decode, self._chained = database, name, decode, chained
+        self._chain = LineChain(name)
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has a line."""
+        return bool(self.read())
+
+    @property
+    def unchained(self) -> int:
+        """How many lines that were read have no checksum."""
+        return self._chain.unchained
+
+    def read(self) -> tuple[Any, ...]:
+        """All lines."""
+        self._database.ask()
+        self._chain = LineChain(self._name)
+        lines = []
+        for number, row in enumerate(self._database.rows.get(self._name, []), 1):
+            whole = self._chain.open(row, number) if self._chained else row
+            lines.append(self._decode(whole, number) if whole else None)
+        return tuple(line for line in lines if line is not None)
+
+    @contextmanager
+    def hold(self) -> Iterator["_LockedTable"]:
+        """A transaction, which ends with the block."""
+        held = _LockedTable(self.read(), self._chain.copy() if self._chained else None)
+        yield held
+        if held.added:
+            self._database.commit(self._name, [*self._database.rows.get(self._name, []), *held.added])
+
+    def keep(self, wanted: Callable[[bytes], bool]) -> None:
+        """Take the others out."""
+        self._database.ask()
+        rows = self._database.rows.get(self._name, [])
+        if not all(map(wanted, rows)):
+            self._database.commit(self._name, [row for row in rows if wanted(row)])
+
+
+class _LockedTable(LockedJournal[Any]):
+    def __init__(self, lines: tuple[Any, ...], chain: LineChain | None) -> None:
+        super().__init__(lines)
+        self.added: list[bytes] = []
+        self._chain = chain
+
+    def append(self, *lines: Any) -> None:
+        """Add them; they last when the transaction has ended."""
+        encoded = [msgspec.json.encode(line) for line in lines]
+        self.added += encoded if self._chain is None else [self._chain.seal(line) for line in encoded]
+        self.lines += lines

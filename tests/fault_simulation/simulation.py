@@ -1,0 +1,495 @@
+"""One run of a study under faults, from a seed, and what must be true of it afterwards.
+
+A run has one server and a few participants. Something goes wrong a few times, at moments that the seed chooses; then
+all of it works again, and everybody comes to an end. What the disk holds then is compared with what the pages were told.
+"""
+
+import asyncio
+import logging
+import shutil
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from minihuman.admin.enrolment_entries import SlotTaken, list_taken_slots, read_enrolment_log
+from minihuman.admin.manifest import record_missing_heads
+from minihuman.admin.recruitment import Recruitment, hash_link_token
+from minihuman.admin.verify.log import verify_enrolment, verify_session
+from minihuman.dataset import journal
+from minihuman.dataset.journal import URL_FILE_NAME
+from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.events import KeyPressed, Noted, Stepped
+from minihuman.experiment.plan.allocation import build_allocation_list
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.log.paths import find_log_folders, group_sessions, list_sessions, session_folder
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record.disk import GATHER_S, FileWriter, GroupCommit
+from minihuman.log.record.finalization import find_leftovers, recover_log
+from minihuman.log.system import System, use_system
+from minihuman.web.arrivals import Arrivals
+from minihuman.web.connection import ConnectionFactory
+from minihuman.web.server import app as server_app
+from minihuman.web.server.app import WebServer
+from tests.fault_simulation.database import URL, Database
+from tests.fault_simulation.network import Socket
+from tests.fault_simulation.page import Participant, Tab
+from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule, ServerLoop
+from tests.fault_simulation.volume import ProcessDisk, Volume
+
+STUDY = b"""
+[study]
+name = "walk"
+version = "1"
+seed = 3
+participants = 6
+[keys]
+keyboard_check = false
+[web]
+image_size_px = [16, 16]
+reconnect_timeout_s = 60
+open_access = true
+[[groups]]
+name = "short"
+blocks = ["walk"]
+[[groups]]
+name = "long"
+blocks = ["walk"]
+[[blocks]]
+name = "walk"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+episodes = 1
+max_steps = 4
+final_frame_ms = 0
+actions = ["left", "right", "forward"]
+"""
+FAULTS_S = 5.0  # so long things go wrong
+PATIENCE_S = 400.0  # so long everybody has to come to an end afterwards
+_MEMORY = Path("/dev/shm")
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a run is made of; a planted fault replaces one of them."""
+
+    disk: type[ProcessDisk] = ProcessDisk
+    database: type[Database] = Database
+    tab: type[Tab] = Tab
+    before: Callable[["Simulation"], Any] = lambda _: None  # called when a server starts
+
+
+@dataclass
+class Outcome:
+    """What a run showed."""
+
+    seed: int
+    failures: list[str] = field(default_factory=list)
+    happened: Counter[str] = field(default_factory=Counter)
+    acknowledged: int = 0
+    steps: int = 0
+    trace: list[str] = field(default_factory=list)
+
+
+class ScheduledCommit(GroupCommit):
+    """Writes and syncs on the server's loop: no thread of its own."""
+
+    def expect(self, file: FileWriter, *, at_once: bool = False) -> None:
+        """Have a file's turn come, in a moment or now."""
+        if at_once:
+            self.commit([file])
+        else:
+            asyncio.get_running_loop().call_later(GATHER_S, lambda: self.commit([file]))
+
+
+class _Server(WebServer):
+    def __init__(self, protocol: Protocol, data: Path, disk: ProcessDisk) -> None:
+        arrivals = Arrivals(protocol, data)
+        super().__init__(arrivals, data)
+        group = ScheduledCommit(sync_one=disk.sync, sync_all=lambda fd: disk.sync(fd))
+        self._factory = ConnectionFactory(arrivals, data, self.connections, group=group)
+
+
+@cache
+def _protocol(consent: bool, episodes: int) -> Protocol:
+    text = STUDY.replace(b"episodes = 1", b"episodes = %d" % episodes)
+    return decode_protocol(text.replace(b"[keys]", b'consent = "May we?"\n[keys]', 1) if consent else text)
+
+
+class Simulation:
+    """A run.
+
+    Args:
+        seed: of all that happens.
+        parts: what it is made of.
+    """
+
+    def __init__(self, seed: int, parts: Parts = Parts()) -> None:
+        self.schedule = Schedule(seed)
+        self.parts = parts
+        self.outcome = Outcome(seed, trace=self.schedule.trace)
+        rng = self.schedule.rng
+        self.protocol = _protocol(rng.random() < 0.4, rng.choice([1, 1, 2]))
+        self.clock = MachineClock(self.schedule)
+        self.data = Path(tempfile.mkdtemp(dir=_MEMORY if _MEMORY.is_dir() else None)) / "data"
+        self.data.mkdir()
+        self.volume = Volume(self.data, self.schedule, self.clock)
+        self.database = parts.database(self.schedule)
+        if rng.random() < 0.4:
+            (self.data / URL_FILE_NAME).write_text(URL)
+        self.study_dir = self.data / self.protocol.study.name
+        self.loop: ServerLoop | None = None
+        self.disk = parts.disk(self.volume)
+        self.faults_over = False
+        self.logged: list[logging.LogRecord] = []
+        self.sockets: list[Socket] = []
+        self._all_sockets: list[Socket] = []
+        self._abandoned: list[ServerLoop] = []
+        self._app: Any = None
+        self._twice = rng.choice([0.0, 0.0, 0.05])
+        self._swapped = rng.choice([0.0, 0.0, 0.0, 0.02])
+        self._delay_s = rng.choice([0.005, 0.05, 0.3])
+        self.people = [
+            Participant(f"{number}" * 22, self.schedule, self._connect)
+            for number in range(rng.choice([1, 1, 1, 2, 2, 3]))
+        ]
+
+    # The server's process
+
+    def start_server(self) -> None:
+        """Start it; it is killed at some operation of the disk, or not."""
+        if self.loop is not None:
+            return
+        rng = self.schedule.rng
+        journal._in_file.cache_clear()
+        journal._in_database.cache_clear()
+        ops_left = None
+        if not self.faults_over and self.schedule.chance(0.35):
+            ops_left = rng.randint(0, 60)
+        self.disk = self.parts.disk(self.volume, ops_left=ops_left)
+        self.loop = ServerLoop(self.schedule)
+        if not self.faults_over and ops_left is None and self.schedule.chance(0.2):
+            self.loop.turns_left = rng.randint(20, 1000)
+        self.schedule.note("server starts")
+        self._in_server(self._begin)
+
+    def _begin(self) -> None:
+        assert self.loop is not None
+        server = _Server(self.protocol, self.data, self.disk)
+        server._factory.facts = {"player": "human", "rules": "simulated"}
+        self.parts.before(self)
+        self._app = server.app()
+        self._server = server
+        for work in (server._grow, server._look_after, server._poll):
+            self.loop.create_task(work())
+
+    def _in_server(self, do: Callable[[], None] = lambda: None) -> None:
+        """Do something in the server's process, and all that it can do now."""
+        if self.loop is None:
+            return
+        try:
+            with use_system(System(self.disk, self.clock, self.database.open_journal)):
+                do()
+                self.loop.run_until_idle()
+        except ProcessKilled:
+            self.outcome.happened["killed at a step of its own"] += 1
+            self.kill_server()
+
+    def kill_server(self, *, power: bool = False, away_s: float | None = None) -> None:
+        """End its process; with ``power`` the machine's, too."""
+        if self.loop is None:
+            return
+        self.schedule.note("power cut" if power else "server killed")
+        self.loop.abandon()
+        self._abandoned.append(self.loop)
+        self.disk.kill()
+        self.loop = None
+        for socket in self.sockets:
+            socket.server_died()
+        self.sockets = []
+        if power:
+            self.volume.power_cut()
+        self.schedule.after(self.schedule.rng.random() * 3 if away_s is None else away_s, self.start_server)
+
+    def stop_server(self) -> None:
+        """End it in good order."""
+        if self.loop is None:
+            return
+        loop = self.loop
+
+        def leave() -> None:
+            for connection in self._server.connections.values():
+                connection.leave()  # as at the end of its lifespan
+
+        self._in_server(leave)
+        if self.loop is loop:
+            loop.abandon()
+            self._abandoned.append(loop)
+            self.disk.kill()
+            self.loop = None
+            for socket in self.sockets:
+                socket.server_died()
+            self.sockets = []
+
+    def _connect(self, tab: Tab) -> Socket | None:
+        if self.loop is None:
+            return None
+        loop = self.loop
+        healthy = self.faults_over
+        socket = Socket(
+            self.schedule,
+            loop,
+            tab,
+            delay_s=self._delay_s,
+            twice=0.0 if healthy else self._twice,
+            swapped=0.0 if healthy else self._swapped,
+        )
+        self.sockets.append(socket)
+        self._all_sockets.append(socket)
+        self._in_server(lambda: _start(loop, socket.serve(self._app)))
+        return socket
+
+    # The run
+
+    def run(self) -> Outcome:
+        """Run it to its end."""
+        logger = logging.getLogger("minihuman")
+        logger.addFilter(self._keep_record)
+        server_app.time = self.clock  # type: ignore[assignment]  # the server asks the module for the time
+        try:
+            self._run()
+            self._check()
+        except Exception as error:
+            self.outcome.failures.append(f"traceback: {type(error).__name__}: {error}")
+            raise
+        finally:
+            server_app.time = time
+            logger.removeFilter(self._keep_record)
+            for loop in self._abandoned:
+                _unwind(loop)
+            shutil.rmtree(self.data.parent, ignore_errors=True)
+        return self.outcome
+
+    def _keep_record(self, record: logging.LogRecord) -> bool:
+        self.logged.append(record)
+        return False
+
+    def _run(self) -> None:
+        rng = self.schedule.rng
+        self.schedule.after(0, self.start_server)
+        for person in self.people:
+            self.schedule.after(0.01 + rng.random() * 2, person.arrive)
+        for _ in range(rng.randint(1, 5)):
+            self.schedule.after(rng.random() * FAULTS_S, self._go_wrong)
+        self.schedule.after(FAULTS_S + 1, self._heal)
+        until_ns = round((FAULTS_S + PATIENCE_S) * 1e9)
+        while self.schedule.now_ns < until_ns:
+            self._step()
+            if self.faults_over and all(person.end for person in self.people):
+                break
+        self.stop_server()
+
+    def _step(self) -> None:
+        next_ns = self.schedule.next_ns
+        idle_ns = None if self.loop is None else self.loop.idle_until_ns
+        if idle_ns is not None and (next_ns is None or idle_ns <= next_ns):
+            self.schedule.now_ns = max(self.schedule.now_ns, idle_ns)
+        else:
+            self.schedule.run_next()
+        self._in_server()
+
+    def _go_wrong(self) -> None:
+        rng = self.schedule.rng
+        person = rng.choice(self.people)
+        what = rng.choice(
+            [
+                "kill",
+                "restart",
+                "power",
+                "power",
+                "cut",
+                "cut",
+                "reload",
+                "tab",
+                "copy",
+                "clock",
+                "full",
+                "short",
+                "failing",
+            ]
+            + ["database", "commits", "answers"]
+        )
+        self.outcome.happened[what] += 1
+        self.schedule.note(f"fault: {what}")
+        match what:
+            case "kill":
+                self.kill_server()
+            case "restart":
+                self.stop_server()
+                self.schedule.after(rng.random() * 3, self.start_server)
+            case "power":
+                self.kill_server(power=True)
+            case "cut":
+                for socket in self.sockets:
+                    socket.cut()
+                self.sockets = []
+            case "reload":
+                person.reload()
+            case "tab":
+                person.arrive()
+            case "copy":
+                person.copy_tab()
+            case "clock":
+                jump_ns = round(rng.choice([-86_400, -3_600, -30, 30, 3_600]) * 1e9)
+                if rng.random() < 0.7:
+                    self.clock.wall_offset_ns += jump_ns
+                else:
+                    person.wall_skew_ns += jump_ns
+            case "full" | "failing":
+                disk = self.disk
+                setattr(disk, what, True)
+                self.schedule.after(rng.random() * 3, lambda: setattr(disk, what, False))
+            case "short":
+                self.disk.short = 0.5
+            case "database":
+                self.database.away = True
+                self.schedule.after(rng.random() * 4, lambda: setattr(self.database, "away", False))
+            case "commits":
+                self.database.lost_commits = 0.3
+            case "answers":
+                self.database.lost_answers = 0.3
+
+    def _heal(self) -> None:
+        """Everything works again."""
+        self.faults_over = True
+        self.disk.full = self.disk.failing = self.database.away = False
+        self.disk.ops_left, self.disk.short = None, 0.0
+        if self.loop is not None:
+            self.loop.turns_left = None
+        self.database.lost_commits = self.database.lost_answers = 0.0
+        self._twice = self._swapped = 0.0
+        self.schedule.note("faults are over")
+        for person in self.people:
+            if person.tab is None or person.tab.finished:
+                person.arrive() if not person.end else None
+
+    # What must be true
+
+    def _check(self) -> None:
+        fail = self.outcome.failures.append
+        for person in self.people:
+            if not person.end:
+                fail(f"not ended: {person.token[:2]} after {person.errors[-3:]}")
+        for socket in self._all_sockets:
+            for error in socket.errors:
+                fail(f"traceback: {error}")
+        for loop in self._abandoned:
+            for error in loop.errors:
+                fail(f"traceback: {error}")
+        for record in self.logged:
+            if record.exc_info:
+                fail(f"traceback: {record.getMessage()}: {record.exc_info[1]!r}")
+        journal._in_file.cache_clear()
+        journal._in_database.cache_clear()
+        with use_system(System(clock=self.clock, open_database_journal=self.database.open_journal)):
+            self._check_enrolment()
+            for part in find_leftovers(self.data):
+                record_missing_heads(recover_log(part).path)
+            self._check_logs()
+            self._check_ends()
+
+    def _check_enrolment(self) -> None:
+        fail = self.outcome.failures.append
+        try:
+            lines = read_enrolment_log(self.study_dir)
+        except MinihumanError as error:
+            fail(f"enrolment log: {error}")
+            return
+        allocated = build_allocation_list(self.protocol)
+        holders = Counter(line.index for line in list_taken_slots(lines))
+        for index, holding in holders.items():
+            if holding > 1:
+                fail(f"slot {index} is held {holding} times")
+        for line in lines:
+            if isinstance(line, SlotTaken) and line.group != allocated[line.index].group:
+                fail(f"{line.participant} is in group {line.group}")
+
+    def _check_logs(self) -> None:
+        fail = self.outcome.failures.append
+        if not self.study_dir.exists():
+            return
+        presses: Counter[tuple[str, int]] = Counter()
+        notes = ""
+        for folder, names in find_log_folders(self.study_dir):
+            for log, files in group_sessions(folder, names).items():
+                seen: Counter[tuple[int, int, int]] = Counter()
+                for file in files:
+                    for event in read_events(file):
+                        match event:
+                            case KeyPressed(down=True):
+                                presses[event.key, event.t_ns - event.waited_ns] += 1
+                            case Stepped():
+                                seen[event.episode, event.step, event.t_ns] += 1
+                            case Noted(text=text) if text.startswith("not taken: "):
+                                notes += f"{text}, "
+                self.outcome.steps += len(seen)
+                for step, times in seen.items():
+                    if times > 1:
+                        fail(f"{log.name}: step {step} is there {times} times")
+                for line, good in verify_session(files[0] if len(files) == 1 else folder):
+                    if not good:
+                        fail(f"{log.name}: {line}")
+        for person in self.people:
+            for press in person.presses:
+                found = presses[press.key, press.stamp_ns]
+                self.outcome.acknowledged += press.safe
+                if press.safe and not found and f"{press.key} at {press.stamp_ns} ns" not in notes:
+                    fail(f"lost: {press} of {person.token[:2]}")
+                if found > sum(
+                    (other.key, other.stamp_ns) == (press.key, press.stamp_ns)
+                    for one in self.people
+                    for other in one.presses
+                ):
+                    fail(f"doubled: {press} is there {found} times")
+
+    def _check_ends(self) -> None:
+        """Compare what participants were told with what there is, and do what ``verify`` advises."""
+        fail = self.outcome.failures.append
+        came = Recruitment(self.study_dir).standing().came
+        theirs = [(person, came.get(hash_link_token(person.token), "")) for person in self.people]
+        for person, code in theirs:
+            if person.end.endswith("complete"):
+                folder = session_folder(self.data, self.protocol.study.name, code, 1)
+                if not folder.is_dir() or not list_sessions(folder) or read_log(folder).end_reason != "complete":
+                    fail(f"{code} was told that the session is complete")
+        for log in sorted(self.study_dir.rglob("*.mcap")):
+            record_missing_heads(log)
+        known = {code for person, code in theirs if not person.end.endswith("broken")}
+        for line, good in verify_enrolment(self.study_dir):
+            code = line.partition(" ")[0]
+            if not good and ("has a slot and no log" not in line or code in known):
+                fail(line)
+
+
+def _start(loop: ServerLoop, serving: Any) -> None:
+    loop.create_task(serving)
+
+
+def _unwind(loop: ServerLoop) -> None:
+    """Let the tasks of a process that was killed end: its disk is gone, so that nothing comes of it."""
+    for task in asyncio.all_tasks(loop):
+        task.cancel()
+    for _ in range(50):
+        with suppress(ProcessKilled):
+            loop.run_until_idle()
+            break
+    loop.close()
+
+
+def simulate(seed: int, parts: Parts = Parts()) -> Outcome:
+    """Run a seed."""
+    return Simulation(seed, parts).run()

@@ -1,0 +1,237 @@
+"""A disk that fails, and loses what was not made durable: real files in a folder, and what a power cut leaves of them."""
+
+import errno
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from minihuman.log.system import Disk, OperatingSystemDisk
+from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule
+
+_SECTOR_BYTES = 512
+_OS = OperatingSystemDisk()
+
+
+@dataclass(eq=False)
+class _Content:
+    """What a file holds when the power goes."""
+
+    durable: bytearray = field(default_factory=bytearray)
+    pending: list[bytes | int] = field(default_factory=list)  # bytes appended, or the size it was cut to
+    lost: bool = False  # an fsync failed: what was pending never reaches the disk
+
+    def settle(self) -> None:
+        for change in self.pending:
+            _apply(self.durable, change)
+        self.pending = []
+
+    def after_a_cut(self, schedule: Schedule) -> bytes:
+        left = bytearray(self.durable)
+        if self.pending and not self.lost:
+            kept = schedule.rng.randint(0, len(self.pending))
+            for change in self.pending[:kept]:
+                _apply(left, change)
+            if kept < len(self.pending) and isinstance(torn := self.pending[kept], bytes):
+                part = torn[: schedule.rng.randint(0, len(torn))]
+                left += bytes(len(part)) if schedule.chance(0.2) else part  # the size is there, the data are not
+        return bytes(left)
+
+
+def _apply(content: bytearray, change: bytes | int) -> None:
+    if isinstance(change, int):
+        del content[change:]
+    else:
+        content += change
+
+
+class Volume:
+    """What is on the disk of a machine.
+
+    Args:
+        root: a folder of its own.
+        schedule: the time.
+        clock: gives files their times.
+    """
+
+    def __init__(self, root: Path, schedule: Schedule, clock: MachineClock) -> None:
+        self.root, self.schedule, self.clock = root, schedule, clock
+        self.live: dict[Path, _Content] = {}  # as programs see it
+        self._entries: dict[Path, _Content] = {}  # durable names
+        self._changes: dict[Path, list[tuple[Path | None, Path | None, _Content]]] = {}  # names gone and new, by folder
+        self._folders = {root}  # durable ones
+
+    def changed(self, gone: Path | None, new: Path | None, content: _Content) -> None:
+        """A name was taken out of its folder, put into it, or both."""
+        self._changes.setdefault((new or gone).parent, []).append((gone, new, content))  # type: ignore[union-attr]
+
+    def sync_folder(self, folder: Path) -> None:
+        """Make its names durable."""
+        for change in self._changes.pop(folder, []):
+            self._rename(*change)
+        self._folders |= {path for path in folder.iterdir() if path.is_dir()}
+
+    def _rename(self, gone: Path | None, new: Path | None, content: _Content) -> None:
+        if gone is not None:
+            self._entries.pop(gone, None)
+        if new is not None:
+            self._entries[new] = content
+
+    def power_cut(self) -> None:
+        """Lose what was not made durable."""
+        for folder in sorted(self._changes):
+            changes = self._changes[folder]
+            for change in changes[: self.schedule.rng.randint(0, len(changes))]:
+                self._rename(*change)
+        left = {path: content.after_a_cut(self.schedule) for path, content in sorted(self._entries.items())}
+        for path in sorted(self.root.iterdir()):
+            if path.is_dir():
+                shutil.rmtree(path)
+            elif path in self.live:
+                path.unlink()
+        self.live, self._entries, self._changes = {}, {}, {}
+        for path, data in left.items():
+            if all(folder in self._folders for folder in path.parents if folder.is_relative_to(self.root)):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(data)
+                wall_ns = self.clock.wall_ns()
+                os.utime(path, ns=(wall_ns, wall_ns))
+                self.live[path] = self._entries[path] = _Content(bytearray(data))
+
+    def adopt(self) -> None:
+        """Take what is there as durable."""
+        for path in self.root.rglob("*"):
+            if path.is_dir():
+                self._folders.add(path)
+            elif path not in self.live:
+                self.live[path] = self._entries[path] = _Content(bytearray(path.read_bytes()))
+
+
+class ProcessDisk(Disk):
+    """A volume as one process has it, until it is killed.
+
+    Args:
+        volume: the disk.
+        ops_left: it is killed at this operation; None: never.
+    """
+
+    def __init__(self, volume: Volume, *, ops_left: int | None = None) -> None:
+        self.volume, self.ops_left = volume, ops_left
+        self.dead = False
+        self.on_kill: Callable[[], None] = lambda: None
+        self.full = self.failing = False
+        self.short = 0.0  # probability
+        self._open: dict[int, tuple[Path, tuple[int, int]]] = {}  # descriptor -> path and which file it is
+
+    def kill(self) -> None:
+        """Let go of every file, as the end of a process does."""
+        self.dead = True
+        for fd, (_, which) in self._open.items():
+            try:
+                found = os.fstat(fd)
+            except OSError:
+                continue
+            if (found.st_dev, found.st_ino) == which:
+                os.close(fd)
+        self._open = {}
+
+    def open(self, path: Path, flags: int, mode: int = 0o644) -> int:
+        """Open it."""
+        self._operation(f"open {path.name}")
+        new = not path.exists()
+        if new and flags & os.O_CREAT:
+            self._refuse(path)
+        fd = _OS.open(path, flags, mode)
+        found = os.fstat(fd)
+        self._open[fd] = path, (found.st_dev, found.st_ino)
+        if path.is_dir():
+            return fd
+        if new:
+            self.volume.live[path] = _Content()
+            self.volume.changed(None, path, self.volume.live[path])
+        elif flags & os.O_TRUNC:
+            self._content(path).pending.append(0)
+        return fd
+
+    def write(self, fd: int, data: bytes | memoryview) -> int:
+        """Append it, or a part of it."""
+        path = self._open[fd][0]
+        dying = self._operation(f"write {path.name} {len(data)}", dies=False)
+        self._refuse(path)
+        rng = self.volume.schedule.rng
+        cut = dying or (len(data) > 1 and self.volume.schedule.chance(self.short))
+        taken = _OS.write(fd, data[: rng.randint(0 if dying else 1, len(data))] if cut else data)
+        content = self.volume.live.get(path)
+        if content is not None:
+            content.pending.append(bytes(data[:taken]))
+        wall_ns = self.volume.clock.wall_ns()
+        os.utime(fd, ns=(wall_ns, wall_ns))
+        if dying:
+            self._die()
+        return taken
+
+    def sync(self, fd: int) -> None:
+        """Make it durable."""
+        path = self._open[fd][0]
+        self._operation(f"sync {path.name}")
+        if path.is_dir():
+            self._refuse(path, errno.EIO)
+            self.volume.sync_folder(path)
+            return
+        content = self._content(path)
+        if self.failing:
+            content.lost = True
+            self._refuse(path, errno.EIO)
+        if not content.lost:
+            content.settle()
+
+    def truncate(self, fd: int, size_bytes: int) -> None:
+        """Cut it off."""
+        path = self._open[fd][0]
+        self._operation(f"truncate {path.name}")
+        _OS.truncate(fd, size_bytes)
+        self._content(path).pending.append(size_bytes)
+
+    def rename(self, source: Path, target: Path) -> None:
+        """Rename it."""
+        self._operation(f"rename {source.name} {target.name}")
+        self._refuse(source, errno.EIO)
+        _OS.rename(source, target)
+        content = self.volume.live.pop(source)
+        self.volume.live[target] = content
+        self.volume.changed(source, target, content)
+
+    def unlink(self, path: Path) -> None:
+        """Remove it."""
+        self._operation(f"unlink {path.name}")
+        _OS.unlink(path)
+        if path in self.volume.live:
+            self.volume.changed(path, None, self.volume.live.pop(path))
+
+    def _content(self, path: Path) -> _Content:
+        return self.volume.live.setdefault(path, _Content())
+
+    def _operation(self, what: str, *, dies: bool = True) -> bool:
+        """Count it; whether the process dies in it."""
+        if self.dead:
+            raise ProcessKilled
+        self.volume.schedule.note(what)
+        if self.ops_left is None:
+            return False
+        self.ops_left -= 1
+        if self.ops_left >= 0:
+            return False
+        if dies:
+            self._die()
+        return True
+
+    def _die(self) -> None:
+        self.dead = True
+        raise ProcessKilled
+
+    def _refuse(self, path: Path, code: int = errno.ENOSPC) -> None:
+        if self.full and code == errno.ENOSPC:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        if self.failing:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
