@@ -127,7 +127,7 @@ def find_changed_files(study: Path, given: str) -> Iterator[str]:
 def _read(path: Path) -> StudyManifest | None:
     try:
         return msgspec.json.decode(path.read_bytes(), type=StudyManifest)
-    except (OSError, msgspec.DecodeError):
+    except (OSError, msgspec.DecodeError, UnicodeDecodeError):
         return None
 
 

@@ -46,7 +46,7 @@ LOGGER = logging.getLogger("minihuman")
 _COLUMNS = tuple(f'"{field.name}"' for field in fields(SessionSummary))
 _VALUES = attrgetter(*(field.name for field in fields(SessionSummary)))
 _ROW = f"log, fingerprint, path, problem, {', '.join(_COLUMNS)}"  # what the digest is of
-_PAGE = f"SELECT {_ROW} FROM sessions_v3 WHERE log > ? ORDER BY log LIMIT 100"
+_PAGE = "SELECT * FROM sessions_v3 WHERE log > ? ORDER BY log LIMIT 100"  # as digested: a column's name may be damaged
 LOCK_TIMEOUT_S = 2.0  # how long another process may hold the table before we do without it
 _DAMAGE_ERRORS = (sqlite3.Error, UnicodeError)  # what a damaged file makes sqlite raise
 
@@ -70,7 +70,7 @@ def read_session_index(study: Path) -> Iterator[SessionRow]:
     with closing(_IndexTable(study)) as table:
         after = ""
         while page := table.page(after):  # no page is open while a caller works on its rows
-            for _, _, path, problem, *values in page:
+            for _, _, path, problem, *values, _ in page:
                 yield SessionRow(study / path, None if problem else SessionSummary(*values), problem)
             after = page[-1][0]
 
@@ -132,6 +132,9 @@ def _up_to_date(study: Path) -> sqlite3.Connection:
 def _refreshed(table: sqlite3.Connection, study: Path) -> sqlite3.Connection:
     try:
         with table:
+            # Rows have digests, their order has none.
+            if table.execute("PRAGMA integrity_check(1)").fetchone() != ("ok",):
+                raise sqlite3.DatabaseError("its index is not that of its rows")
             table.execute("DROP TABLE IF EXISTS sessions_v2")  # of earlier versions: rows without a digest
             table.execute(f"CREATE TABLE IF NOT EXISTS sessions_v3 ({_ROW}, digest, PRIMARY KEY (log))")
             table.execute("CREATE TEMP TABLE present (log TEXT PRIMARY KEY)")

@@ -10,9 +10,11 @@ from contextlib import closing
 from pathlib import Path
 
 import duckdb
+import msgspec
 import pytest
 from click.testing import CliRunner
 
+from minihuman.admin.manifest import MANIFEST_FILE_NAME, find_changed_files, write_manifest
 from minihuman.admin.session_index import SessionRow, read_session_index
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset import store
@@ -313,3 +315,34 @@ def _text(path: Path) -> bytes:
     if path.suffix == ".parquet":
         content += duckdb.sql(f"FROM '{path}'").fetchall().__repr__().encode()
     return content
+
+
+def flipped(whole: bytes, chance: random.Random) -> bytes:
+    place = chance.randrange(len(whole))
+    return whole[:place] + bytes([whole[place] ^ 1 << chance.randrange(8)]) + whole[place + 1 :]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "full"), [(TABLE_CACHE, 300), (SESSION_CACHE, 1_200)])
+def test_a_flipped_bit_of_a_cache_changes_no_number(study: Path, name: str, full: int) -> None:
+    read = (lambda: tables(study)[0]) if name == TABLE_CACHE else (lambda: index(study))
+    whole, expected, chance = (study / name).read_bytes(), read(), random.Random(4)
+    for _ in range(count(full // 30, full)):
+        (study / name).write_bytes(flipped(whole, chance))
+        assert read() == expected
+
+
+@pytest.mark.long
+def test_a_flipped_bit_of_a_manifest_is_named_or_without_effect(study: Path) -> None:
+    write_manifest(study)
+    path, chance = study / MANIFEST_FILE_NAME, random.Random(5)
+    whole, named = path.read_bytes(), 0
+    flips = count(100, 1_500)
+    for _ in range(flips):
+        path.write_bytes(flipped(whole, chance))
+        said = list(find_changed_files(study, str(path)))
+        named += bool(said)
+        assert (
+            said or path.read_bytes() == whole or msgspec.json.decode(path.read_bytes()) == msgspec.json.decode(whole)
+        )
+    print(f"\n{named} of {flips} flips named")

@@ -33,11 +33,13 @@ class Participant:
         token: of their link.
         schedule: the time.
         connect: opens a socket for a page; None where no server runs.
+        make_tab: loads a page.
     """
 
     token: str
     schedule: Schedule
     connect: Any
+    make_tab: "type[Tab]"
     pause_s: float = 0.5  # between keys, at most
     wall_skew_ns: int = 0
     presses: list[Press] = field(default_factory=list)
@@ -49,7 +51,7 @@ class Participant:
     def arrive(self) -> None:
         """Open the link in a new tab."""
         if not self.end:
-            self.tab = Tab(self, {})
+            self.tab = self.make_tab(self, {})
             self.tabs.append(self.tab)
             self.tab.open()
 
@@ -57,7 +59,7 @@ class Participant:
         """Load the page again."""
         if self.tab is not None and not self.end:
             self.tab.leave()
-            self.tab = Tab(self, self.tab.storage)
+            self.tab = self.make_tab(self, self.tab.storage)
             self.tabs.append(self.tab)
             self.tab.open()
 
@@ -75,7 +77,7 @@ class Participant:
         """Duplicate the tab: both have what was kept."""
         if self.tab is not None and not self.end:
             kept = {name: value for name, value in self.tab.storage.items() if name != "messages"}
-            self.tab = Tab(self, kept | {"messages": dict(self.tab.storage.get("messages", {}))})
+            self.tab = self.make_tab(self, kept | {"messages": dict(self.tab.storage.get("messages", {}))})
             self.tabs.append(self.tab)
             self.tab.open()
 
@@ -94,7 +96,7 @@ class Tab:
         self._life = ""
         self._heard = 0
         self._socket: Socket | None = None
-        self._welcomed = False
+        self.welcomed = False
         self.finished = False
         self._refusal = ""
         self._retry_s = 0.2
@@ -118,7 +120,7 @@ class Tab:
 
     def leave(self) -> None:
         """The page is closed."""
-        self.finished, self._welcomed = True, False
+        self.finished, self.welcomed = True, False
         if self._socket is not None:
             self._socket.close()
 
@@ -150,7 +152,7 @@ class Tab:
 
     def closed(self, code: int, reason: str) -> None:
         """Come again, unless that is no use."""
-        self._welcomed = False
+        self.welcomed = False
         if self.finished:
             return
         if code == 4001:
@@ -193,7 +195,7 @@ class Tab:
 
     def _say_heard(self) -> None:
         self._saying_heard = False
-        if self._welcomed:
+        if self.welcomed:
             self._say({"t": "heard", "n": self._heard})
 
     def _take(self, message: dict[str, Any]) -> None:
@@ -207,7 +209,7 @@ class Tab:
             case "refused":
                 self._refusal = message["reason"]
             case "acked":
-                self._acknowledge(message["through"])
+                self.acknowledge(message["through"])
 
     def _welcome(self, message: dict[str, Any]) -> None:
         fresh = self._life == ""
@@ -217,10 +219,8 @@ class Tab:
         if not message["again"]:
             self._heard = 0
             self._life = message["life"]
-        for number in sorted(kept["messages"]):
-            if number > message["heard"]:
-                self._say(kept["messages"][number][0])
-        self._welcomed = True
+        self.resend(message["heard"])
+        self.welcomed = True
         self._retry_s = 0.2
         if kept["last"] == 0:
             self.send({"t": "tick"})
@@ -229,10 +229,17 @@ class Tab:
 
     # The stream of what was done here
 
+    def resend(self, received: int) -> None:
+        """Send what a server lacks that has all up to a number."""
+        for number, (message, _) in sorted(self.storage["messages"].items()):
+            if number > received:
+                self._say(message)
+
     def _performance_ns(self) -> int:
         return self.schedule.now_ns - self._loaded_ns
 
-    def _now_ns(self) -> int:
+    def now_ns(self) -> int:
+        """The session's time."""
         return max(0, self._performance_ns() - (self._zero_ns or 0))
 
     def _set_time(self, segment: str, server_ns: int, fresh: bool, received: int) -> None:
@@ -247,7 +254,7 @@ class Tab:
                     press.dropped = True
                 text = ", ".join(f"{press.key} at {press.stamp_ns} ns" for press in lost)
                 self.send({"t": "unheard", "text": text[:1900]})
-        elif self._zero_ns is None or (fresh and abs(self._now_ns() - server_ns) > _RESTART_NS):
+        elif self._zero_ns is None or (fresh and abs(self.now_ns() - server_ns) > _RESTART_NS):
             self._zero_ns = self._performance_ns() - max(server_ns, kept["last"] + 1)
         kept["zero"] = (self._zero_ns or 0) + self._origin_ns
 
@@ -256,15 +263,16 @@ class Tab:
         if self._zero_ns is None:
             return 0
         kept = self.storage
-        at, number = max(kept["last"] + 1, self._now_ns()), kept["next"]
+        at, number = max(kept["last"] + 1, self.now_ns()), kept["next"]
         kept |= {"next": number + 1, "last": at}
         message = {"t": "n", "n": number, "at": at, "what": what}
         kept["messages"][number] = message, press
-        if self._welcomed:
+        if self.welcomed:
             self._say(message)
         return number
 
-    def _acknowledge(self, through: int) -> None:
+    def acknowledge(self, through: int) -> None:
+        """Forget what is on the server's disk."""
         kept = self.storage
         for number in [number for number in kept["messages"] if number <= through]:
             _, press = kept["messages"].pop(number)
@@ -298,11 +306,11 @@ class Tab:
                 self.person.end = f"over: {message['end']}"
 
     def _show(self, what: dict[str, Any]) -> None:
-        submit_ns = self._now_ns()
+        submit_ns = self.now_ns()
 
         def flip() -> None:
             if not self.finished:
-                self.send({"t": "shown", "submit": submit_ns, "flip": self._now_ns(), **what})
+                self.send({"t": "shown", "submit": submit_ns, "flip": self.now_ns(), **what})
 
         self.schedule.after(0.016, flip)
 
@@ -314,12 +322,12 @@ class Tab:
         def tick() -> None:
             if self.finished or self._tick_ns != due_ns:
                 return
-            if self._now_ns() < due_ns:
+            if self.now_ns() < due_ns:
                 self._tick_later()
             elif self.send({"t": "tick"}):
                 self._tick_ns = None
 
-        self.schedule.after(max(0.001, (due_ns - self._now_ns()) / 1e9), tick)
+        self.schedule.after(max(0.001, (due_ns - self.now_ns()) / 1e9), tick)
 
     def act_later(self) -> None:
         """Press a key in a while."""
@@ -333,13 +341,13 @@ class Tab:
         self.act_later()
 
     def _press(self, key: str) -> None:
-        press = Press(key, self._now_ns())
+        press = Press(key, self.now_ns())
         if not self.send({"t": "key", "key": key, "down": True, "stamp": press.stamp_ns}, press):
             return
         self.person.presses.append(press)
 
         def release() -> None:
             if not self.finished:
-                self.send({"t": "key", "key": key, "down": False, "stamp": self._now_ns()})
+                self.send({"t": "key", "key": key, "down": False, "stamp": self.now_ns()})
 
         self.schedule.after(0.02, release)

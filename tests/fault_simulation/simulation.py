@@ -1,7 +1,7 @@
 """One run of a study under faults, from a seed, and what must be true of it afterwards.
 
 A run has one server and a few participants. Something goes wrong a few times, at moments that the seed chooses; then
-all of it works again, and everybody comes to an end. What the disk holds then is compared with what the pages were told.
+all of it works again, and everybody comes to an end. What the disk holds then is compared with what pages were told.
 """
 
 import asyncio
@@ -70,17 +70,11 @@ actions = ["left", "right", "forward"]
 """
 FAULTS_S = 5.0  # so long things go wrong
 PATIENCE_S = 400.0  # so long everybody has to come to an end afterwards
+HAZARDS = (
+    *("kill", "restart", "power", "power", "cut", "cut", "reload", "tab", "copy", "clock"),
+    *("full", "short", "failing", "unsynced", "database", "commits", "answers"),
+)
 _MEMORY = Path("/dev/shm")
-
-
-@dataclass(frozen=True)
-class Parts:
-    """What a run is made of; a planted fault replaces one of them."""
-
-    disk: type[ProcessDisk] = ProcessDisk
-    database: type[Database] = Database
-    tab: type[Tab] = Tab
-    before: Callable[["Simulation"], Any] = lambda _: None  # called when a server starts
 
 
 @dataclass
@@ -96,7 +90,14 @@ class Outcome:
 
 
 class ScheduledCommit(GroupCommit):
-    """Writes and syncs on the server's loop: no thread of its own."""
+    """Writes and syncs on the server's loop: no thread of its own.
+
+    Args:
+        disk: the process's.
+    """
+
+    def __init__(self, disk: ProcessDisk) -> None:
+        super().__init__(sync_one=disk.sync, sync_all=disk.sync)
 
     def expect(self, file: FileWriter, *, at_once: bool = False) -> None:
         """Have a file's turn come, in a moment or now."""
@@ -106,12 +107,31 @@ class ScheduledCommit(GroupCommit):
             asyncio.get_running_loop().call_later(GATHER_S, lambda: self.commit([file]))
 
 
-class _Server(WebServer):
-    def __init__(self, protocol: Protocol, data: Path, disk: ProcessDisk) -> None:
-        arrivals = Arrivals(protocol, data)
+class Server(WebServer):
+    """The real one, but for the thread that writes its logs.
+
+    Args:
+        protocol: the study.
+        data: the data folder.
+        group: writes its logs.
+    """
+
+    def __init__(self, protocol: Protocol, data: Path, group: GroupCommit) -> None:
+        arrivals = Arrivals(protocol, data)  # where sessions are leased their leases go in here
         super().__init__(arrivals, data)
-        group = ScheduledCommit(sync_one=disk.sync, sync_all=lambda fd: disk.sync(fd))
+        self.study_dir = data / protocol.study.name
         self._factory = ConnectionFactory(arrivals, data, self.connections, group=group)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a run is made of; a planted fault replaces one of them."""
+
+    disk: type[ProcessDisk] = ProcessDisk
+    database: type[Database] = Database
+    tab: type[Tab] = Tab
+    commit: type[ScheduledCommit] = ScheduledCommit
+    server: type[Server] = Server
 
 
 @cache
@@ -154,7 +174,7 @@ class Simulation:
         self._swapped = rng.choice([0.0, 0.0, 0.0, 0.02])
         self._delay_s = rng.choice([0.005, 0.05, 0.3])
         self.people = [
-            Participant(f"{number}" * 22, self.schedule, self._connect)
+            Participant(f"{number}" * 22, self.schedule, self._connect, parts.tab)
             for number in range(rng.choice([1, 1, 1, 2, 2, 3]))
         ]
 
@@ -179,11 +199,9 @@ class Simulation:
 
     def _begin(self) -> None:
         assert self.loop is not None
-        server = _Server(self.protocol, self.data, self.disk)
+        self._server = server = self.parts.server(self.protocol, self.data, self.parts.commit(self.disk))
         server._factory.facts = {"player": "human", "rules": "simulated"}
-        self.parts.before(self)
         self._app = server.app()
-        self._server = server
         for work in (server._grow, server._look_after, server._poll):
             self.loop.create_task(work())
 
@@ -305,24 +323,7 @@ class Simulation:
     def _go_wrong(self) -> None:
         rng = self.schedule.rng
         person = rng.choice(self.people)
-        what = rng.choice(
-            [
-                "kill",
-                "restart",
-                "power",
-                "power",
-                "cut",
-                "cut",
-                "reload",
-                "tab",
-                "copy",
-                "clock",
-                "full",
-                "short",
-                "failing",
-            ]
-            + ["database", "commits", "answers"]
-        )
+        what = rng.choice(HAZARDS)
         self.outcome.happened[what] += 1
         self.schedule.note(f"fault: {what}")
         match what:
@@ -349,12 +350,16 @@ class Simulation:
                     self.clock.wall_offset_ns += jump_ns
                 else:
                     person.wall_skew_ns += jump_ns
-            case "full" | "failing":
+            case "full" | "failing" | "unsynced":
                 disk = self.disk
                 setattr(disk, what, True)
                 self.schedule.after(rng.random() * 3, lambda: setattr(disk, what, False))
+                if rng.random() < 0.5:  # a device that fails seldom fails once
+                    self.schedule.after(rng.random() * 3, self._cut_power)
             case "short":
                 self.disk.short = 0.5
+                if rng.random() < 0.5:
+                    self.schedule.after(rng.random() * 3, self._cut_power)
             case "database":
                 self.database.away = True
                 self.schedule.after(rng.random() * 4, lambda: setattr(self.database, "away", False))
@@ -363,10 +368,14 @@ class Simulation:
             case "answers":
                 self.database.lost_answers = 0.3
 
+    def _cut_power(self) -> None:
+        if not self.faults_over:
+            self.kill_server(power=True)
+
     def _heal(self) -> None:
         """Everything works again."""
         self.faults_over = True
-        self.disk.full = self.disk.failing = self.database.away = False
+        self.disk.full = self.disk.failing = self.disk.unsynced = self.database.away = False
         self.disk.ops_left, self.disk.short = None, 0.0
         if self.loop is not None:
             self.loop.turns_left = None
@@ -443,6 +452,10 @@ class Simulation:
                 for line, good in verify_session(files[0] if len(files) == 1 else folder):
                     if not good:
                         fail(f"{log.name}: {line}")
+        made = {(press.key, press.stamp_ns) for person in self.people for press in person.presses}
+        for logged in presses:
+            if logged not in made:
+                fail(f"nobody pressed {logged}")
         for person in self.people:
             for press in person.presses:
                 found = presses[press.key, press.stamp_ns]
@@ -459,9 +472,12 @@ class Simulation:
     def _check_ends(self) -> None:
         """Compare what participants were told with what there is, and do what ``verify`` advises."""
         fail = self.outcome.failures.append
+        holding = {line.participant for line in list_taken_slots(read_enrolment_log(self.study_dir))}
         came = Recruitment(self.study_dir).standing().came
         theirs = [(person, came.get(hash_link_token(person.token), "")) for person in self.people]
         for person, code in theirs:
+            if person.end.endswith("complete") and code not in holding:
+                fail(f"{code} has no slot")
             if person.end.endswith("complete"):
                 folder = session_folder(self.data, self.protocol.study.name, code, 1)
                 if not folder.is_dir() or not list_sessions(folder) or read_log(folder).end_reason != "complete":

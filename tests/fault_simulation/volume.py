@@ -1,4 +1,4 @@
-"""A disk that fails, and loses what was not made durable: real files in a folder, and what a power cut leaves of them."""
+"""A disk that fails, and loses what was not made durable: real files in a folder, and what a power cut leaves."""
 
 import errno
 import os
@@ -120,9 +120,13 @@ class ProcessDisk(Disk):
         self.volume, self.ops_left = volume, ops_left
         self.dead = False
         self.on_kill: Callable[[], None] = lambda: None
-        self.full = self.failing = False
+        self.full = self.failing = self.unsynced = False  # no room, no device, no fsync
         self.short = 0.0  # probability
         self._open: dict[int, tuple[Path, tuple[int, int]]] = {}  # descriptor -> path and which file it is
+
+    def path_of(self, fd: int) -> Path:
+        """What a descriptor is open on."""
+        return self._open[fd][0]
 
     def kill(self) -> None:
         """Let go of every file, as the end of a process does."""
@@ -180,9 +184,9 @@ class ProcessDisk(Disk):
             self.volume.sync_folder(path)
             return
         content = self._content(path)
-        if self.failing:
+        if self.failing or self.unsynced:
             content.lost = True
-            self._refuse(path, errno.EIO)
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
         if not content.lost:
             content.settle()
 

@@ -1,15 +1,20 @@
 """Damaged live files: recovery keeps every complete step and never raises."""
 
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.records import Attachment
 
+from minihuman.errors import LogError
 from minihuman.experiment.machine.events import Event, Stepped
+from minihuman.log.paths import SegmentPath
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.finalization import recover_log
-from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
+from minihuman.log.salvage.scan import LogScanner
 from tests.counts import count
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -151,3 +156,22 @@ def _recovered(content: bytes, folder: Path) -> list[Event]:
 
 def _steps(events: list[Event]) -> int:
     return sum(isinstance(event, Stepped) for event in events)
+
+
+def test_a_live_file_torn_in_its_first_write_has_all_that_belongs_to_its_plan_or_no_plan(tmp_path: Path) -> None:
+    plan = session_plan(episodes=1)
+    recorder = McapRecorder(tmp_path / "whole", plan, started_ns=STARTED_NS)
+    recorder.write(session_events(plan, steps=1)[:1])
+    recorder.leave()
+    whole = recorder.where.part.read_bytes()
+    part = SegmentPath.of_plan(tmp_path / "torn", plan).part
+    part.parent.mkdir(parents=True)
+    resumed = 0
+    for size in range(0, len(whole), 97):
+        part.write_bytes(whole[:size])
+        with suppress(LogError):
+            resume_segment(part).close()
+            resumed += 1
+            names = {record.name for record in LogScanner(part) if isinstance(record, Attachment)}
+            assert {"protocol.toml", "key_maps.json", "packages.txt"} <= names, size
+    assert resumed

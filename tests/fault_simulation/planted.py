@@ -1,0 +1,209 @@
+"""Planted faults, one of each class: what a programmer might get wrong, and what once was wrong here."""
+
+import os
+from typing import Any
+
+from minihuman.admin.enrolment_entries import SlotFreed, open_enrolment_log
+from minihuman.admin.enrolment_log import now_text
+from minihuman.log.system import current_system
+from minihuman.web.connection import Connection
+from minihuman.web.messages import MessageError
+from tests.fault_simulation.database import Database, DatabaseError
+from tests.fault_simulation.page import Press, Tab
+from tests.fault_simulation.simulation import Parts, ScheduledCommit, Server
+from tests.fault_simulation.volume import ProcessDisk
+
+
+class AcknowledgedBeforeFsync(ProcessDisk):
+    """Files are said to be durable, and are not."""
+
+    def sync(self, fd: int) -> None:
+        """Make only names durable."""
+        path = self.path_of(fd)
+        if path.is_dir() or not path.name.endswith(".part"):
+            super().sync(fd)
+
+
+class FsyncErrorSwallowed(ScheduledCommit):
+    """A failed fsync is taken for one that did its work."""
+
+    def __init__(self, disk: ProcessDisk) -> None:
+        super().__init__(disk)
+        sync = self._sync_one
+
+        def quietly(fd: int) -> None:
+            try:
+                sync(fd)
+            except OSError:
+                return
+
+        self._sync_one = quietly
+
+
+class ShortWriteTakenAsWhole(ProcessDisk):
+    """How many bytes a write took is not looked at."""
+
+    def write(self, fd: int, data: bytes | memoryview) -> int:
+        """Write it, and say that all was."""
+        super().write(fd, data)
+        return len(data)
+
+
+class TornLineSwallowed(ProcessDisk):
+    """A line is appended to half of one: the torn line takes it along."""
+
+    def write(self, fd: int, data: bytes | memoryview) -> int:
+        """Write it without the line's end before it."""
+        if self.path_of(fd).suffix == ".jsonl" and bytes(data[:2]) == b"\n{":
+            return super().write(fd, data[1:]) + 1
+        return super().write(fd, data)
+
+
+class LastChunkDropped(ProcessDisk):
+    """A recovery cuts off more than what was torn."""
+
+    def open(self, path: Any, flags: int, mode: int = 0o644) -> int:
+        """Cut a chunk off a live file that is opened again."""
+        fd = super().open(path, flags, mode)
+        if path.suffix == ".part" and flags & os.O_RDWR and not flags & os.O_CREAT:
+            size = os.fstat(fd).st_size
+            if size > 21_000:
+                self.truncate(fd, size - 200)
+        return fd
+
+
+class FolderNotSynced(ProcessDisk):
+    """A new file's name is not made durable."""
+
+    def sync(self, fd: int) -> None:
+        """Make only files durable."""
+        if not self.path_of(fd).is_dir():
+            super().sync(fd)
+
+
+class RenamedBeforeItsContent(ProcessDisk):
+    """A finished log takes the live file's place before it is on the disk."""
+
+    def sync(self, fd: int) -> None:
+        """Leave finished logs out."""
+        if not self.path_of(fd).name.endswith(".finishing"):
+            super().sync(fd)
+
+
+class ResentAsNew(Tab):
+    """What was not acknowledged is sent again under new numbers and times, so that nobody knows it again."""
+
+    def resend(self, received: int) -> None:
+        """Send keys that the server may have as others."""
+        kept = self.storage
+        messages, kept["messages"], kept["next"] = kept["messages"], {}, received + 1
+        for _, (message, press) in sorted(messages.items()):
+            what = message["what"]
+            number = self.send(what | {"stamp": self.now_ns()} if "stamp" in what else what, press)
+            self._say(kept["messages"][number][0])
+
+
+class SentTakenForArrived(Tab):
+    """A page takes what it sent for what arrived."""
+
+    def send(self, what: dict[str, Any], press: Press | None = None) -> int:
+        """Forget a message once it is on its way."""
+        number = super().send(what, press)
+        if number and self.welcomed:
+            self.acknowledge(number)
+        return number
+
+
+class CommitLostUnnoticed(Database):
+    """A transaction that was undone is taken for one that was done."""
+
+    def commit(self, name: str, rows: list[bytes]) -> None:
+        """Go on as if nothing had been."""
+        try:
+            super().commit(name, rows)
+        except DatabaseError:
+            return
+
+
+class SlotFreedTwice(Server):
+    """Whoever is over gives the slot back, although it holds their data."""
+
+    async def _finish(self, connection: Connection) -> None:
+        await super()._finish(connection)
+        with open_enrolment_log(self.study_dir).hold() as enrolment:
+            enrolment.append(SlotFreed(connection.admission.participant, now_text()))
+
+
+class TimeFromTheWallClock(Server):
+    """A session's time is the wall clock's, which is set now and then."""
+
+    async def _serve(self, page: Any, connection: Connection, hello: Any) -> None:
+        started_ns = connection._hosted.started_ns
+        connection.now_ns = lambda: current_system().clock.wall_ns() - started_ns  # type: ignore[method-assign]
+        await super()._serve(page, connection, hello)
+
+
+class TabsMixed(Server):
+    """What one tab sent is acknowledged to another, which has the same numbers."""
+
+    async def _serve(self, page: Any, connection: Connection, hello: Any) -> None:
+        connection.host.begin_stream = lambda settled: None  # type: ignore[method-assign]
+        await super()._serve(page, connection, hello)
+
+
+class SetBackWithTheWallClock(Server):
+    """A session that is resumed takes its time from the wall clock alone; so did we once."""
+
+    async def _serve(self, page: Any, connection: Connection, hello: Any) -> None:
+        if not connection.sockets:
+            clock = current_system().clock
+            connection._zero_ns = clock.monotonic_ns() - (clock.wall_ns() - connection._hosted.started_ns)
+        hello.last = 0
+        await super()._serve(page, connection, hello)
+
+
+class RefusedIsHeard(Server):
+    """A message that was refused counts as one that came; so it did once."""
+
+    async def _serve(self, page: Any, connection: Connection, hello: Any) -> None:
+        take = type(connection).take
+
+        def count_first(numbered: Any) -> None:
+            try:
+                take(connection, numbered)
+            except MessageError:
+                connection._incoming.received = max(connection._incoming.received, numbered.n)
+                raise
+
+        connection.take = count_first  # type: ignore[method-assign]
+        await super()._serve(page, connection, hello)
+
+
+class JournalAwayIsATraceback(Server):
+    """Nobody expects that an arrival cannot be written down; nobody did once."""
+
+    async def _receive_hello(self, page: Any) -> Any:
+        try:
+            return await super()._receive_hello(page)
+        except TimeoutError as error:
+            raise error.__cause__ or error from None
+
+
+PLANTED: dict[str, Parts] = {
+    "acknowledged before fsync": Parts(disk=AcknowledgedBeforeFsync),
+    "failed fsync swallowed": Parts(commit=FsyncErrorSwallowed),
+    "short write taken as whole": Parts(disk=ShortWriteTakenAsWhole),
+    "torn line swallowed": Parts(disk=TornLineSwallowed),
+    "last chunk dropped": Parts(disk=LastChunkDropped),
+    "folder not synced": Parts(disk=FolderNotSynced),
+    "renamed before its content": Parts(disk=RenamedBeforeItsContent),
+    "resent as new": Parts(tab=ResentAsNew),
+    "sent taken for arrived": Parts(tab=SentTakenForArrived),
+    "lost commit unnoticed": Parts(database=CommitLostUnnoticed),
+    "slot freed twice": Parts(server=SlotFreedTwice),
+    "time from the wall clock": Parts(server=TimeFromTheWallClock),
+    "tabs mixed": Parts(server=TabsMixed),
+    "set back with the wall clock": Parts(server=SetBackWithTheWallClock),
+    "refused is heard": Parts(server=RefusedIsHeard),
+    "journal away is a traceback": Parts(server=JournalAwayIsATraceback),
+}
