@@ -21,7 +21,7 @@ from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.finalization import put_aside
-from minihuman.log.system import sync_folder
+from minihuman.log.system import monotonic_s, sync_folder
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0
@@ -170,7 +170,7 @@ class SessionLeases:
         clock: monotonic, seconds.
     """
 
-    def __init__(self, table: LeaseTable, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, table: LeaseTable, *, clock: Callable[[], float] = monotonic_s) -> None:
         self._table, self._clock = table, clock
         self._guard = threading.RLock()  # a copy grows at its end: one at a time
 

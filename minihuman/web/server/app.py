@@ -434,7 +434,9 @@ class WebServer:
             if not held:
                 continue
             try:
-                await asyncio.get_running_loop().run_in_executor(thread, leases.renew, [one.lease for one in held])
+                await asyncio.get_running_loop().run_in_executor(
+                    thread, leases.renew, [one.lease for one in held if one.lease is not None]
+                )
             except OSError as error:
                 if not is_away:
                     LOG.warning("leases are not renewed, and nothing is acknowledged: %s", error)

@@ -197,10 +197,11 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     def _step_shares(self, arrays: tuple[NDArray[Any], ...]) -> int:
         """Step all worlds, a share for each thread; what `step_many` returns, for all."""
-        step, shares = STEPS[self._instructed], self._shares
+        step: Callable[..., int] = STEPS[self._instructed]
+        shares = self._shares
         if len(shares) == 1:
             return step(*arrays, self._cleared, self._mode, *shares[0])
-        if (refusing := first_refusal(*arrays[:2], self._mode, 0, self.num_envs)) < 0:
+        if (refusing := first_refusal(arrays[0], arrays[1], self._mode, 0, self.num_envs)) < 0:
             return refusing
         stepping = _helpers(os.getpid()).map(lambda share: step(*arrays, self._cleared, self._mode, *share), shares)
         found = [self._cleared[first : first + count] for (first, _), count in zip(shares, stepping, strict=True)]
