@@ -324,6 +324,7 @@ class CorrectionActivity(Activity):
             )
             if play.outcome is not None:
                 assert play.outcome != "abandoned"
+                assert play.outcome != "agent_failed"
                 self._end_correction(play.outcome)
 
     def _end_correction(self, outcome: CorrectionOutcome) -> None:
