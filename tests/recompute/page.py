@@ -765,6 +765,9 @@ def gee(people: Sequence[Any], *, odds: bool) -> tuple[float, float]:
 
     A correlation below what so many episodes can have is held at the least that ours may come to.
     """
+    values = np.concatenate(people)
+    if not np.ptp(values):  # statsmodels has no answer
+        return float(values[0]), 0.0
     least = -0.9 / max(map(len, people))
     found, structure = fit_gee(people, odds=odds)
     if not least <= structure.dep_params <= 0.99:
