@@ -90,7 +90,7 @@ def measure(world: tuple[str, tuple[str, ...]], keys_hz: float, rtt_ms: float, r
     """Two episodes of one person."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        protocol = study(folder, world, episodes=2, max_steps=keys // 2)
+        protocol = study(folder, world, episodes=2, max_steps=keys // 2, block='computed = "server"')
         command = [sys.executable, "-m", "benchmarks.web_line", "--serve", str(protocol), name, str(DEEPEST[rule])]
         server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert server.stdout is not None
