@@ -19,7 +19,7 @@ from pathlib import Path
 
 from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
-from minihuman.log.paths import LOG_SUFFIX, PART_SUFFIX
+from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import sync_folder
 from minihuman.log.record.finalization import put_aside
 
@@ -209,6 +209,14 @@ class SessionLeases:
                 _write_durably(path, data)
                 stamp_s = time.time() - lease.grant.idle_s
                 os.utime(path, (stamp_s, stamp_s))
+
+    def claims(self, lease: Lease, part: Path) -> bool:
+        """Whether a live file that is here is how a session ended for good; else another server ended it.
+
+        Raises:
+            OSError: if the database cannot be asked, or the file cannot be read.
+        """
+        return bool(lease.grant.ended) and self._table.read_files(lease.session).get(part.name) == part.read_bytes()
 
     def renew(self, leases: Sequence[Lease]) -> None:
         """Renew leases, and copy what was recorded since.

@@ -79,7 +79,7 @@ class PostgresLeaseTable(LeaseTable):
             update minihuman_leases set until = clock_timestamp() + make_interval(secs => %s) where session = any(%s)
         """
         with self._renewals.transaction() as cursor:
-            held = {session: wanted for session, wanted in cursor.execute(lock, [names, fences]).fetchall()}
+            held = dict(cursor.execute(lock, [names, fences]).fetchall())
             cursor.execute(extend, [TTL_S, [*held]])
             pieces = [(each.session, each.piece) for each in ordered if each.piece is not None and each.session in held]
             if pieces:

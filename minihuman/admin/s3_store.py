@@ -10,7 +10,6 @@ from botocore.exceptions import BotoCoreError, ClientError
 
 from minihuman.admin.remote_store import RemoteStore, RemoteStoreConflictError, RemoteStoreError
 
-
 _CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
 
 

@@ -67,7 +67,9 @@ def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "",
         session_code: of this session if it is complete; "": the study's.
         person: the participant's id on the platform.
     """
-    code = (end == "complete" and session_code) or getattr(online.completion_codes, end, "")
+    code: str = getattr(online.completion_codes, end, "")
+    if end == "complete" and session_code:
+        code = session_code
     url = ""
     if online.redirect and (code or "{code}" not in online.redirect):
         url = online.redirect.replace("{code}", quote(code, safe="")).replace("{id}", quote(person, safe=""))

@@ -31,8 +31,8 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.replay import resume_from_events
 from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder, study_folder
 from minihuman.log.record.disk import GroupCommit, RecorderSettings
-from minihuman.log.record.finalization import put_aside
 from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
+from minihuman.log.record.finalization import put_aside
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.agent_host import make_agent_host
@@ -490,7 +490,11 @@ class ConnectionFactory:
         self._connections[own] = connection
 
     async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
-        admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+        try:
+            admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+        except OSError as error:  # the database is away, or the disk: the page tries again
+            LOG.warning("a participant has to wait: %s", error)
+            return TurnedAway("wait", "")
         if isinstance(admission, Rejection):
             return self._refused(admission)
         if admission.lease is None and admission.key in self._connections:
@@ -527,9 +531,7 @@ class ConnectionFactory:
             )
         return hosted
 
-    def _start_or_resume(
-        self, admission: Admission, facts: dict[str, str], wake: Callable[[], None]
-    ) -> HostedSession:
+    def _start_or_resume(self, admission: Admission, facts: dict[str, str], wake: Callable[[], None]) -> HostedSession:
         if admission.part is not None:
             if is_being_recorded(admission.part):
                 raise LogError(f"{admission.part} is being written by another server")

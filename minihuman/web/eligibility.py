@@ -60,9 +60,7 @@ class BrowserProperties(msgspec.Struct, frozen=True):
     keyboard: bool = True  # not only a touch screen, as far as the browser can tell
 
 
-def check_eligibility(
-    online: WebSpec, browser: BrowserProperties, *, needs_keyboard: bool = False
-) -> Ineligibility:
+def check_eligibility(online: WebSpec, browser: BrowserProperties, *, needs_keyboard: bool = False) -> Ineligibility:
     """Why a browser is not eligible; "" if it is.
 
     Args:

@@ -102,7 +102,7 @@ def test_the_page_comes_from_whichever_worker_is_there(tmp_path: Path) -> None:
             with caddy(tmp_path, text, port), browsing() as sit_down:
                 page = sit_down(f"https://localhost:{port}/", ignore_https_errors=True).page
                 loaded = page.evaluate(
-                    "Promise.all([...document.querySelectorAll('[href^=\"/static\"], [src^=\"/static\"]')]"
+                    'Promise.all([...document.querySelectorAll(\'[href^="/static"], [src^="/static"]\')]'
                     ".map((one) => fetch(one.href ?? one.src).then((answer) => answer.status)))"
                 )
                 assert set(loaded) == {200}

@@ -1,6 +1,7 @@
 """A page without a browser that is loaded again and again, from one server or another, as its outbox is kept."""
 
 import asyncio
+import contextlib
 import json
 import random
 import time
@@ -41,10 +42,8 @@ class WanderingPage(TypedPage):
     async def take_part(self) -> Counts:
         """Come again until the session is over."""
         while not self.counts.over and not self.counts.refused:
-            try:
+            with contextlib.suppress(OSError, WebSocketException, TimeoutError):
                 await self._visit(self._find_host())
-            except (OSError, WebSocketException, TimeoutError):
-                pass
             self._zero_s = self._zero_s if self._segment else None
             await asyncio.sleep(0.2 + 0.3 * self._rng.random())
         return self.counts
