@@ -210,6 +210,14 @@ class SessionLeases:
                 stamp_s = time.time() - lease.grant.idle_s
                 os.utime(path, (stamp_s, stamp_s))
 
+    def claims(self, lease: Lease, part: Path) -> bool:
+        """Whether a live file that is here is how a session ended for good; else another server ended it.
+
+        Raises:
+            OSError: if the database cannot be asked, or the file cannot be read.
+        """
+        return bool(lease.grant.ended) and self._table.read_files(lease.session).get(part.name) == part.read_bytes()
+
     def renew(self, leases: Sequence[Lease]) -> None:
         """Renew leases, and copy what was recorded since.
 

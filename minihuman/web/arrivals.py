@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from minihuman.admin.enrolment_log import free_slot
-from minihuman.admin.lease import Lease, LeaseHeldError, SessionLeases, name_session
+from minihuman.admin.lease import SUPERSEDED, Lease, LeaseHeldError, SessionLeases, name_session
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
 from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
@@ -24,7 +24,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import RecruitmentPlatform
 from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
-from minihuman.log.record.finalization import find_leftovers, recover_log
+from minihuman.log.record.finalization import find_leftovers, put_aside, recover_log
 
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_urlsafe writes them
 
@@ -301,8 +301,9 @@ class Arrivals:
             session = int(part.parent.name.removeprefix("ses-"))
             with suppress(LeaseHeldError):
                 lease = self.leases.acquire(name_session(self.protocol.study.name, part.parent.parent.name, session))
-                if lease.grant.ended:
-                    self.leases.restore(lease, part.parent)
-                    if part.exists() and (finished := recover_log(part)).readable:
-                        record_log_end(finished.path)
+                if lease.grant.ended and not self.leases.claims(lease, part):
+                    put_aside(part, SUPERSEDED)
+                elif lease.grant.ended and (finished := recover_log(part)).readable:
+                    record_log_end(finished.path)
+                    self.leases.store(lease, None)
                 self.leases.release(lease)

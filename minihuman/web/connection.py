@@ -512,9 +512,9 @@ class ConnectionFactory:
     async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
         try:
             admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
-        except OSError as error:
-            LOG.warning("a page is asked to come again: %s", error)
-            raise TimeoutError("the study's folder or database cannot be used now") from error
+        except OSError as error:  # the database is away, or the disk: the page tries again
+            LOG.warning("a participant has to wait: %s", error)
+            return TurnedAway("wait", "")
         if isinstance(admission, Rejection):
             return self._refused(admission)
         if admission.lease is None and admission.key in self._connections:

@@ -14,9 +14,19 @@ from minihuman.admin.lease import (
     LeaseTable,
     LogPiece,
     SessionLeases,
+    name_session,
 )
+from minihuman.admin.next_session import plan_next_session
+from minihuman.experiment.machine.inputs import Stop
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.record.disk import GroupCommit
+from minihuman.web.arrivals import Arrivals
+from minihuman.web.connection import HostStorage, start_host
+from minihuman.web.outbox import PageSettings
 from tests.lab.database import database, fresh
 from tests.lab.lease_table import Clock, MemoryLeaseTable
+from tests.web.page_model import PageModel
+from tests.web.protocols import study
 
 SESSION = "study/sub-01/ses-01"
 PART = "sub-01_ses-01.mcap.part"
@@ -244,6 +254,41 @@ def test_who_is_forgotten_is_taken_from_the_server_that_has_them(
     assert one.lease.lost
     other.host()
     assert not other.part.exists()
+
+
+def test_only_the_server_that_ended_a_session_finishes_its_log_after_a_kill(
+    table: MemoryLeaseTable, clock: Clock, tmp_path: Path
+) -> None:
+    protocol = decode_protocol(study(tmp_path, episodes=1, max_steps=4).read_bytes())
+    machines = [tmp_path / "one", tmp_path / "other"]
+    one, other = (Arrivals(protocol, data, SessionLeases(table, clock=clock)) for data in machines)
+    plan = plan_next_session(protocol, machines[0])
+    made = start_host(
+        plan,
+        HostStorage(protocol, machines[0], GroupCommit()),
+        {"window": "web"},
+        PageSettings((96, 96), deepest=0),
+        at_sync=lambda: None,
+    )
+    lease = one.leases.acquire(name_session("tried", "sub-01", 1))
+    lease.follow(lambda: made.files[0].where.part, lambda: made.recorder.durable_writes)
+    keys = [(1 + number) * 400_000_000 for number in range(8)]
+    presses = [(t, key, True) for t, key in zip(keys, ["enter", *"1231", *["enter"] * 3], strict=True)]
+    PageModel(made.host, presses[:3], frame_ns=16_000_000).run()
+    made.files[0].drain()
+    [part] = machines[0].rglob("*.part")
+    stale = machines[1] / part.relative_to(machines[0])  # of when the other server had the session
+    stale.parent.mkdir(parents=True)
+    stale.write_bytes(part.read_bytes())
+    made.host.stop(Stop(9_000_000_000, "complete", ""))
+    made.files[0].leave()
+    one.leases.end(lease, "complete")  # and killed
+    made.host.close()
+    other.finish_ended()
+    assert [path.name for path in stale.parent.iterdir()] == [f"{part.name}.superseded-1"]
+    one.finish_ended()
+    assert [path.name for path in part.parent.iterdir()] == ["sub-01_ses-01.mcap"]
+    assert table.read_files(lease.session) == {}
 
 
 @pytest.fixture(scope="module")

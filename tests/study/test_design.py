@@ -162,6 +162,9 @@ MISTAKES = {
         r"allocation_ratio \(group 'a'\) is 0; use 1 to 100"
     ),
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[words.ready]\ntytle='x'": r"words\.ready\.tytle",
+    "[[groups]]\nname='a'\n[[sessions]]\nname='s'\nparts=['p']\ncompletion_code='a b'\n[[pages]]\nname='p'": (
+        r"completion_code \(session 's'\) is 'a b'; use letters"
+    ),
     "[[groups]]\nname='a'\n[[sessions]]\nname='s'\nparts=['p']\ndays_after_previous=[1,2]\n[[pages]]\nname='p'": (
         "first session"
     ),

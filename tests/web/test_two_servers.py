@@ -32,7 +32,7 @@ from tests.web.wandering_page import WanderingPage
 pytestmark = [pytest.mark.program]
 PEOPLE, KILLS, PARTITIONS = count(6, 200), count(2, 20), count(2, 20)
 LOADS = count(2, 3)
-AT_ONCE = count(6, 40)
+AT_ONCE = count(6, 60)
 PARTITION_S = 12.0  # longer than a lease
 WEB = "image_size_px = [96, 96]\nmax_concurrent_sessions = 500"
 
@@ -70,13 +70,19 @@ def two_machines(tmp_path: Path) -> Iterator[list[Machine]]:
 
 
 async def disturb(machines: list[Machine], rng: random.Random, happened: Counter[str], pause_s: float) -> None:
-    """Kill servers, and cut them off from the database, one after the other."""
+    """Kill servers, and cut them off from the database: each on its own, also both at once."""
     disturbances = ["kill"] * KILLS + ["partition"] * PARTITIONS
     rng.shuffle(disturbances)
-    for what in disturbances:
-        await asyncio.sleep(pause_s * (0.5 + rng.random()))
-        machine = rng.choice(machines)
+    await asyncio.gather(*(_disturb_one(machine, disturbances, rng, happened, pause_s=pause_s) for machine in machines))
+
+
+async def _disturb_one(
+    machine: Machine, disturbances: list[str], rng: random.Random, happened: Counter[str], *, pause_s: float
+) -> None:
+    while disturbances:
+        what = disturbances.pop()
         happened[what] += 1
+        await asyncio.sleep(pause_s * (0.5 + rng.random()))
         if what == "kill":
             await asyncio.to_thread(machine.served.kill)
             await asyncio.sleep(rng.random() * 3)

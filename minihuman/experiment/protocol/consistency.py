@@ -12,11 +12,13 @@ from minihuman.experiment.activities.block_plans import check_agent as agent_com
 from minihuman.experiment.activities.questions.question import check_item, find_question_kind
 from minihuman.experiment.activities.registry import find_kind
 from minihuman.experiment.protocol.specs import (
+    CODE_RULE,
     SHIPPED_FORMS,
     QuestionnaireSpec,
     apply_overrides,
     check_each,
     check_each_override,
+    is_completion_code,
 )
 from minihuman.experiment.protocol.validation_errors import FieldError
 from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
@@ -193,6 +195,8 @@ def _check_part_lists(protocol: "Protocol") -> Iterator[FieldError]:
     for number, day in enumerate(protocol.sessions):
         if not day.parts:
             yield f"$.sessions[{number}].parts", "is empty; a session has one part or more"
+        if not is_completion_code(day.completion_code):
+            yield f"$.sessions[{number}].completion_code", f"is {day.completion_code!r}; {CODE_RULE}"
         if day.days_after_previous and not 0 <= day.days_after_previous[0] <= day.days_after_previous[1]:
             yield (
                 f"$.sessions[{number}].days_after_previous",

@@ -308,6 +308,12 @@ Browser = Literal["chrome", "edge", "firefox", "safari"]
 RecruitmentPlatform = Literal["prolific", "sona", "mturk"]
 ImageEncoding = Literal["auto", "lossless", "jpeg"]
 _CODE = re.compile(r"[A-Za-z0-9_-]{0,64}")
+CODE_RULE = "use letters, digits, '-' and '_', at most 64"
+
+
+def is_completion_code(code: str) -> bool:
+    """Whether a code can be in an address."""
+    return _CODE.fullmatch(code) is not None
 
 
 class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -359,10 +365,8 @@ def check_web(online: WebSpec) -> list[tuple[str, str]]:
         found.append(("$.web.max_concurrent_sessions", f"is {online.max_concurrent_sessions}; use 1 to 10000"))
     for name in online.completion_codes.__struct_fields__:
         code = getattr(online.completion_codes, name)
-        if not _CODE.fullmatch(code):
-            found.append(
-                (f"$.web.completion_codes.{name}", f"is {code!r}; use letters, digits, '-' and '_', at most 64")
-            )
+        if not is_completion_code(code):
+            found.append((f"$.web.completion_codes.{name}", f"is {code!r}; {CODE_RULE}"))
     codes = [
         code for name in online.completion_codes.__struct_fields__ if (code := getattr(online.completion_codes, name))
     ]

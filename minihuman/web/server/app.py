@@ -21,7 +21,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from minihuman.admin.lease import RENEWAL_INTERVAL_S, LeaseLostError
+from minihuman.admin.lease import RENEWAL_INTERVAL_S, TTL_S, LeaseLostError
 from minihuman.errors import MinihumanError
 from minihuman.log.system import monotonic_s
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
@@ -207,7 +207,7 @@ class WebServer:
                 "the page's modules are of other rules, so none computes: run `python -m minihuman.worlds.build`"
             )
         self._factory.facts = {"player": "human", **await asyncio.to_thread(collect_machine_facts), **worlds}
-        works = (self._grow, self._look_after, self._poll, self._keep_leases)
+        works = (self._grow, self._look_after, self._poll, self._keep_leases, self._finish_ended)
         tasks = [asyncio.create_task(work()) for work in works]
         try:
             yield
@@ -412,15 +412,23 @@ class WebServer:
 
     # Leases
 
+    async def _finish_ended(self) -> None:
+        """Finish what this server left when it was killed, as soon as the database can be asked."""
+        while True:
+            try:
+                await asyncio.to_thread(self._arrivals.finish_ended)
+                return
+            except OSError:
+                await asyncio.sleep(TTL_S)
+            except MinihumanError as error:
+                LOG.warning("what a killed server left was not finished: %s", error)
+                return
+
     async def _keep_leases(self) -> None:
         """Renew the leases of this server's sessions, and copy what they record; let go of those that others have."""
         leases = self._arrivals.leases
         if leases is None:
             return
-        try:
-            await asyncio.to_thread(self._arrivals.finish_ended)
-        except (OSError, MinihumanError) as error:
-            LOG.warning("what a killed server left was not finished: %s", error)
         renewed_s, is_away = -RENEWAL_INTERVAL_S, False
         thread = ThreadPoolExecutor(1, "minihuman-leases")  # its own: those who arrive may wait for the database
         while True:
