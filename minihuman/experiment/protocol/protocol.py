@@ -297,7 +297,10 @@ def _check_study(study: StudySpec) -> list[FieldError]:
 
 
 def _check_allocation_size(protocol: Protocol) -> list[FieldError]:
-    count, blocks = protocol.study.participants, max(len(protocol.blocks), *(len(one.blocks) for one in protocol.groups))
+    count, blocks = (
+        protocol.study.participants,
+        max(len(protocol.blocks), *(len(one.blocks) for one in protocol.groups)),
+    )
     if count * blocks <= MAX_ALLOCATED_BLOCKS:
         return []
     return [("$.study.participants", f"is {count} with {blocks} blocks each; ask for {MAX_ALLOCATED_BLOCKS // blocks}")]
