@@ -23,6 +23,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+
 from minihuman import cli
 from minihuman.admin.protocol_file import find_shipped_protocol
 from minihuman.worlds.kernels import cache_folder
@@ -475,6 +477,7 @@ def main() -> None:
         *(
             Path(__file__).parents[2],
             Path("/usr/share"),
+            Path(matplotlib.get_cachedir()),
             Path("/sys"),
             Path("/proc/cpuinfo"),
             Path("/dev/null"),

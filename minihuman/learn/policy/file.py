@@ -77,7 +77,8 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
         LearnError: if the file is missing or is not a policy of ours.
     """
     content = read_policy_file(path)
-    card, weights = _read_card(content, path), content.get("weights")
+    card = _read_card(content, path)
+    weights: Any = content.get("weights")
     try:
         if (problem := _find_misfit(card, weights)) is None:
             policy = build_policy(card.observation_space, len(card.action_names), card.eyes)
