@@ -49,4 +49,4 @@ def _mounted(*words: str) -> Iterator[None]:
     try:
         yield
     finally:
-        subprocess.run(["umount", words[-1]], check=True)
+        subprocess.run(["umount", "--lazy", words[-1]], check=True)  # a test that failed may still hold a file open

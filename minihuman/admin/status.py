@@ -25,6 +25,7 @@ from minihuman.admin.enrolment_entries import (
 from minihuman.admin.session_index import SessionRow, SessionSummary, read_session_index
 from minihuman.admin.session_summary import find_double_sessions
 from minihuman.log.paths import PART_SUFFIX, find_log_folders, group_sessions
+from minihuman.log.record.file_lock import is_being_recorded
 
 GroupCounts = Mapping[str, int]  # by group
 _LEFT_BEFORE = {
@@ -249,10 +250,11 @@ def _progress(summary: SessionSummary) -> str:
 def _state(row: SessionRow) -> str:
     summary = row.summary
     assert summary is not None
-    parts = [_progress(summary)]
-    if row.path.name.endswith(PART_SUFFIX):
-        parts.append("live, or cut off: finished at its next start")
-    elif not summary.clean:
+    live = any(is_being_recorded(part) for part in row.path.parent.glob(f"*{PART_SUFFIX}"))
+    parts = ["running" if live else _progress(summary)]
+    if not live and row.path.name.endswith(PART_SUFFIX):
+        parts.append("cut off: finished at its next start")
+    elif not live and not summary.clean:
         parts.append("unclean: recovered after a cut")
     if summary.segments > 1:
         parts.append(f"{summary.segments} segments")

@@ -146,8 +146,10 @@ def check(
         from minihuman.runtime.screenshots import save_screenshots
 
         with show_progress("drawing every screen"), name_output_when_full(pictures):
-            drawn = list(save_screenshots(plan, pictures))
-        print(f"{len(drawn) - 1} screens in {pictures}; all at a glance in {drawn[-1]}")
+            drawn = save_screenshots(plan, pictures)
+        print(f"{len(drawn.screens)} screens in {pictures}; all at a glance in {drawn.sheet}")
+        if drawn.missing:
+            print(f"not drawn, as no simulated participant reaches them: {', '.join(drawn.missing)}", file=sys.stderr)
     if preregistration is not None:
         from minihuman.planning.preregistration import describe_planned_power, write_preregistration
 

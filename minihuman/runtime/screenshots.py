@@ -1,12 +1,11 @@
 """Screenshots of every screen of a session, without a window.
 
 The session is played twice: by a player that knows the way and reaches the end, and by one that does not, which shows
-what participants see who make mistakes.
+what participants see who make mistakes. Where a world has no planner, one that presses any key takes the first's place.
 """
 
 import re
-from collections.abc import Iterator
-from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +27,7 @@ from minihuman.worlds.adapters.world import World
 
 _SEED = 1
 _VISITS = (("optimal", 0), ("random", 10))  # who plays, and how many answers in ten are given without thinking
+_WITHOUT_PLANNER = ("random", 0)  # instead of the first
 _SUM = re.compile(r"\u200e?[-\u2212]?\d[\d.,]*")
 _THUMB_PX: Size = (320, 180)
 _ACROSS = 5
@@ -40,6 +40,7 @@ class _Camera(SimulatedWindow):
     Args:
         kept: gets the screens with their phases' names.
         seen: what tells those from others; a screen like one of them is not kept.
+        parts: gets the number of each part that shows a screen.
         session: the session that it shows.
         clock: the session's.
         player: the name of who sits in front of it.
@@ -50,6 +51,7 @@ class _Camera(SimulatedWindow):
         self,
         kept: list[tuple[str, Screen]],
         seen: set[object],
+        parts: set[int],
         session: SessionMachine,
         clock: VirtualClock,
         *,
@@ -61,10 +63,12 @@ class _Camera(SimulatedWindow):
         self._kept = kept
         self._watched = session
         self._seen = seen
+        self._parts = parts
 
     def show(self, screen: Screen) -> ScreenShown:
         """Keep a screen that is not like one before."""
         name = str(self._watched.phase)
+        self._parts.add(self._watched.part.number)
         if isinstance(screen, PlayScreen):
             plan = self._watched.plan.episodes[screen.episode]
             kind: object = (plan.block_name, f"held {screen.mark}" if screen.mark or name == "hold" else "playing")
@@ -77,38 +81,61 @@ class _Camera(SimulatedWindow):
         return super().show(screen)
 
 
-def render_screens(plan: SessionPlan, size_px: Size) -> list[tuple[str, Screen]]:
+def render_screens(plan: SessionPlan, size_px: Size) -> tuple[list[tuple[str, Screen]], tuple[str, ...]]:
     """The screens of a session with their phases' names; one that comes again is kept once.
+
+    Returns:
+        The screens, and the names of the parts that no player reached.
 
     Raises:
         Exception: what a world raised.
     """
     kept: list[tuple[str, Screen]] = []
     seen: set[object] = set()
-    for player, wrong_in_ten in _VISITS:
+    parts: set[int] = set()
+    visits = list(_VISITS)
+    for player, wrong_in_ten in visits:
         clock = VirtualClock()
         session = SessionMachine(plan, World, {}, picture_px=picture_size_px(size_px))
-        camera = _Camera(kept, seen, session, clock, player=player, wrong_in_ten=wrong_in_ten)
-        with suppress(SimulationError):  # a world without a planner: the second visit has to do
+        camera = _Camera(kept, seen, parts, session, clock, player=player, wrong_in_ten=wrong_in_ten)
+        try:
             run_session(session, camera, MemoryRecorder(), clock)
+        except SimulationError:  # a world without a planner
+            visits += [_WITHOUT_PLANNER] * (player == _VISITS[0][0])
         if session.failure is not None:
             raise session.failure
-    return kept
+    return kept, tuple(part.name for number, part in enumerate(plan.parts) if number not in parts)
 
 
-def save_screenshots(plan: SessionPlan, out: Path, size_px: Size = (1280, 720)) -> Iterator[Path]:
-    """Write every screen as a PNG, numbered in the order in which they come, then all on one contact sheet."""
+@dataclass(frozen=True, slots=True)
+class Screenshots:
+    """What was drawn of a session.
+
+    Attributes:
+        screens: a PNG of each screen, numbered in the order in which they come.
+        sheet: all of them at a glance.
+        missing: the parts that no simulated participant reached.
+    """
+
+    screens: tuple[Path, ...]
+    sheet: Path
+    missing: tuple[str, ...]
+
+
+def save_screenshots(plan: SessionPlan, out: Path, size_px: Size = (1280, 720)) -> Screenshots:
+    """Write every screen as a PNG, and all of them on one contact sheet."""
     out.mkdir(parents=True, exist_ok=True)
-    pictures = []
-    for number, (name, screen) in enumerate(render_screens(plan, size_px), 1):
+    screens, missing = render_screens(plan, size_px)
+    pictures, paths = [], []
+    for number, (name, screen) in enumerate(screens, 1):
         path = out / f"{number:03}-{name}.png"
         image = Image.fromarray(compose_screen(screen, size_px))
         image.save(path)
         pictures.append((path.stem, image.resize(_THUMB_PX)))
-        yield path
+        paths.append(path)
     sheet = out / "contact-sheet.png"
     _contact_sheet(pictures).save(sheet)
-    yield sheet
+    return Screenshots(tuple(paths), sheet, missing)
 
 
 def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:

@@ -54,3 +54,18 @@ def test_a_refusal_writes_a_line_break_of_a_name_as_an_escape(tmp_path: Path) ->
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "a\\nb" in done.stderr
+
+
+def test_a_terminal_that_takes_nothing_is_one_sentence() -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "minihuman", "worlds"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert said(done) == ["minihuman: No space left on device"]
+
+
+def test_a_test_that_fails_with_a_file_open_leaves_no_disk_mounted(tmp_path: Path) -> None:
+    with small_disk(tmp_path, 65_536):
+        held = (tmp_path / "held").open("w")
+    assert not tmp_path.is_mount()
+    held.close()

@@ -16,12 +16,14 @@ import shutil
 import signal
 import sys
 import sysconfig
-import time
+import tempfile
 import zipfile
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import matplotlib
 
 from minihuman import cli
 from minihuman.admin.protocol_file import find_shipped_protocol
@@ -179,7 +181,11 @@ def _with_policy(text: str, rng: random.Random, study: Path) -> bytes:
     name = rng.choice((*PATHS, *["made.pt"] * 60))
     if name == "made.pt":
         rng.choice(POLICIES)(study / name, rng)
-    agent = f'kind = "takeover"\nagent = {{ policy = "{name}", step_ms = 400 }}\n'
+    return _with_agent(text, name)
+
+
+def _with_agent(text: str, policy: str) -> bytes:
+    agent = f'kind = "takeover"\nagent = {{ policy = "{policy}", step_ms = 400 }}\n'
     return text.replace("episodes = ", f"{agent}episodes = ", 1).encode(errors="surrogatepass")
 
 
@@ -452,6 +458,12 @@ def check_case(protocol: Path) -> tuple[str, str]:
 def main() -> None:
     """Check cases and print what was found."""
     place, first, count = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    with tempfile.TemporaryDirectory() as folder:  # what every check loads, once; each case has a process of its own
+        protocol = Path(folder, "protocol.toml")
+        protocol.write_text(TOML.format(episodes=2, steps=10))
+        _policy(lambda content, rng: None)(Path(folder, "made.pt"), random.Random())
+        protocol.write_bytes(_with_agent(protocol.read_text(), "made.pt"))
+        assert check_case(protocol) == ("read", "")
     writer = os.fork()  # what it takes to write them is not to be counted
     if not writer:
         for number in range(first, first + count):
@@ -464,7 +476,8 @@ def main() -> None:
     allowed += [
         *(
             Path(__file__).parents[2],
-            Path("/usr/share/zoneinfo"),
+            Path("/usr/share"),
+            Path(matplotlib.get_cachedir()),
             Path("/sys"),
             Path("/proc/cpuinfo"),
             Path("/dev/null"),
@@ -474,25 +487,42 @@ def main() -> None:
     watch = Watch(allowed)
     sys.addaudithook(watch)
     signal.signal(signal.SIGALRM, _give_up)
-    ends, wrong, peak_mb = Counter[str](), dict[int, list[str]](), 0
+    ends, wrong, peaks_mb = Counter[str](), dict[int, list[str]](), [0]
     for number in range(first, first + count):
-        folder = place / str(number)
-        signal.alarm(PATIENCE_S)
-        with watch.over(folder):
-            end, problem = check_case(folder / "study" / "protocol.toml")
-        signal.alarm(0)
-        found = [*filter(None, [problem]), *watch.offences, *(f"made {path}" for path in folder.rglob("ran"))]
-        found += [f"made {path}" for path in (folder / "outside").glob("written")]
-        watch.offences.clear()
-        before_mb, peak_mb = peak_mb, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-        if peak_mb >= max(MOST_MB, before_mb + 1):
+        end, found, peak_mb = _in_child(lambda case=place / str(number): _watched(watch, case))
+        if peak_mb >= MOST_MB:
             found.append(f"{peak_mb} MB")
         if found:
             wrong[number] = found
         ends[end] += 1
-        shutil.rmtree(folder)
-        print(number, end, *found, f"{time.process_time():.1f} s", file=sys.stderr, flush=True)
-    print(json.dumps({"ends": ends, "wrong": wrong, "peak_mb": peak_mb}))
+        peaks_mb.append(peak_mb)
+        shutil.rmtree(place / str(number))
+    print(json.dumps({"ends": ends, "wrong": wrong, "peak_mb": max(peaks_mb)}))
+
+
+def _watched(watch: Watch, case: Path) -> tuple[str, list[str], int]:
+    """How a check ended, what is wrong with that, and the most memory that was taken, MB."""
+    signal.alarm(PATIENCE_S)
+    with watch.over(case):
+        end, problem = check_case(case / "study" / "protocol.toml")
+    signal.alarm(0)
+    made = [*case.rglob("ran"), *(case / "outside").glob("written")]
+    found = [*filter(None, [problem]), *watch.offences, *(f"made {path}" for path in made)]
+    return end, found, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+
+
+def _in_child(work: Callable[[], tuple[str, list[str], int]]) -> tuple[str, list[str], int]:
+    reader, writer = os.pipe()
+    child = os.fork()
+    if not child:
+        os.write(writer, json.dumps(work()).encode()[:60_000])
+        os._exit(0)
+    os.close(writer)
+    with open(reader, "rb") as file:
+        answer = file.read()
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    end, found, peak_mb = json.loads(answer) if answer else ("failed", [f"exit {code}"], 0)
+    return end, found, peak_mb
 
 
 def _give_up(*_: object) -> None:

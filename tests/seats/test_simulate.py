@@ -4,17 +4,27 @@ from pathlib import Path
 import pytest
 
 from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.status import list_problems
 from minihuman.admin.verify.episodes import verify_episodes
 from minihuman.errors import SimulationError
 from minihuman.experiment.machine.events import SessionStarted, find_violations
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.runtime import simulated_session
 from minihuman.runtime.simulated_session import simulate
+from minihuman.simulation.participant import KeyPress, SimulatedParticipant
 from tests.counts import count
+from tests.promises.sessions import TOML
 
 pytestmark = pytest.mark.program
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
+CORRIDOR = decode_protocol(
+    TOML.format(episodes=1, steps=9)
+    .replace("minihuman/MiniGrid-Empty-5x5-v0", "tests.worlds.corridor:tests/Corridor-v0")
+    .replace('"left", "right", "forward"', '"back", "forward"')
+    .encode()
+)
 GRID = decode_protocol(
     (PROTOCOLS / "fourrooms-transfer.toml")
     .read_bytes()
@@ -99,3 +109,31 @@ def test_the_papers_whole_study_with_key_maps_balanced_as_promised(tmp_path):
             for first in (log.plan.episodes[0] for log in logs)
         )
         assert max(keys.values()) <= -(-people // 9)
+
+
+def test_a_player_that_cannot_play_a_world_takes_no_slot(tmp_path):
+    with pytest.raises(SimulationError, match="has no planner"):
+        list(simulate(CORRIDOR, tmp_path, participants=1, seed=1, player="optimal"))
+    assert not list(tmp_path.iterdir())
+
+
+class _FailsLater(SimulatedParticipant):
+    """Presses a key once in an episode, then knows no further."""
+
+    def begin(self, plan, pool, world):
+        self.key, self.pressed = next(iter(plan.key_map.keys)), 0
+
+    def press(self, world):
+        self.pressed += 1
+        if self.pressed > 1:
+            raise SimulationError("it knows no further")
+        return KeyPress(self.key, 100.0)
+
+
+def test_a_player_that_fails_in_a_session_leaves_it_recorded_to_its_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(simulated_session, "make_participant", lambda name, rng: _FailsLater())
+    with pytest.raises(SimulationError, match="knows no further"):
+        list(simulate(CORRIDOR, tmp_path, participants=1, seed=1, player="any"))
+    (log,) = tmp_path.rglob("*.mcap")
+    assert read_log(log).end_reason == "internal_error"
+    assert list_problems(log.parents[2]) == ()

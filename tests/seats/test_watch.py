@@ -26,6 +26,7 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.command_inbox import CommandInbox, CommandRequest, inbox_path, send_command
+from minihuman.runtime.watch.dashboard import DashboardServer
 from tests.counts import PATIENCE_S
 from tests.seats.station import DEMO, demo_started
 from tests.study.sessions import corridor_plan
@@ -184,3 +185,16 @@ def test_a_pause_where_nothing_is_played_is_only_noted() -> None:
 def test_a_session_that_nobody_asks_anything_has_no_such_file(tmp_path: Path) -> None:
     assert CommandInbox(inbox_path(tmp_path / "none.mcap")).read_new() == []
     assert os.listdir(tmp_path) == []
+
+
+def test_a_browser_that_goes_before_it_is_answered_leaves_no_word_on_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server = DashboardServer(tmp_path)
+    for error, said in ((BrokenPipeError(), ""), (ConnectionResetError(), ""), (ValueError("a bug"), "a bug")):
+        try:
+            raise error
+        except Exception:
+            server._server.handle_error(None, ("127.0.0.1", 1))
+        assert said in capsys.readouterr().err if said else capsys.readouterr().err == ""
+    server._server.server_close()

@@ -101,7 +101,7 @@ def plan_in(language: str) -> SessionPlan:
 def all_screens(plan: SessionPlan) -> list[Screen]:
     """Those of a whole session, and those that something has to happen for."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
-    screens = [screen for _, screen in render_screens(plan, (1024, 768))]
+    screens = [screen for _, screen in render_screens(plan, (1024, 768))[0]]
     screens += [
         screen_texts.build_pause_screen(words),
         screen_texts.build_focus_lost_screen(words),

@@ -80,14 +80,14 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
     card = _read_card(content, path)
     weights: Any = content.get("weights")
     try:
-        if (misfit := _find_misfit(card, weights)) is None:
+        if (problem := _find_misfit(card, weights)) is None:
             policy = build_policy(card.observation_space, len(card.action_names), card.eyes)
             policy.load_state_dict(weights)
             policy.set_training_mode(False)
             return policy, card
     except (ArithmeticError, AssertionError, RuntimeError, TypeError, ValueError) as error:  # of shapes of any size
-        misfit = (str(error).splitlines() or [type(error).__name__])[0]
-    raise LearnError(f"{path}: the weights do not fit the network on its card ({misfit}); train it again")
+        problem = (str(error).splitlines() or [type(error).__name__])[0]
+    raise LearnError(f"{path}: the weights do not fit the network on its card ({problem}); train it again")
 
 
 def _find_misfit(card: PolicyCard, weights: Any) -> str | None:

@@ -2,6 +2,7 @@
 
 import json
 import secrets
+import sys
 from collections.abc import Callable
 from datetime import UTC, datetime
 from http import HTTPStatus
@@ -34,6 +35,13 @@ class _RecruitmentSwitch(msgspec.Struct, frozen=True):
     open: bool
 
 
+class _Server(ThreadingHTTPServer):
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing of a browser that has gone before it was answered; print what else failed."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type] # as it was called
+
+
 class DashboardServer:
     """Serves the page of one study until it is stopped.
 
@@ -54,7 +62,7 @@ class DashboardServer:
         self._aside = IdleWorker()  # the participants come first
         word = secrets.token_urlsafe(16)
         try:
-            self._server = ThreadingHTTPServer((ADDRESS, port), _handler(f"/{word}/", self._answer))
+            self._server = _Server((ADDRESS, port), _handler(f"/{word}/", self._answer))
         except OSError as error:
             raise LogError(f"port {port} is not available ({error.strerror}); choose another with --port") from error
         self.url = f"http://{ADDRESS}:{self._server.server_port}/{word}/"
