@@ -22,6 +22,7 @@ from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.system import monotonic_s, sync_folder
+from minihuman.operating_system import sync_file
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0
@@ -287,7 +288,7 @@ def _write_durably(path: Path, data: bytes) -> None:
     with beside.open("wb") as file:
         file.write(data)
         file.flush()
-        os.fsync(file.fileno())
+        sync_file(file.fileno())
     beside.replace(path)
     for folder in path.parents[:4]:
         sync_folder(folder)
