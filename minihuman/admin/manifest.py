@@ -16,7 +16,7 @@ from minihuman.admin.enrolment_log import record_chain_heads
 from minihuman.admin.remote_store import upload_log
 from minihuman.dataset.caches import is_cache
 from minihuman.errors import LogError, name_file_in_errors
-from minihuman.log.integrity import CHAIN_KEY
+from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import require_folder, study_folder
 from minihuman.log.salvage.summary_section import read_summary
 from minihuman.operating_system import replace_file, sync_file, sync_folder

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from minihuman.dataset.withdrawals import read_withdrawn_codes
 from minihuman.errors import LogError
-from minihuman.log.integrity import CHAIN_KEY
+from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
 from minihuman.log.record.file_lock import lock_file
 from minihuman.log.record.finalization import put_aside

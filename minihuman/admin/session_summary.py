@@ -9,8 +9,7 @@ from pathlib import Path
 
 from minihuman.admin.session_index import SessionSummary
 from minihuman.errors import LogError
-from minihuman.log.integrity import CHAIN_KEY
-from minihuman.log.names import SCHEMA_VERSION, STEP
+from minihuman.log.names import CHAIN_KEY, SCHEMA_VERSION, STEP
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import all_ended_cleanly, read_summary
 

@@ -17,6 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from minihuman.log.codec import find_topic
+from minihuman.log.names import CHAIN_KEY
 from minihuman.log.salvage.chunk import ChunkRecords, LogMessage, split_chunk
 from minihuman.log.salvage.framing import decompress_zstd, parse_metadata
 
@@ -54,7 +55,6 @@ def pack_segment_head(
     return zstandard.compress(bytes(builder.end()), _LEVEL)
 
 
-CHAIN_KEY = "chain"  # the fact of a segment's end that states the head
 METADATA_PREFIX = "minihuman."  # how our metadata records' names begin
 _CHAIN_START = hashlib.sha256(b"minihuman chain 1").digest()
 

@@ -14,3 +14,4 @@ REPAIRED_METADATA = "minihuman.repaired"  # added when a finished log is rewritt
 MISSING_METADATA = "minihuman.missing"  # added for messages that were lost to damage
 
 STEP = "/step"
+CHAIN_KEY = "chain"  # the fact of a segment's end that states the head of its hash chain

@@ -9,7 +9,8 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
 from minihuman.log import integrity, names, topics
-from minihuman.log.integrity import CHAIN_KEY, HashChain
+from minihuman.log.integrity import HashChain
+from minihuman.log.names import CHAIN_KEY
 from minihuman.log.salvage.chunk import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 

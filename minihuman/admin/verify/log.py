@@ -49,7 +49,8 @@ from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
 from minihuman.log import integrity, topics
 from minihuman.log import names as log_names
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
-from minihuman.log.integrity import CHAIN_KEY, METADATA_PREFIX, HashChain, SegmentHead
+from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
+from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import (
     LOG_SUFFIX,
     PART_SUFFIX,

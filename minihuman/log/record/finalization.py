@@ -21,8 +21,9 @@ from minihuman.errors import LogError, NewerLogError
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
 from minihuman.log import integrity, names, topics
 from minihuman.log.codec import RECORD_TOPICS, decode_event
-from minihuman.log.integrity import CHAIN_KEY, HashChain
+from minihuman.log.integrity import HashChain
 from minihuman.log.model.session_log import CUT_OFF
+from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_companion_file, raise_as_log_error
 from minihuman.log.preview import encode_previews
 from minihuman.log.read.reader import read_segment_starts
