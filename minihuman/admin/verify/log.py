@@ -11,8 +11,10 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.records import Attachment, Metadata
@@ -31,6 +33,7 @@ from minihuman.admin.session_summary import find_double_sessions
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.activities.activity import WorldFactory
+from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodesSkipped,
@@ -42,7 +45,7 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import expand_protocol, parse_participant_code
-from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.plan.session_plan import PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
@@ -411,8 +414,19 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
         return
     for name in SessionPlan.__struct_fields__:
         logged, now = getattr(plan, name), getattr(again, name)
+        if name == "parts":
+            now = tuple(_without_later_fields(part, before) for part, before in zip_longest(now, logged))
         if name not in _ONCE_PER_PLAN and logged != now:
             yield f"plan: {name} is not what the protocol gives"
+
+
+def _without_later_fields(part: PlannedPart | None, logged: PlannedPart | None) -> PlannedPart | None:
+    """A planned part without what plans did not say yet when the logged one was made."""
+    if part is None or logged is None or not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
+        return part
+    if logged.plan.computed is not msgspec.UNSET:
+        return part
+    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, computed=msgspec.UNSET))
 
 
 def _slot(protocol: Protocol, segment: _LogSegment, plan: SessionPlan) -> Iterator[str]:

@@ -64,7 +64,7 @@ class PlayPlan(msgspec.Struct, frozen=True):
     points: PointsSpec | None = None
     show_points: bool = False  # the running total is on the screen
     mission: str = ""  # instead of the world's own words
-    computed: ComputedBy = "server"  # which steps first and draws, in a browser
+    computed: ComputedBy | msgspec.UnsetType = msgspec.UNSET  # who steps and draws first in a browser; unset before
 
 
 LATEST_POLICY = "latest"  # the policy that an earlier part of the session ended with
