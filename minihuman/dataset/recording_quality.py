@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.experiment.activities.block_plans import PlayPlan, computed_by
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
@@ -81,7 +81,7 @@ class PlanOutline(msgspec.Struct, frozen=True):
             tuple(
                 plan.episodes[part.plan.first].block_name
                 for part in plan.parts
-                if isinstance(part.plan, PlayPlan) and part.plan.computed == "page"
+                if isinstance(part.plan, PlayPlan) and computed_by(part, plan.episodes[part.plan.first]) == "page"
             ),
         )
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from minihuman.experiment.activities.activity import WorldFactory
 from minihuman.experiment.activities.agent_blocks import FLASH_NS, REPEAT_INTERVAL_NS, AgentPlayActivity
+from minihuman.experiment.activities.block_plans import computed_by
 from minihuman.experiment.activities.correction import CorrectionBegun, CorrectionEnded, CorrectionStepped
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
@@ -200,9 +201,8 @@ class Outbox:
 
     def _computes(self, play: RunningEpisode) -> bool:
         """Whether the page computes an episode."""
-        computed = getattr(self._session.part.part.plan, "computed", "server")
         compiled = isinstance(play.world, PageWorld) and play.world.is_compiled
-        return self.page_computes and computed == "page" and compiled
+        return self.page_computes and compiled and computed_by(self._session.part.part, play.plan) == "page"
 
     def _world_for(self, plan: EpisodePlan) -> World:
         """A world of the outbox's own for an episode, the last one's if it will do."""

@@ -7,6 +7,7 @@ import msgspec
 import pytest
 
 from minihuman.errors import AllocationError, ProtocolError
+from minihuman.experiment.activities.block_plans import computed_by
 from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol, parse_participant_code
 from minihuman.experiment.protocol.protocol import decode_protocol
@@ -196,4 +197,7 @@ def test_turn_based_grid_worlds_of_ours_are_computed_by_the_page_unless_the_prot
     """
     study = decode_protocol(toml.encode())
     plan = expand_protocol(study, enrol_participant(study, 0))
-    assert [part.plan.computed for part in plan.parts if part.kind == "play"] == [computed]
+    assert [computed_by(part, plan.episodes[0]) for part in plan.parts if part.kind == "play"] == [computed]
+    assert (b'"computed"' in msgspec.json.encode(plan)) is ("computed" in more), (
+        "a plan is as it was where it is unsaid"
+    )

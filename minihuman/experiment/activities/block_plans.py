@@ -8,6 +8,8 @@ from typing import Literal
 import msgspec
 
 from minihuman.experiment.keys import KEY_NAMES, RESERVED_KEYS
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
+from minihuman.worlds.catalogue import is_compiled_grid
 
 
 class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -64,7 +66,19 @@ class PlayPlan(msgspec.Struct, frozen=True):
     points: PointsSpec | None = None
     show_points: bool = False  # the running total is on the screen
     mission: str = ""  # instead of the world's own words
-    computed: ComputedBy = "server"  # which steps first and draws, in a browser
+    computed: ComputedBy | msgspec.UnsetType = msgspec.UNSET  # as the protocol says it; see `computed_by`
+
+
+def computed_by(part: PlannedPart, episode: EpisodePlan) -> ComputedBy:
+    """Who steps a block's episodes first and draws them, in a browser: what the protocol says, if it does.
+
+    Otherwise the page, for turn-based play in a built-in grid world.
+    """
+    said: ComputedBy | msgspec.UnsetType = getattr(part.plan, "computed", msgspec.UNSET)
+    if said is not msgspec.UNSET:
+        return said
+    ordinary = part.kind == "play" and episode.pace == "on_key"
+    return "page" if ordinary and is_compiled_grid(episode.world, episode.options) else "server"
 
 
 LATEST_POLICY = "latest"  # the policy that an earlier part of the session ended with

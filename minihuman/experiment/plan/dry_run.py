@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 from minihuman.errors import ProtocolError, WorldError
-from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.experiment.activities.block_plans import PlayPlan, computed_by
 from minihuman.experiment.activities.pages import PagePlan
 from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.plan.allocation import build_allocation_list
@@ -53,7 +53,7 @@ def describe_strata(protocol: Protocol) -> Iterator[str]:
 def _describe_part(plan: SessionPlan, number: int, part: PlannedPart) -> Iterator[str]:
     match part.plan:
         case PlayPlan() as play:
-            yield from _describe_block(plan, number, play)
+            yield from _describe_block(plan, number, part, play)
         case PagePlan() as page:
             what = "consent" if page.agree else "last words" if page.closing else "page"
             pictures = f", {len(page.pictures)} pictures" if page.pictures else ""
@@ -76,7 +76,7 @@ def _format_count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[str]:
+def _describe_block(plan: SessionPlan, number: int, part: PlannedPart, play: PlayPlan) -> Iterator[str]:
     episodes = plan.episodes[play.first : play.first + play.count]
     first = episodes[0]
     options = "".join(f", {name}={value!r}" for name, value in first.options.items())
@@ -85,7 +85,7 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
     keys = ", ".join(f"{key} {action}" for key, action in sorted(first.key_map.keys.items()))
     yield f"  keys   {keys}{' (shown)' if first.show_keys else ''}"
     yield f"  pace   {_describe_pace(first)}; at most {first.max_steps} steps"
-    yield f"  in a browser computed by the {play.computed}"
+    yield f"  in a browser computed by the {computed_by(part, first)}"
     yield from _describe_limits(play)
     for episode in episodes:
         yield f"  {episode.episode + 1:3}  episode {episode.episode_in_block + 1:2} of the block  seed {episode.seed}"

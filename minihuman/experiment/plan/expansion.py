@@ -12,7 +12,7 @@ import msgspec
 from minihuman.display.text import TypefaceSet, paginate_text, select_typefaces
 from minihuman.errors import AllocationError, ProtocolError
 from minihuman.experiment.activities.activity import ActivityKind
-from minihuman.experiment.activities.block_plans import ComputedBy, PlayPlan
+from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
 from minihuman.experiment.activities.pages import PagePlan
 from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
@@ -23,7 +23,6 @@ from minihuman.experiment.plan.session_plan import BlockText, EpisodePlan, KeyMa
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, load_form
 from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
-from minihuman.worlds.catalogue import is_compiled_grid
 
 CONSENT, KEYBOARD, CLOSING = "consent", "keyboard_check", "closing"
 
@@ -256,14 +255,8 @@ def _plan_play(
         points=block.points,
         show_points=block.show_points,
         mission=block.mission,
-        computed=_computed_by(block),
+        computed=msgspec.UNSET if block.computed is None else block.computed,
     )
-
-
-def _computed_by(block: BlockSpec) -> ComputedBy:
-    """The page, for an ordinary turn-based block in a grid world of ours; what the protocol says, if it does."""
-    ordinary = block.kind == "play" and block.pace == "on_key"
-    return block.computed or ("page" if ordinary and is_compiled_grid(block.world, block.options) else "server")
 
 
 _CODE = re.compile(r"sub-(?P<number>\d{2,6})")
