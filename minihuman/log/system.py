@@ -1,7 +1,7 @@
 """What a program asks of its machine to record a study, as ports: the disk that it writes, clocks, a database.
 
 ``use_system`` puts others in place for a block of code and all that it awaits, so that a test can let each of them
-fail. Files are read directly: a ``Disk`` has only what changes them or makes a change last.
+fail. Files are read directly: a ``FileSystem`` has only what changes them or makes a change last.
 """
 
 import abc
@@ -20,7 +20,7 @@ from minihuman import operating_system
 from minihuman.errors import name_file_in_errors
 
 
-class Disk(abc.ABC):
+class FileSystem(abc.ABC):
     """Changes files; each method raises ``OSError`` where it cannot."""
 
     @abc.abstractmethod
@@ -56,7 +56,7 @@ class Disk(abc.ABC):
             os.close(fd)
 
 
-class OperatingSystemDisk(Disk):
+class OperatingSystemFiles(FileSystem):
     """The disk that there is."""
 
     def open(self, path: Path, flags: int, mode: int = 0o644) -> int:
@@ -110,7 +110,7 @@ class System:
         open_database_journal: opens a journal of the database at a URL; None: in PostgreSQL.
     """
 
-    disk: Disk = field(default_factory=OperatingSystemDisk)
+    disk: FileSystem = field(default_factory=OperatingSystemFiles)
     clock: SystemClock = field(default_factory=SystemClock)
     open_database_journal: Callable[..., Any] | None = None
 
@@ -154,7 +154,7 @@ def monotonic_s() -> float:
 
 
 class _RawFile(RawIOBase):
-    def __init__(self, fd: int, disk: Disk) -> None:
+    def __init__(self, fd: int, disk: FileSystem) -> None:
         self._fd, self._disk = fd, disk
 
     def writable(self) -> bool:

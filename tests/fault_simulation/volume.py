@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from minihuman.log.system import Disk, OperatingSystemDisk
+from minihuman.log.system import FileSystem, OperatingSystemFiles
 from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule
 
 _SECTOR_BYTES = 512
-_OS = OperatingSystemDisk()
+_OS = OperatingSystemFiles()
 
 
 @dataclass(eq=False)
@@ -20,16 +20,16 @@ class _Content:
 
     durable: bytearray = field(default_factory=bytearray)
     pending: list[bytes | int] = field(default_factory=list)  # bytes appended, or the size it was cut to
-    lost: bool = False  # an fsync failed: what was pending never reaches the disk
 
-    def settle(self) -> None:
+    def settle(self, *, lost: bool = False) -> None:
+        """Make it durable; ``lost``: its size, not its data, as after an fsync that failed."""
         for change in self.pending:
-            _apply(self.durable, change)
+            _apply(self.durable, bytes(len(change)) if lost and isinstance(change, bytes) else change)
         self.pending = []
 
     def after_a_cut(self, schedule: Schedule) -> bytes:
         left = bytearray(self.durable)
-        if self.pending and not self.lost:
+        if self.pending:
             kept = schedule.rng.randint(0, len(self.pending))
             for change in self.pending[:kept]:
                 _apply(left, change)
@@ -108,7 +108,7 @@ class Volume:
                 self.live[path] = self._entries[path] = _Content(bytearray(path.read_bytes()))
 
 
-class ProcessDisk(Disk):
+class ProcessDisk(FileSystem):
     """A volume as one process has it, until it is killed.
 
     Args:
@@ -185,10 +185,9 @@ class ProcessDisk(Disk):
             return
         content = self._content(path)
         if self.failing or self.unsynced:
-            content.lost = True
+            content.settle(lost=True)
             raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
-        if not content.lost:
-            content.settle()
+        content.settle()
 
     def truncate(self, fd: int, size_bytes: int) -> None:
         """Cut it off."""

@@ -293,7 +293,7 @@ def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | N
         LogError: if the session's log is damaged or holds another run of this segment; the live file stays.
         OSError: if the disk is full; the live file stays.
     """
-    starts = read_segment_starts(where.part)
+    starts = {} if _is_blank(where.part) else read_segment_starts(where.part)
     if not starts:  # nothing was played yet, or the file's start is gone
         aside = put_aside(where.part, "unreadable")
         return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
@@ -316,6 +316,12 @@ def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | N
     current_system().disk.unlink(where.part)
     sync_folder(where.part.parent)
     return result
+
+
+def _is_blank(part: Path) -> bool:
+    """Whether a power cut left a file's size and nothing of its start."""
+    with part.open("rb") as file:
+        return not file.read(8).strip(b"\0")
 
 
 def recover_log(part: Path) -> FinalizedLog:

@@ -175,3 +175,11 @@ def test_a_live_file_torn_in_its_first_write_has_all_that_belongs_to_its_plan_or
             names = {record.name for record in LogScanner(part) if isinstance(record, Attachment)}
             assert {"protocol.toml", "key_maps.json", "packages.txt"} <= names, size
     assert resumed
+
+
+def test_a_live_file_of_which_a_power_cut_left_only_the_size_is_put_aside(tmp_path: Path) -> None:
+    part = SegmentPath.of_plan(tmp_path, session_plan(episodes=1)).part
+    part.parent.mkdir(parents=True)
+    part.write_bytes(bytes(20_000))
+    assert not recover_log(part).readable
+    assert not part.exists()
