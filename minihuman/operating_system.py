@@ -308,6 +308,31 @@ else:
     _END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
+@contextlib.contextmanager
+def interrupt_after(limit_s: float) -> Iterator[None]:
+    """Interrupt Python code that takes longer, in the main thread and where the system has interval timers.
+
+    Windows has none, so there is no limit.
+
+    Raises:
+        TimeoutError: in the code, if it takes longer.
+    """
+    if sys.platform == "win32" or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def expire(_number: int, _frame: FrameType | None) -> None:
+        raise TimeoutError(f"no answer within {limit_s:g} s")
+
+    before = signal.signal(signal.SIGALRM, expire)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def exit_when_terminated() -> None:
     """Turn SIGTERM into SystemExit, so that ``finally`` blocks run."""
 

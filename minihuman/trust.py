@@ -82,7 +82,7 @@ class Trust:
         new += [{"module": module} for module in sorted(self.modules - known.modules)]
         if new:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with path.open("a", encoding="utf-8") as file:  # appended, so that two programs lose nothing
+            with path.open("a", encoding="utf-8", newline="\n") as file:  # appended, so that two programs lose nothing
                 file.write("".join(f"{json.dumps(line)}\n" for line in new))
 
     def holds(self, path: Path) -> bool:

@@ -39,7 +39,8 @@ settings = { size = 5 }
 
 def example(name: str) -> str:
     """The code of an example of docs/extending.md."""
-    (code,) = re.findall(rf"```python {name}\n(.*?)```", EXTENDING, re.S)
+    file = {"question": "affect_grid", "activity": "tapping"}[name]
+    (code,) = re.findall(rf'```python title="{file}.py"\n(.*?)```', EXTENDING, re.S)
     return code
 
 

@@ -1,15 +1,13 @@
 """Limit how long a plug-in's code may take to answer, and name its failures without what must not be in a log."""
 
 import re
-import signal
-import threading
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 from minihuman.errors import MinihumanError
+from minihuman.operating_system import interrupt_after
 
 ANSWER_TIMEOUT_S = 60.0
 
@@ -23,20 +21,8 @@ def limit_answer_time() -> Iterator[None]:
     Raises:
         TimeoutError: in the code, if it takes longer.
     """
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+    with interrupt_after(ANSWER_TIMEOUT_S):
         yield
-        return
-
-    def expire(_number: int, _frame: FrameType | None) -> None:
-        raise TimeoutError(f"no answer within {ANSWER_TIMEOUT_S:g} s")
-
-    before = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, ANSWER_TIMEOUT_S)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def locate_error(error: BaseException) -> str:

@@ -108,7 +108,7 @@ class SimulatedWindow(Window):
         self._playing: RunningEpisode | None = None
         self._looked: tuple[str, int] | None = None  # who steered and which step it was when the player looked last
         self._answers = 0  # given so far
-        self._steps = 0  # of the running episode, at the last key
+        self._steps_at_last_key = 0  # of the running episode, at the last key
         self._useless_presses = 0  # since then
         self._last_ns = 0  # of the last key, and of the last new screen
         self._compared: tuple[int, int] | None = None  # part and pair that were looked at last
@@ -237,8 +237,8 @@ class SimulatedWindow(Window):
 
     def _play(self, play: RunningEpisode) -> tuple[str, float]:
         self._begin(play)
-        self._useless_presses = 0 if play.steps != self._steps else self._useless_presses + 1
-        self._steps = play.steps
+        self._useless_presses = 0 if play.steps != self._steps_at_last_key else self._useless_presses + 1
+        self._steps_at_last_key = play.steps
         if self._useless_presses > MOST_USELESS_PRESSES:
             message = f"{MOST_USELESS_PRESSES} keys in a row led to no step of {play.plan.world}"
             raise PlayerFailedError(message, "no key that steps")
