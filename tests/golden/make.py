@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import MappingProxyType
 
 import numpy as np
@@ -20,6 +21,7 @@ from minihuman.admin.next_session import plan_next_session
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.display.windows.window import VirtualClock
 from minihuman.experiment.activities.activity import RequestHandler
+from minihuman.experiment.activities.agent_blocks import AGENT_RULES
 from minihuman.experiment.activities.questions.number import NUMBER_RULES
 from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.session import CONSENT_RULES, SessionMachine
@@ -34,6 +36,7 @@ from minihuman.runtime.simulated_session import SimulatedWindow
 from minihuman.simulation.participant import KeyPress, SimulatedTeacher, make_participant
 from minihuman.worlds.adapters.world import World
 from tests.golden.guests import again
+from tests.seats.test_failing_agents import AGENTS, STUDY
 
 STARTED_NS = 1_790_000_000_123_456_789  # the first session's wall clock; an hour later the next segment
 HOUR_NS = 3_600_000_000_000
@@ -286,6 +289,21 @@ def make(data: Path) -> None:
     add_annotation(marked, Annotation("doubt", "2026-11-22T09:03:00Z", episode=1, taken_back=True))
 
 
+def make_failed_agent(data: Path) -> None:
+    """Play beside an agent of a lab's package that crashes: in a takeover block, and in a rating block."""
+    with TemporaryDirectory() as place:
+        info = Path(place, "lab-1.0.dist-info")
+        info.mkdir()
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text("[minihuman.agents]\nlab = a_lab:Agent\n")
+        Path(place, "a_lab.py").write_text(AGENTS)
+        sys.path.insert(0, place)
+        toml = STUDY.replace("POLICY", "lab:crash").replace('"fails"', '"failed-agent"')
+        segment(data, decode_protocol(toml.encode()), "random", facts={"agent_rules": AGENT_RULES})
+        sys.path.remove(place)
+
+
 if __name__ == "__main__":
     make(Path(sys.argv[1]))
     make_everything_new(Path(sys.argv[1]), "last-of-v1")
+    make_failed_agent(Path(sys.argv[1]))

@@ -42,12 +42,7 @@ def test_a_session_began_on_the_day_it_was_where_the_participant_was(facts: dict
 def test_monday_evening_to_wednesday_morning_is_two_days_wherever_the_server_stands(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    class Wednesday(datetime):
-        @classmethod
-        def now(cls, tz=None):
-            return datetime(2026, 11, 25, 17, tzinfo=UTC)  # 09:00 in Los Angeles
-
-    monkeypatch.setattr(next_session, "datetime", Wednesday)
+    monkeypatch.setattr(next_session, "wall_time", lambda: datetime(2026, 11, 25, 17, tzinfo=UTC))  # 09:00 there
     next_session._check_day(TWO_DAYS, begun(MONDAY_EVENING, utc_offset_min="-480"), 2)
     with pytest.raises(AllocationError, match="which was 1 days ago"):
         next_session._check_day(TWO_DAYS, begun(MONDAY_EVENING), 2)

@@ -369,6 +369,7 @@ FINAL = ("complete", "screened_out", "declined")
 
 def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
     lines = [json.loads(line) for line in (study.folder / "register.jsonl").read_text().splitlines()]
+    lines = [line for line in lines if "format" not in line]
     taken: dict[str, str] = {}
     replaced: dict[str, None] = {}
     for line in lines:

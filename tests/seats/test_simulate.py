@@ -135,5 +135,5 @@ def test_a_player_that_fails_in_a_session_leaves_it_recorded_to_its_end(tmp_path
     with pytest.raises(SimulationError, match="knows no further"):
         list(simulate(CORRIDOR, tmp_path, participants=1, seed=1, player="any"))
     (log,) = tmp_path.rglob("*.mcap")
-    assert read_log(log).end_reason == "internal_error"
+    assert read_log(log).end_reason == "player_failed"
     assert list_problems(log.parents[2]) == ()
