@@ -31,10 +31,10 @@ class Database:
         self.lost_answers = 0.0  # that it is done, and the program hears that it failed
 
     def open_journal(
-        self, url: str, name: str, decode: LineDecoder[Any], *, chained: bool = False
+        self, url: str, name: str, decode: LineDecoder[Any], *, chained: bool = False, declaration: Any = None
     ) -> "DatabaseJournal":
         """A journal as one process has it."""
-        return DatabaseJournal(self, name, decode, chained)
+        return DatabaseJournal(self, name, decode, chained, declaration)
 
     def ask(self) -> None:
         """Refuse where it is away."""
@@ -57,8 +57,11 @@ class Database:
 class DatabaseJournal(Journal[Any]):
     """A journal in the database; the same contract as PostgreSQL's."""
 
-    def __init__(self, database: Database, name: str, decode: LineDecoder[Any], chained: bool) -> None:
+    def __init__(
+        self, database: Database, name: str, decode: LineDecoder[Any], chained: bool, declaration: Any
+    ) -> None:
         self._database, self._name, self._decode, self._chained = database, name, decode, chained
+        self._declaration = declaration
         self._chain = LineChain(name)
 
     @property
@@ -84,7 +87,8 @@ class DatabaseJournal(Journal[Any]):
     @contextmanager
     def hold(self) -> Iterator["_LockedTable"]:
         """A transaction, which ends with the block."""
-        held = _LockedTable(self.read(), self._chain.copy() if self._chained else None)
+        lines = self.read()
+        held = _LockedTable(lines, self._declaration, self._chain.copy() if self._chained else None)
         yield held
         if held.added:
             self._database.commit(self._name, [*self._database.rows.get(self._name, []), *held.added])
@@ -98,13 +102,11 @@ class DatabaseJournal(Journal[Any]):
 
 
 class _LockedTable(LockedJournal[Any]):
-    def __init__(self, lines: tuple[Any, ...], chain: LineChain | None) -> None:
-        super().__init__(lines)
+    def __init__(self, lines: tuple[Any, ...], declaration: Any, chain: LineChain | None) -> None:
+        super().__init__(lines, declaration)
         self.added: list[bytes] = []
         self._chain = chain
 
-    def append(self, *lines: Any) -> None:
-        """Add them; they last when the transaction has ended."""
+    def _write(self, lines: tuple[Any, ...]) -> None:
         encoded = [msgspec.json.encode(line) for line in lines]
         self.added += encoded if self._chain is None else [self._chain.seal(line) for line in encoded]
-        self.lines += lines

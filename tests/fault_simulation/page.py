@@ -5,6 +5,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import Any
 
+from minihuman.web.messages import MESSAGE_VERSION
 from tests.fault_simulation.network import Socket
 from tests.fault_simulation.schedule import Schedule
 
@@ -130,7 +131,13 @@ class Tab:
         first = min([kept["next"], *kept["messages"]])
         facts = {"browser": "Chromium", "window_px": "1600 x 900"}
         self._say(
-            {"t": "hello", "version": 3, "token": self.person.token, "platform": {}, "stream": kept["stream"]}
+            {
+                "t": "hello",
+                "version": MESSAGE_VERSION,
+                "token": self.person.token,
+                "platform": {},
+                "stream": kept["stream"],
+            }
             | {"first": first, "life": self._life, "heard": self._heard, "segment": kept["segment"]}
             | {"last": kept["last"], "facts": facts}
         )

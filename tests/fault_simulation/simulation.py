@@ -8,7 +8,6 @@ import asyncio
 import logging
 import shutil
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -34,7 +33,6 @@ from minihuman.log.record.finalization import find_leftovers, recover_log
 from minihuman.log.system import System, use_system
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import ConnectionFactory
-from minihuman.web.server import app as server_app
 from minihuman.web.server.app import WebServer
 from tests.fault_simulation.database import URL, Database
 from tests.fault_simulation.network import Socket
@@ -277,7 +275,6 @@ class Simulation:
         """Run it to its end."""
         logger = logging.getLogger("minihuman")
         logger.addFilter(self._keep_record)
-        server_app.time = self.clock  # type: ignore[assignment]  # the server asks the module for the time
         try:
             self._run()
             self._check()
@@ -286,7 +283,6 @@ class Simulation:
         except Exception as error:
             self.outcome.failures.append(f"traceback: {type(error).__name__}: {error}")
         finally:
-            server_app.time = time
             logger.removeFilter(self._keep_record)
             for loop in self._abandoned:
                 _unwind(loop)
