@@ -18,7 +18,7 @@ from minihuman.admin.enrolment_log import free_slot, now_text, record_departure,
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock, Window
-from minihuman.errors import MinihumanError, PlayerFailedError, SimulationError
+from minihuman.errors import MinihumanError, PlayerFailedError
 from minihuman.experiment.activities.activity import Activity
 from minihuman.experiment.activities.agent_blocks import AgentPlayActivity, RatingActivity
 from minihuman.experiment.activities.correction import CorrectionActivity, CorrectionPlan
@@ -373,7 +373,7 @@ def _require_player(protocol: Protocol, player: str, seed: int) -> None:
                         with limit_answer_time():
                             person.begin(episode, plan.key_pool, world)
                             person.press(world)
-                    except SimulationError:
+                    except MinihumanError:  # it says that it cannot play here
                         raise
                     except Exception:  # whatever else it does wrong is recorded in its session
                         return
