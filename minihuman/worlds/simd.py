@@ -259,11 +259,11 @@ class _Operations:
         byte = self._builder.bitcast(chosen.value, ir.IntType(8))
         return SimdVector(self._builder, self._builder.zext(byte, _WHOLE), I64)
 
-    def packed(self, values: SimdVector) -> SimdVector:
+    def join_bytes(self, values: SimdVector) -> SimdVector:
         short = self._builder.trunc(values.value, _vector(U8, 8))
         return SimdVector(self._builder, self._builder.bitcast(short, _WHOLE), I64)
 
-    def unpacked(self, number: SimdVector) -> SimdVector:
+    def spread_bytes(self, number: SimdVector) -> SimdVector:
         short = self._builder.bitcast(number.value, _vector(U8, 8))
         return SimdVector(self._builder, self._builder.zext(short, _vector(U32, 8)), U32)
 
@@ -434,11 +434,11 @@ class NumpyOperations:
         """Of eight lanes, which are true: a bit each, the first the lowest."""
         return int(np.packbits(chosen, bitorder="little")[0])
 
-    def packed(self, values: Any) -> int:
+    def join_bytes(self, values: Any) -> int:
         """The lowest bytes of eight lanes as one whole number, the first lane's the lowest."""
         return int(values.astype(np.uint8).view(np.uint64)[0])
 
-    def unpacked(self, number: int) -> Any:
+    def spread_bytes(self, number: int) -> Any:
         """The eight bytes of a whole number, a lane each."""
         return np.array([number], np.uint64).view(np.uint8).astype(np.uint32)
 

@@ -97,7 +97,7 @@ def see_usual(ops: Any, row: Row, image: NDArray[np.uint8], showing: Any) -> Non
         along = ops.lane_bits(bits == 1) << 8 * number | along
         cells.append(codes & 15 | (codes & 112) << 4 | (codes & 384) << 9)  # a byte each: kind, colour, state
     views = ops.transposed([*cells, cells[-1]])
-    clear = ops.where(transposed, along, ops.packed(across)) & 0x7F7F7F7F7F7F7F
+    clear = ops.where(transposed, along, ops.join_bytes(across)) & 0x7F7F7F7F7F7F7F
     pairs = clear >> 1 & clear  # and the cell to the left is clear, too
     fours = pairs >> 2 & pairs
     ahead, seen = (direction & 0) + 8, direction & 0
@@ -113,7 +113,7 @@ def see_usual(ops: Any, row: Row, image: NDArray[np.uint8], showing: Any) -> Non
         giving = (giving >> 4 & four | giving) & 126
         seen = seen << 8 | here | giving >> 1
         ahead = ahead | giving | giving >> 1
-    seen_lanes = ops.unpacked(seen)
+    seen_lanes = ops.spread_bytes(seen)
     for number in columns:
         shown = ops.where(transposed, views[number], cells[number]) & (0 - (seen_lanes >> number & 1))
         colours = ops.three_of_four(ops.octets(shown))
