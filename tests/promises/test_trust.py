@@ -11,15 +11,30 @@ from pathlib import Path
 import pytest
 
 from minihuman.admin.protocol_file import read_protocol
-from minihuman.admin.verify.log import verify_session
 from minihuman.errors import MinihumanError, ProtocolError, WorldError
-from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.read.session_reader import read_log
 from minihuman.replay.recording import viewer_command, viewer_environment
-from minihuman.runtime.watch.running_sessions import LiveSession, ScreenPreview
 from minihuman.trust import Trust, find_config_folder
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
 
+WATCHED = """
+import logging, sys
+from pathlib import Path
+from minihuman.admin.verify.log import verify_session
+from minihuman.log.read.session_reader import read_events
+from minihuman.runtime.watch.running_sessions import LiveSession, ScreenPreview
+
+logging.basicConfig(level="DEBUG")
+log, module = map(Path, sys.argv[1:])
+preview, live = ScreenPreview(), LiveSession()
+for event in read_events(log):
+    live.take(event)
+print("a picture" if preview.png(live).startswith(b"\\x89PNG") else "no picture")
+module.write_text("COUNT = 5\\n")
+for text, _ in verify_session(log):
+    print(text)
+"""
 TRAP = "import pathlib; pathlib.Path(__file__).with_name(f'ran-{__name__}').touch(); raise SystemExit(3)\n"
 PROTOCOL = """
 [study]
@@ -271,11 +286,16 @@ def test_every_command_finds_a_world_beside_the_protocol(write_study: Callable[.
         digest = hashlib.sha256((protocol.parent / f"{name}.py").read_bytes()).hexdigest()
         assert facts[f"world_sha256_{name}"] == digest
 
-    preview, live = ScreenPreview(), LiveSession()
-    for event in read_events(log):
-        live.take(event)
-    assert preview.png(live).startswith(b"\x89PNG"), "what `watch` shows"
-    (protocol.parent / "own_length.py").write_text("COUNT = 5\n")
-    findings = [text for text, _ in verify_session(log)]
+    looked = subprocess.run(
+        [sys.executable, "-P", "-c", WATCHED, str(log), str(protocol.parent / "own_length.py")],
+        cwd=place,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert looked.returncode == 0, looked.stderr
+    picture, *findings = looked.stdout.splitlines()
+    assert picture == "a picture", f"what `watch` shows: {looked.stderr}"
     assert findings[0] == "recorded with another file of the module own_length"
     assert "all as logged" in findings[1]

@@ -6,6 +6,7 @@ slowed down.
 """
 
 import io
+import logging
 import time
 from collections import deque
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from minihuman.operating_system import make_thread_idle
 from minihuman.worlds.adapters.world import World
 
 T = TypeVar("T")
+LOG = logging.getLogger("minihuman")
 _LATE_S = 0.5  # work that takes so long had to wait for others
 _BUSY_S = 30.0  # for so long afterwards the machine is taken to be busy
 
@@ -208,6 +210,7 @@ class ScreenPreview:
         try:
             return self._drawn(live, live.episode.plan.episode)
         except Exception:  # of a lab's own world: the session logs it itself
+            LOG.debug("no picture of a session's world", exc_info=True)
             self.close()
             return b""
 
