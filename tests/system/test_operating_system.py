@@ -181,7 +181,7 @@ def test_a_name_that_differs_in_case_only_is_found(name: str, names: list[str], 
 
 
 def test_two_studies_do_not_differ_in_case_only(tmp_path: Path) -> None:
-    protocol = decode_protocol((PACKAGE.parent / "protocols" / "fourrooms-transfer.toml").read_bytes())
+    protocol = decode_protocol((Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml").read_bytes())
     take_slot(protocol, tmp_path / "maze")
     take_slot(protocol, tmp_path / "maze")
     with pytest.raises(AllocationError, match="study 'Maze' would share its folder with 'maze' on Windows and macOS"):
